@@ -1,4 +1,4 @@
-"""Bodies as they are drawn: bars, disks, particles and beams, and places on them."""
+"""Descriptions of bodies (bars, disks, particles, beams) and of places on them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import beamdae as bd
 
 GROUND = None
 
-# Of beams, by name: settings of each.
+# Settings of beams by name.
 THEORIES = {
     "chord": {"frame": "chord"},
     "tangent": {"frame": "tangent"},
@@ -22,9 +22,9 @@ THEORIES = {
 
 @dataclass(frozen=True)
 class Body:
-    """What is drawn of one; `bend` is the angle the axis of a beam turns by.
+    """Description of a body; `bend` is the angle by which the axis of a beam turns.
 
-    A disk has its center at `start` and `length` for a radius.
+    A disk has its center at `start`, and `length` is its radius.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Body:
         return self.kind != "particle"
 
     def point(self, u: float, w: float = 0.0) -> tuple[float, float]:
-        """Where a share of its length is in the drawing; `w` is to the left of a rigid body."""
+        """Return the point at fraction `u` of the length; `w` is left of the axis of a rigid body."""
         c, s = np.cos(self.heading), np.sin(self.heading)
         if self.kind == "particle":
             return self.start
@@ -89,7 +89,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Place:
-    """A place on a body, by its number, or on the ground, where it is a point."""
+    """A place on a body, given by its number, or on the ground, where (u, w) is the point."""
 
     body: int | None
     u: float = 0.0
@@ -98,7 +98,7 @@ class Place:
 
 @dataclass(frozen=True)
 class World:
-    """The mechanism under construction."""
+    """Mechanism under construction, with its parts by name."""
 
     mech: bd.Mechanism
     frame: Similarity
@@ -106,13 +106,13 @@ class World:
     parts: dict
 
     def point(self, place: Place) -> tuple[float, float]:
-        """In the drawing, before the frame."""
+        """Return the point in the drawing, before the similarity transformation."""
         if place.body is GROUND:
             return place.u, place.w
         return self.bodies[place.body].point(place.u, place.w)
 
     def at(self, place: Place):
-        """The attachment."""
+        """Return the attachment at a place."""
         if place.body is GROUND:
             return self.mech.ground.at(*self.frame.point(place.u, place.w))
         body = self.bodies[place.body]

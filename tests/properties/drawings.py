@@ -1,4 +1,4 @@
-"""Drawings of mechanisms as data, to be built in any frame and with their parts in any order."""
+"""Descriptions of mechanisms, built under any similarity and with parts in any order."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from properties.similarity import Similarity
 import beamdae as bd
 
 BUILDERS = JOINTS | FORCES
-# In which friction can act, and which of them has a radius.
+# Joints with friction, and whether friction needs a radius.
 FRICTION_JOINTS = {"revolute": True, "prismatic": True, "point on line": False}
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A joint or a force between two places, and its numbers."""
+    """Description of a joint or a force between two places, with its parameters."""
 
     name: str
     kind: str
@@ -28,13 +28,13 @@ class Piece:
     numbers: dict = field(default_factory=dict)
 
     @property
-    def holds(self) -> bool:
+    def is_joint(self) -> bool:
         return self.kind in JOINTS
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """A mechanism as data."""
+    """Description of a mechanism."""
 
     bodies: tuple[Body, ...]
     pieces: tuple[Piece, ...]
@@ -42,7 +42,7 @@ class Drawing:
 
     @property
     def is_free(self) -> bool:
-        """Whether nothing acts on it from outside."""
+        """True if no gravity, external force or joint with the ground acts."""
         return not any(self.gravity) and all(
             piece.kind not in EXTERNAL_FORCES
             and GROUND not in (piece.a.body, piece.b.body)
@@ -51,20 +51,20 @@ class Drawing:
         )
 
     @property
-    def held(self) -> dict[str, str]:
-        """The joints with the ground by name, each with its point on the body."""
-        found = {}
+    def ground_joints(self) -> dict[str, str]:
+        """Names of the joints with the ground, and the name of the attachment on the body."""
+        joints = {}
         for piece in self.pieces:
             if piece.kind == "skate":
-                found[piece.name] = "on"
-            elif piece.holds and piece.a.body is GROUND:
-                found[piece.name] = "b"
-        return found
+                joints[piece.name] = "on"
+            elif piece.is_joint and piece.a.body is GROUND:
+                joints[piece.name] = "b"
+        return joints
 
     def mechanism(
         self, frame: Similarity | None = None, order: Random | None = None
     ) -> bd.Mechanism:
-        """Build it in a frame, its parts in the order of the drawing or in one drawn by `order`."""
+        """Build the mechanism, its parts in the order of the drawing or shuffled by `order`."""
         frame = frame or Similarity()
         mech = bd.Mechanism(gravity=frame.way(*self.gravity, "m/s^2"))
         world = World(mech, frame, self.bodies, {})
@@ -74,7 +74,7 @@ class Drawing:
             order.shuffle(pieces)
         for body in bodies:
             world.parts[body.name] = mech.add(body.part(frame))
-        # Friction refers to its joint.
+        # Friction refers to its joint, which must be added before.
         for piece in sorted(pieces, key=lambda piece: piece.kind == "friction"):
             part = BUILDERS[piece.kind](world, piece.name, piece.a, piece.b, piece.numbers)
             world.parts[piece.name] = mech.add(part)

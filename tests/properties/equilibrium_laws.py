@@ -1,4 +1,4 @@
-"""Laws of random mechanisms at rest."""
+"""Properties of random mechanisms in equilibrium."""
 
 from __future__ import annotations
 
@@ -13,15 +13,12 @@ from properties.state_laws import consistent_state, similarity_transformations
 
 import beamdae as bd
 
-# What is said of what does not come to rest, or where joints leave that open.
+# Parts of the errors about mechanisms without a unique equilibrium.
 NO_EQUILIBRIUM = ("no equilibrium was found", "constrains velocities alone")
 
 
 class EquilibriumState(MechanismState):
-    """The equilibrium of a mechanism as a state: without velocities.
-
-    With all loads from the beginning, for without them it may rest anywhere.
-    """
+    """Equilibrium of a mechanism under all loads, as a state without velocities."""
 
     def __init__(self, mechanism: bd.Mechanism) -> None:
         super().__init__(mechanism)
@@ -32,33 +29,34 @@ class EquilibriumState(MechanismState):
 
 
 def find_equilibrium_state(drawing: Drawing) -> EquilibriumState:
-    """Where it rests, if it does somewhere that is stable and no motion away is free."""
+    """Return the equilibrium; reject the example unless it is stable and isolated."""
     consistent_state(drawing)
     try:
-        found = EquilibriumState(drawing.mechanism())
+        equilibrium = EquilibriumState(drawing.mechanism())
     except bd.BeamdaeError as refused:
         assume(not any(words in str(refused) for words in NO_EQUILIBRIUM))
         raise
-    # What rests anywhere along a motion is noted.
-    assume(found.path.status.success and found.path.stable and not found.path.notes)
-    return found
+    # The notes mention equilibria that are not isolated.
+    path = equilibrium.path
+    assume(path.status.success and path.stable and not path.notes)
+    return equilibrium
 
 
 def check_equilibrium(drawing: Drawing, rng: Random) -> None:
-    found = find_equilibrium_state(drawing)
-    e = found.equations
-    left = np.abs(found.force(q=found.q) + found.held)
-    # It would move nothing by more than this share of its size.
-    gross = np.abs(found.stiffness(q=found.q)) @ (np.abs(found.q) + e.position_scales)
-    gross += np.abs(found.held)
-    assert np.max(left * e.position_scales) <= 1e-9 * np.max(gross * e.position_scales)
-    gaps = found.levels[0](q=found.q)
+    state = find_equilibrium_state(drawing)
+    e = state.equations
+    residual = np.abs(state.force(q=state.q) + state.joint_forces)
+    # Relative to forces of coordinates of their own size.
+    gross = np.abs(state.stiffness(q=state.q)) @ (np.abs(state.q) + e.position_scales)
+    gross += np.abs(state.joint_forces)
+    assert np.max(residual * e.position_scales) <= 1e-9 * np.max(gross * e.position_scales)
+    gaps = state.levels[0](q=state.q)
     assert np.max(np.abs(gaps), initial=0.0) <= 1e-9 * max(1.0, e.length)
 
 
 def check_equilibrium_invariance(drawing: Drawing, rng: Random) -> None:
-    """On where it is drawn, units, the order of its parts."""
-    found = find_equilibrium_state(drawing)
+    """Compare the equilibrium under other positions, units and orders of the parts."""
+    state = find_equilibrium_state(drawing)
     others = {
         name: (EquilibriumState(drawing.mechanism(frame)), frame)
         for name, frame in similarity_transformations(rng).items()
@@ -66,9 +64,9 @@ def check_equilibrium_invariance(drawing: Drawing, rng: Random) -> None:
     others["order"] = EquilibriumState(drawing.mechanism(order=rng)), Similarity()
     for name, (other, frame) in others.items():
         assert other.path.status.success, f"{name}: {other.path.status.sentence}"
-        off = found.unlike(other, frame)["q"]
-        assert off <= 1e-7, f"{name}: {off:g}"
-        assert other.path.unstable[-1] == found.path.unstable[-1], name
+        error = state.relative_differences(other, frame)["q"]
+        assert error <= 1e-7, f"{name}: {error:g}"
+        assert other.path.unstable[-1] == state.path.unstable[-1], name
 
 
 EQUILIBRIUM_LAWS = {

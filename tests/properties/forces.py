@@ -1,4 +1,4 @@
-"""Forces as they are drawn: how each is built in a frame, by its kind."""
+"""Builders of forces by kind: (world, name, place a, place b, parameters) -> part."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import beamdae as bd
 
 
 def spring(w, name, a, b, n):
-    """Numbers of a spring and damper side by side."""
+    """Build a parallel spring and damper."""
     f = w.frame
     return bd.SpringDamper(
         name,
@@ -22,7 +22,7 @@ def spring(w, name, a, b, n):
 
 
 def spring_by_law(w, name, a, b, n):
-    """A progressive spring with a damper, and its energy."""
+    """Build a progressive spring with a damper and its energy."""
     f = w.frame
     size, force = f.number(n["free"], "m"), f.number(abs(n["preload"]), "N")
     rate = n["damping"]
@@ -99,21 +99,21 @@ def moment(w, name, a, b, n):
 
 
 def force_law(w, name, a, b, n):
-    """Two points draw each other near with a pull of finite range, damped along the way."""
+    """Build an attraction of two points with finite range and damping."""
     f = w.frame
     force, reach = f.number(n["preload"], "N"), f.number(1.0, "m")
     damping = f.number(n["damping"], "N s/m")
 
     def law(p, q, t):
-        way = (q.position - p.position) / reach
-        square = 1.0 + way @ way
-        rate = way @ (q.velocity - p.velocity)
-        pull = (force / square + damping * rate / square) * way
+        offset = (q.position - p.position) / reach
+        square = 1.0 + offset @ offset
+        rate = offset @ (q.velocity - p.velocity)
+        pull = (force / square + damping * rate / square) * offset
         return [pull, -pull]
 
     def energy(p, q):
-        way = (q.position - p.position) / reach
-        return 0.5 * force * reach * np.log(1.0 + way @ way)
+        offset = (q.position - p.position) / reach
+        return 0.5 * force * reach * np.log(1.0 + offset @ offset)
 
     return bd.ForceLaw(name, (w.at(a), w.at(b)), law, energy, dissipative=True)
 
@@ -149,7 +149,7 @@ def load_mass(w, name, a, b, n):
 
 
 def friction(w, name, a, b, n):
-    """In the joint named `of`."""
+    """Build the friction in the joint named `of`."""
     f, joint = w.frame, w.parts[n["of"]]
     more = {"radius": f.number(0.05, "m")} if n["radius"] else {}
     if n["static"]:

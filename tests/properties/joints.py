@@ -1,4 +1,4 @@
-"""Joints as they are drawn: how each is built in a frame, by its kind."""
+"""Builders of joints by kind: (world, name, place a, place b, parameters) -> part."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ def distance(w, name, a, b, n):
 
 def driven_distance(w, name, a, b, n):
     (xa, ya), (xb, yb) = w.point(a), w.point(b)
-    drawn, wave = ((xb - xa) ** 2 + (yb - ya) ** 2) ** 0.5, n["wave"]
-    law = w.frame.law(wave.times(drawn / wave.value), "m")
+    length, wave = ((xb - xa) ** 2 + (yb - ya) ** 2) ** 0.5, n["wave"]
+    law = w.frame.law(wave.times(length / wave.value), "m")
     return bd.Distance(name, w.at(a), w.at(b), law)
 
 
 def _driver_law(w, n, unit, sense):
-    """Zero at the start."""
+    """Return a law of time that is zero at the start."""
     wave = n["wave"]
     size = sense * w.frame.number(wave.value, unit)
     rate = wave.rate / w.frame.time
@@ -39,7 +39,7 @@ def travel(w, name, a, b, n):
 
 
 def joint_with_direction(kind):
-    """A joint with a direction."""
+    """Return the builder of a joint with a direction."""
 
     def build(w, name, a, b, n):
         return kind(name, w.at(a), w.at(b), w.frame.way(*n["direction"], unit=""))
@@ -72,7 +72,7 @@ def rolling_on_circle(w, name, a, b, n):
 
 
 def sliding(w, name, a, b, n):
-    """The point `b` slides along the beam of `a`."""
+    """Build a joint of the point `b` that slides along the beam of `a`."""
     return bd.SlidingOnBeam(name, w.at(b), w.parts[w.bodies[a.body].name])
 
 

@@ -1,6 +1,6 @@
 """Random mechanisms: chains, trees and loops of bars, disks, particles and beams, with forces.
 
-Drawn by a `random.Random`, that of hypothesis or one with a seed.
+The random numbers come from a `random.Random`: that of hypothesis, or one with a seed.
 """
 
 from __future__ import annotations
@@ -15,120 +15,138 @@ from properties.forces import FORCES
 from properties.similarity import Similarity, Wave
 
 
-def add_spring(pencil: DrawingBuilder, a: Place, b: Place) -> None:
-    kind = pencil.rng.choice(["spring", "spring", "law of a spring"])
-    pencil.piece(
+def add_spring(builder: DrawingBuilder, a: Place, b: Place) -> None:
+    kind = builder.rng.choice(["spring", "spring", "law of a spring"])
+    builder.piece(
         kind,
         a,
         b,
-        stiffness=pencil.power(0.5, 2.5),
-        damping=pencil.rng.choice([0.0, pencil.power(-1.0, 0.7)]),
-        free=pencil.between(0.2, 0.8),
-        preload=pencil.between(-2.0, 2.0),
+        stiffness=builder.power(0.5, 2.5),
+        damping=builder.rng.choice([0.0, builder.power(-1.0, 0.7)]),
+        free=builder.between(0.2, 0.8),
+        preload=builder.between(-2.0, 2.0),
     )
 
 
-def add_bushing(pencil: DrawingBuilder, a: Place, b: Place) -> None:
-    pencil.piece(
+def add_bushing(builder: DrawingBuilder, a: Place, b: Place) -> None:
+    builder.piece(
         "bushing",
         a,
         b,
-        stiffness=pencil.power(0.5, 2.5),
-        damping=pencil.rng.choice([0.0, pencil.power(-1.0, 0.7)]),
-        angle=pencil.between(-3.0, 3.0),
+        stiffness=builder.power(0.5, 2.5),
+        damping=builder.rng.choice([0.0, builder.power(-1.0, 0.7)]),
+        angle=builder.between(-3.0, 3.0),
     )
 
 
-def add_force(pencil: DrawingBuilder, kinds: tuple[str, ...], free: bool) -> None:
-    """Add a force of one of these kinds."""
-    rng = pencil.rng
+def add_force(builder: DrawingBuilder, kinds: tuple[str, ...], free: bool) -> None:
+    """Add a random force of one of these kinds, if it fits the bodies."""
+    rng = builder.rng
     kind = rng.choice(kinds)
-    numbers = list(range(len(pencil.bodies)))
-    turning = [k for k in numbers if pencil.bodies[k].turns]
-    beams = [k for k in numbers if pencil.bodies[k].is_beam]
-    a, b = rng.choice([*numbers, *([] if free else [GROUND])]), rng.choice(numbers)
+    indices = list(range(len(builder.bodies)))
+    with_angle = [k for k in indices if builder.bodies[k].turns]
+    beams = [k for k in indices if builder.bodies[k].is_beam]
+    a, b = rng.choice([*indices, *([] if free else [GROUND])]), rng.choice(indices)
     if kind in ("spring", "law of a spring", "law of two points") and a != b:
         if kind == "law of two points":
-            own = {"preload": pencil.between(-3.0, 3.0), "damping": pencil.between(0.0, 1.0)}
-            pencil.piece(kind, pencil.place(a), pencil.place(b), **own)
+            parameters = {
+                "preload": builder.between(-3.0, 3.0),
+                "damping": builder.between(0.0, 1.0),
+            }
+            builder.piece(kind, builder.place(a), builder.place(b), **parameters)
         else:
-            add_spring(pencil, pencil.place(a), pencil.place(b))
+            add_spring(builder, builder.place(a), builder.place(b))
     elif (
         kind in ("torsion spring", "bushing")
         and a != b
-        and b in turning
-        and a in (GROUND, *turning)
+        and b in with_angle
+        and a in (GROUND, *with_angle)
     ):
         if kind == "bushing":
-            add_bushing(pencil, pencil.place(a), pencil.place(b))
+            add_bushing(builder, builder.place(a), builder.place(b))
         else:
-            own = {"stiffness": pencil.power(-0.5, 1.5), "damping": pencil.between(0.0, 1.0)}
-            own |= {"free": pencil.between(-0.5, 0.5), "preload": pencil.between(-1.0, 1.0)}
-            pencil.piece(kind, pencil.place(a), pencil.place(b), **own)
-    elif kind.startswith("contact") and a != b and (a is GROUND or a in turning):
-        own = {
-            "stiffness": pencil.power(2.0, 4.0),
+            parameters = {
+                "stiffness": builder.power(-0.5, 1.5),
+                "damping": builder.between(0.0, 1.0),
+            }
+            parameters |= {
+                "free": builder.between(-0.5, 0.5),
+                "preload": builder.between(-1.0, 1.0),
+            }
+            builder.piece(kind, builder.place(a), builder.place(b), **parameters)
+    elif kind.startswith("contact") and a != b and (a is GROUND or a in with_angle):
+        parameters = {
+            "stiffness": builder.power(2.0, 4.0),
             "restitution": rng.choice([1.0, 0.6]),
             "friction": rng.choice([0.0, 0.3]),
         }
         if kind == "contact with a line":
-            own["direction"] = pencil.direction()
+            parameters["direction"] = builder.direction()
         else:
-            own |= {"radius": pencil.between(0.2, 0.5), "side": rng.choice(["outside", "inside"])}
-        pencil.piece(kind, pencil.place(a), pencil.place(b), **own)
+            parameters |= {
+                "radius": builder.between(0.2, 0.5),
+                "side": rng.choice(["outside", "inside"]),
+            }
+        builder.piece(kind, builder.place(a), builder.place(b), **parameters)
     elif kind == "friction":
         joints = [
             piece
-            for piece in pencil.pieces
+            for piece in builder.pieces
             if piece.kind in FRICTION_JOINTS
-            and (pencil.outside or piece.a.body is not GROUND)
-            # What rubs in a bearing has to turn.
-            and not (piece.kind == "revolute" and {piece.a.body, piece.b.body} - {GROUND, *turning})
+            and (builder.outside or piece.a.body is not GROUND)
+            # Friction in a bearing needs two bodies with angles.
+            and not (
+                piece.kind == "revolute" and {piece.a.body, piece.b.body} - {GROUND, *with_angle}
+            )
         ]
         if joints:
             of = rng.choice(joints)
-            own = {"of": of.name, "radius": FRICTION_JOINTS[of.kind], "static": pencil.chance(0.3)}
-            pencil.piece(kind, of.a, of.b, friction=pencil.between(0.05, 0.4), **own)
+            parameters = {
+                "of": of.name,
+                "radius": FRICTION_JOINTS[of.kind],
+                "static": builder.chance(0.3),
+            }
+            builder.piece(kind, of.a, of.b, friction=builder.between(0.05, 0.4), **parameters)
     elif free and kind in EXTERNAL_FORCES:
         return
     elif kind in ("load by length", "moving force", "Rayleigh", "drag"):
         if beams:
-            _add_force_on_beam(pencil, kind, Place(rng.choice(beams)))
+            _add_force_on_beam(builder, kind, Place(rng.choice(beams)))
     elif kind == "mass":
-        pencil.piece(kind, pencil.place(b), pencil.place(b), mass=pencil.between(0.1, 1.0))
+        builder.piece(kind, builder.place(b), builder.place(b), mass=builder.between(0.1, 1.0))
     elif kind == "force":
-        axes = rng.choice(["inertial", "body"]) if b in turning else "inertial"
-        wave = pencil.wave(pencil.between(0.5, 10.0))
-        place = pencil.place(b)
-        pencil.piece(kind, place, place, wave=wave, direction=pencil.direction(), axes=axes)
-    elif kind == "moment" and b in turning:
-        pencil.piece(
-            kind, pencil.place(b), pencil.place(b), wave=pencil.wave(pencil.between(-3, 3))
+        axes = rng.choice(["inertial", "body"]) if b in with_angle else "inertial"
+        wave = builder.wave(builder.between(0.5, 10.0))
+        place = builder.place(b)
+        builder.piece(kind, place, place, wave=wave, direction=builder.direction(), axes=axes)
+    elif kind == "moment" and b in with_angle:
+        builder.piece(
+            kind, builder.place(b), builder.place(b), wave=builder.wave(builder.between(-3, 3))
         )
 
 
-def _add_force_on_beam(pencil: DrawingBuilder, kind: str, on: Place) -> None:
-    own = {
+def _add_force_on_beam(builder: DrawingBuilder, kind: str, on: Place) -> None:
+    parameters = {
         "load by length": {
-            "wave": pencil.wave(pencil.between(0.5, 5.0)),
-            "direction": pencil.direction(),
-            "axes": pencil.rng.choice(["inertial", "section"]),
+            "wave": builder.wave(builder.between(0.5, 5.0)),
+            "direction": builder.direction(),
+            "axes": builder.rng.choice(["inertial", "section"]),
         },
         "moving force": {
-            "wave": Wave(pencil.between(0.5, 5.0)),
-            "direction": pencil.direction(),
-            "speed": pencil.between(0.5, 3.0),
-            "start": pencil.between(-0.2, 0.2),
+            "wave": Wave(builder.between(0.5, 5.0)),
+            "direction": builder.direction(),
+            "speed": builder.between(0.5, 3.0),
+            "start": builder.between(-0.2, 0.2),
         },
-        "Rayleigh": {"mass": pencil.between(0.0, 1.0)},
-        "drag": {"damping": pencil.between(0.1, 1.0)},
+        "Rayleigh": {"mass": builder.between(0.0, 1.0)},
+        "drag": {"damping": builder.between(0.1, 1.0)},
     }
-    pencil.piece(kind, on, on, **own[kind])
+    builder.piece(kind, on, on, **parameters[kind])
 
 
 @dataclass
 class DrawingBuilder:
-    """What draws one."""
+    """Draws random parameters, bodies and pieces and collects them."""
 
     rng: Random
     bodies: list[Body] = field(default_factory=list)
@@ -137,7 +155,7 @@ class DrawingBuilder:
     damped: bool = False
 
     def between(self, low: float, high: float) -> float:
-        """To three digits, as somebody would write it."""
+        """Return a random number with three significant digits."""
         return float(f"{self.rng.uniform(low, high):.3g}")
 
     def power(self, low: float, high: float) -> float:
@@ -158,7 +176,7 @@ class DrawingBuilder:
         return World(None, Similarity(), tuple(self.bodies), {})
 
     def place(self, body: int | None) -> Place:
-        """On a body; of the ground near the origin."""
+        """Return a random place on a body, or near the origin of the ground."""
         if body is GROUND:
             return Place(GROUND, self.between(-1.0, 1.0), self.between(-1.0, 1.0))
         u = self.rng.choice([1.0, 0.5, self.between(0.05, 1.0)])
@@ -169,7 +187,7 @@ class DrawingBuilder:
         self.pieces.append(Piece(f"{kind} {len(self.pieces)}", kind, a, b, numbers))
 
     def body(self, start: tuple[float, float], kinds: tuple[str, ...]) -> int:
-        """Add one; its number."""
+        """Add a random body and return its number."""
         kind = self.rng.choice(kinds)
         number = len(self.bodies)
         self.bodies.append(
@@ -202,40 +220,53 @@ def draw_mechanism(
     outside: bool = True,
     damped: bool = False,
 ) -> Drawing:
-    """Draw a mechanism of up to so many bodies.
+    """Return the drawing of a random mechanism.
 
-    Of these `kinds` of forces, with beams where `flexible`, hung in space where `free`, where not
-    `outside` held by joints and gravity alone; where `damped` beams are soft and of damped
-    material.
+    Parameters
+    ----------
+    rng
+        Source of random numbers.
+    most
+        Largest number of bodies.
+    kinds
+        Kinds of forces.
+    flexible
+        True to include beams.
+    free
+        True for a mechanism without connection to the ground; None draws it at random.
+    outside
+        False to allow no external actions other than joints and gravity.
+    damped
+        True for soft beams of damped material.
     """
-    pencil = DrawingBuilder(rng, outside=outside, damped=damped)
+    builder = DrawingBuilder(rng, outside=outside, damped=damped)
     shapes = ("bar", "disk", "beam", "particle") if flexible else ("bar", "disk", "particle")
-    free = pencil.chance(0.25) if free is None else free
+    free = builder.chance(0.25) if free is None else free
     for k in range(rng.choice(range(1, most + 1))):
         if free and k == 0:
-            pencil.body((0.0, 0.0), tuple(x for x in shapes if x != "particle"))
+            builder.body((0.0, 0.0), tuple(x for x in shapes if x != "particle"))
         else:
-            _attach_body(pencil, shapes, free)
-    if not free or pencil.chance(0.5):
+            _attach_body(builder, shapes, free)
+    if not free or builder.chance(0.5):
         for _ in range(rng.choice([0, 0, 1])):
-            _close_loop(pencil, free)
+            _close_loop(builder, free)
     for _ in range(rng.choice([0, 1, 2, 3])):
-        add_force(pencil, kinds, free or not outside)
-    heavy = not free and pencil.chance(0.7)
+        add_force(builder, kinds, free or not outside)
+    heavy = not free and builder.chance(0.7)
     gravity = (0.0, -9.81) if heavy else (0.0, 0.0)
-    return Drawing(tuple(pencil.bodies), tuple(pencil.pieces), gravity)
+    return Drawing(tuple(builder.bodies), tuple(builder.pieces), gravity)
 
 
-def _attach_body(pencil: DrawingBuilder, shapes: tuple[str, ...], free: bool) -> None:
-    """Join a new body to one there is, or to the ground."""
-    parents = [*range(len(pencil.bodies)), *([] if free else [GROUND])]
-    parent = pencil.rng.choice(parents)
-    kind = pencil.rng.choice(_TREE_KINDS)
-    if parent is GROUND and not pencil.outside and kind in FORCES:
+def _attach_body(builder: DrawingBuilder, shapes: tuple[str, ...], free: bool) -> None:
+    """Attach a new body to an existing one or to the ground."""
+    parents = [*range(len(builder.bodies)), *([] if free else [GROUND])]
+    parent = builder.rng.choice(parents)
+    kind = builder.rng.choice(_TREE_KINDS)
+    if parent is GROUND and not builder.outside and kind in FORCES:
         kind = "revolute"
-    place = pencil.place(parent)
-    at = pencil.world().point(place)
-    of = None if parent is GROUND else pencil.bodies[parent]
+    place = builder.place(parent)
+    at = builder.world().point(place)
+    of = None if parent is GROUND else builder.bodies[parent]
     if kind == "rolling on circle" and (of is None or of.kind != "disk"):
         kind = "revolute"
     if kind == "sliding" and (of is None or not of.is_beam):
@@ -243,63 +274,63 @@ def _attach_body(pencil: DrawingBuilder, shapes: tuple[str, ...], free: bool) ->
     turns = of is None or of.turns
     if not turns and kind not in ("revolute", "distance", "spring"):
         kind = "revolute"
-    _ATTACH_FUNCTIONS.get(kind, _attach_at_point)(pencil, kind, place, at, shapes)
+    _ATTACH_FUNCTIONS.get(kind, _attach_at_point)(builder, kind, place, at, shapes)
 
 
-def _attach_at_point(pencil, kind, place, at, shapes) -> None:
-    """At a common point, or with a guide through it."""
-    of = None if place.body is GROUND else pencil.bodies[place.body]
+def _attach_at_point(builder, kind, place, at, shapes) -> None:
+    """Attach a body at a common point, or by a guide through it."""
+    of = None if place.body is GROUND else builder.bodies[place.body]
     rigidly = kind in ("weld", "prismatic", "driver", "bushing") or (of and not of.turns)
     shapes = tuple(x for x in shapes if not (rigidly and x == "particle"))
     start = at
-    if kind in ("prismatic", "bushing") and pencil.chance(0.5):
-        start = (at[0] + pencil.between(-0.3, 0.3), at[1] + pencil.between(-0.3, 0.3))
-    child = pencil.body(start, shapes)
+    if kind in ("prismatic", "bushing") and builder.chance(0.5):
+        start = (at[0] + builder.between(-0.3, 0.3), at[1] + builder.between(-0.3, 0.3))
+    child = builder.body(start, shapes)
     here = Place(child)
     if kind in ("prismatic", "point on line"):
-        direction = pencil.direction()
-        pencil.piece(kind, place, here, direction=direction)
-        if kind == "prismatic" and pencil.chance(0.3):
-            wave = pencil.wave(pencil.between(0.05, 0.3))
-            pencil.piece("travel", place, here, direction=direction, wave=wave)
+        direction = builder.direction()
+        builder.piece(kind, place, here, direction=direction)
+        if kind == "prismatic" and builder.chance(0.3):
+            wave = builder.wave(builder.between(0.05, 0.3))
+            builder.piece("travel", place, here, direction=direction, wave=wave)
     elif kind == "driver":
-        pencil.piece("revolute", place, here)
-        pencil.piece("driver", place, here, wave=pencil.wave(pencil.between(0.1, 1.0)))
+        builder.piece("revolute", place, here)
+        builder.piece("driver", place, here, wave=builder.wave(builder.between(0.1, 1.0)))
     elif kind == "bushing":
-        add_bushing(pencil, place, here)
+        add_bushing(builder, place, here)
     else:
-        pencil.piece(kind, place, here)
+        builder.piece(kind, place, here)
 
 
-def _attach_at_distance(pencil, kind, place, at, shapes) -> None:
-    """With a gap between."""
-    x, y = pencil.direction()
-    gap = pencil.between(0.2, 0.8)
-    child = pencil.body((at[0] + gap * x, at[1] + gap * y), shapes)
+def _attach_at_distance(builder, kind, place, at, shapes) -> None:
+    """Attach a body at a distance."""
+    x, y = builder.direction()
+    gap = builder.between(0.2, 0.8)
+    child = builder.body((at[0] + gap * x, at[1] + gap * y), shapes)
     if kind == "spring":
-        add_spring(pencil, place, Place(child))
-    elif pencil.chance(0.3):
-        pencil.piece("driven distance", place, Place(child), wave=pencil.wave(1.0))
+        add_spring(builder, place, Place(child))
+    elif builder.chance(0.3):
+        builder.piece("driven distance", place, Place(child), wave=builder.wave(1.0))
     else:
-        pencil.piece(kind, place, Place(child))
+        builder.piece(kind, place, Place(child))
 
 
-def _attach_rolling_disk(pencil, kind, place, at, shapes) -> None:
-    """A disk that touches."""
-    x, y = pencil.direction()
-    child = pencil.body(at, ("disk",))
-    radius = pencil.bodies[child].length
+def _attach_rolling_disk(builder, kind, place, at, shapes) -> None:
+    """Attach a disk that rolls on the parent."""
+    x, y = builder.direction()
+    child = builder.body(at, ("disk",))
+    radius = builder.bodies[child].length
     if kind == "rolling on line":
         start = (at[0] + radius * x, at[1] + radius * y)
-        side = pencil.rng.choice([1.0, -1.0])
+        side = builder.rng.choice([1.0, -1.0])
         numbers = {"radius": radius, "direction": (side * y, -side * x)}
     else:
-        of = pencil.bodies[place.body]
-        place, apart = Place(place.body), radius + of.length
-        start = (of.start[0] + apart * x, of.start[1] + apart * y)
+        of = builder.bodies[place.body]
+        place, distance = Place(place.body), radius + of.length
+        start = (of.start[0] + distance * x, of.start[1] + distance * y)
         numbers = {"radii": (of.length, radius)}
-    pencil.bodies[child] = replace(pencil.bodies[child], start=start)
-    pencil.piece(kind, place, Place(child), **numbers)
+    builder.bodies[child] = replace(builder.bodies[child], start=start)
+    builder.piece(kind, place, Place(child), **numbers)
 
 
 _TREE_KINDS = (
@@ -314,35 +345,37 @@ _ATTACH_FUNCTIONS = {
 }
 
 
-def _close_loop(pencil: DrawingBuilder, free: bool) -> None:
-    """One more joint between what there is."""
-    numbers = list(range(len(pencil.bodies)))
-    turning = [k for k in numbers if pencil.bodies[k].turns]
-    if not numbers:
+def _close_loop(builder: DrawingBuilder, free: bool) -> None:
+    """Add a joint between existing bodies, or with the ground."""
+    indices = list(range(len(builder.bodies)))
+    with_angle = [k for k in indices if builder.bodies[k].turns]
+    if not indices:
         return
     kinds = ["distance", "gear", "rack"]
     if not free:
         kinds += ["skate", "point on line", "revolute"]
-    kind = pencil.rng.choice(kinds)
-    b = pencil.place(pencil.rng.choice(numbers))
-    others = [k for k in turning if k != b.body]
-    world = pencil.world()
-    if kind == "skate" and turning:
-        at = pencil.place(pencil.rng.choice(turning))
-        pencil.piece(kind, at, at, direction=pencil.direction())
-    elif kind in ("gear", "rack") and len(others) > 1 and pencil.bodies[b.body].turns:
-        a, carrier = pencil.rng.sample(others, 2)
+    kind = builder.rng.choice(kinds)
+    b = builder.place(builder.rng.choice(indices))
+    others = [k for k in with_angle if k != b.body]
+    world = builder.world()
+    if kind == "skate" and with_angle:
+        at = builder.place(builder.rng.choice(with_angle))
+        builder.piece(kind, at, at, direction=builder.direction())
+    elif kind in ("gear", "rack") and len(others) > 1 and builder.bodies[b.body].turns:
+        a, carrier = builder.rng.sample(others, 2)
         if kind == "rack":
-            radius = pencil.between(0.1, 0.4) * pencil.rng.choice([1.0, -1.0])
-            pencil.piece(kind, Place(a), b, radius=radius, direction=pencil.direction())
+            radius = builder.between(0.1, 0.4) * builder.rng.choice([1.0, -1.0])
+            builder.piece(kind, Place(a), b, radius=radius, direction=builder.direction())
             return
         more = (
-            {"carrier": Place(carrier)} if free or not pencil.outside or pencil.chance(0.5) else {}
+            {"carrier": Place(carrier)}
+            if free or not builder.outside or builder.chance(0.5)
+            else {}
         )
-        pencil.piece(kind, Place(a), b, ratio=pencil.rng.choice([-1.5, -0.5, 2.0]), **more)
+        builder.piece(kind, Place(a), b, ratio=builder.rng.choice([-1.5, -0.5, 2.0]), **more)
     elif kind in ("point on line", "revolute"):
         ground = Place(GROUND, *world.point(b))
-        more = {"direction": pencil.direction()} if kind == "point on line" else {}
-        pencil.piece(kind, ground, b, **more)
+        more = {"direction": builder.direction()} if kind == "point on line" else {}
+        builder.piece(kind, ground, b, **more)
     elif others:
-        pencil.piece("distance", pencil.place(pencil.rng.choice(others)), b)
+        builder.piece("distance", builder.place(builder.rng.choice(others)), b)

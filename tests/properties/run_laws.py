@@ -1,4 +1,4 @@
-"""Laws of runs of random mechanisms."""
+"""Properties of simulations of random mechanisms."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from properties.state_laws import consistent_state
 import beamdae as bd
 
 T_END, RTOL = 0.5, 1e-4
-# What takes more is not for tests: it is left out.
+# Longer runs are rejected as examples.
 LIMITS = {"max_steps": 4000}
 INTEGRATORS = (
     bd.Ida(RTOL, **LIMITS),
@@ -24,7 +24,7 @@ INTEGRATORS = (
 
 
 def build_with_observations(drawing: Drawing) -> bd.Mechanism:
-    """Built, with a far point of each body to look at."""
+    """Build the mechanism and observe a distant point of each body."""
     mech = drawing.mechanism()
     for body in drawing.bodies:
         part = mech.part(body.name)
@@ -37,13 +37,14 @@ def build_with_observations(drawing: Drawing) -> bd.Mechanism:
 
 
 def position_columns(solution: bd.Solution) -> dict[str, np.ndarray]:
-    """Columns of positions and angles."""
-    own = ("x", "y", "angle")
-    return {k: c for k, c in solution.columns.items() if k.split(".")[-1].split(" ")[0] in own}
+    """Return the columns of positions and angles."""
+    quantities = ("x", "y", "angle")
+    columns = solution.columns.items()
+    return {k: c for k, c in columns if k.split(".")[-1].split(" ")[0] in quantities}
 
 
 def max_relative_difference(one: bd.Solution, other: bd.Solution) -> float:
-    """Largest difference of a column, over half its range, or over a share of the widest one."""
+    """Return the largest difference of a column over half its range, or 1 % of the widest."""
     here, there = position_columns(one), position_columns(other)
     half = {name: 0.5 * np.ptp(column) for name, column in there.items()}
     widest = max(half.values())
@@ -55,19 +56,19 @@ def max_relative_difference(one: bd.Solution, other: bd.Solution) -> float:
 
 
 class ReferenceRun:
-    """A run that can be trusted, of a motion that can be foretold."""
+    """Accurate run of a predictable motion; chaotic and singular examples are rejected."""
 
     def __init__(self, drawing: Drawing) -> None:
         self.mech = build_with_observations(drawing)
         consistent_state(drawing)
         self.run = bd.simulate(self.mech, bd.Radau(1e-3 * RTOL, **LIMITS), T_END)
-        # A drive can be led beyond what a linkage reaches.
+        # A driver can request positions that a linkage cannot reach.
         assume(self.run.status.success)
         assume(not self.run.singular_positions)
         assume(self.growth() < 100.0)
 
     def growth(self) -> float:
-        """How many times a small push at the start has grown, of all that moves."""
+        """Return the amplification of a small perturbation of the initial velocities."""
         e = self.run.equations
         rng = np.random.default_rng(0)
         v0 = self.run.v[0] + RTOL * np.max(np.abs(self.run.v / e.position_scales)) * (
@@ -79,7 +80,7 @@ class ReferenceRun:
 
 
 def require_completed(run: bd.Solution) -> bd.Solution:
-    """A run that reached its end; what is too long for a test is left out."""
+    """Return a run that reached its end; reject the example if it exceeded a limit."""
     assume(run.status.kind != "limited")
     assert run.status.success, f"{run.integrator['integrator']}: {run.status.sentence}"
     return run
@@ -97,7 +98,7 @@ def check_integrator_agreement(drawing: Drawing, rng: Random) -> None:
 
 
 def check_momentum_conservation(drawing: Drawing, rng: Random) -> None:
-    """To a tenth of what is promised of positions, relative to all that moves."""
+    """Momentum is constant to 10 rtol of the total momentum of all coordinates."""
     motion = ReferenceRun(drawing)
     state = MechanismState(motion.mech)
     for method in INTEGRATORS:

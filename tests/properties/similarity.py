@@ -1,4 +1,4 @@
-"""Similarities: a drawing moved, turned, mirrored, and its numbers in other units."""
+"""Similarity transformations: displaced, rotated and mirrored drawings, and other units."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 
 import beamdae as bd
 
-# Angles that are those of the drawing, not since then.
+# Coordinates that are absolute angles, not rotations since the drawing.
 ABSOLUTE_ANGLES = ("theta", "psi")
-# Powers of length, mass and time.
+# Exponents of length, mass and time.
 UNIT_EXPONENTS = {
     "": (0, 0, 0),
     "m": (1, 0, 0),
@@ -35,7 +35,7 @@ UNIT_EXPONENTS = {
 
 @dataclass(frozen=True)
 class Wave:
-    """The law value (1 + share sin(rate t)); constant where there is no share."""
+    """Law value (1 + share sin(rate t)) of time t."""
 
     value: float
     share: float = 0.0
@@ -47,7 +47,7 @@ class Wave:
 
 @dataclass(frozen=True)
 class Similarity:
-    """Where a drawing lies, and how many new units of length, mass and time each old one is."""
+    """Rotation, translation and reflection of a drawing, and factors of its units."""
 
     angle: float = 0.0
     shift: tuple[float, float] = (0.0, 0.0)
@@ -58,7 +58,7 @@ class Similarity:
 
     @property
     def sense(self) -> float:
-        """Of turns: -1 in a mirror."""
+        """Sign of rotations: -1 if mirrored."""
         return -1.0 if self.mirrored else 1.0
 
     def number(self, value: float, unit: str) -> float:
@@ -66,11 +66,11 @@ class Similarity:
         return value * self.length**m * self.mass**kg * self.time**s
 
     def turn(self, value: float, unit: str = "") -> float:
-        """An angle, its rate, or a moment."""
+        """Transform an angle, its rate, or a moment."""
         return self.sense * self.number(value, unit)
 
     def way(self, x: float, y: float, unit: str = "m") -> tuple[float, float]:
-        """A vector."""
+        """Transform a vector."""
         x, y = self.number(x, unit), self.sense * self.number(y, unit)
         c, s = float(np.cos(self.angle)), float(np.sin(self.angle))
         return c * x - s * y, s * x + c * y
@@ -80,18 +80,18 @@ class Similarity:
         return dx + self.shift[0], dy + self.shift[1]
 
     def heading(self, angle: float) -> float:
-        """The angle of a direction."""
+        """Transform the angle of a direction."""
         return self.sense * angle + self.angle
 
     def law(self, wave: Wave, unit: str, sense: float = 1.0) -> float | Callable:
-        """A law of time."""
+        """Transform a law of time."""
         value, rate = sense * self.number(wave.value, unit), wave.rate / self.time
         if not wave.share:
             return value
         return lambda t: value * (1.0 + wave.share * np.sin(rate * t))
 
     def laws(self, wave: Wave, direction: tuple[float, float], unit: str) -> tuple:
-        """Both components of a vector whose size is a law."""
+        """Transform a vector of fixed direction whose magnitude is a law of time."""
         x, y = self.way(*direction, unit="")
         return self.law(wave, unit, x), self.law(wave, unit, y)
 
@@ -99,32 +99,32 @@ class Similarity:
 def transform_values(
     frame: Similarity, equations, values: np.ndarray, kind: str
 ) -> dict[str, float]:
-    """Coordinates "q", their rates "v", "a", or generalized forces "Q" in the frame, by name."""
-    found = {}
+    """Transform coordinates "q", rates "v", "a" or generalized forces "Q"; return them by name."""
+    transformed = {}
     time = {"q": 0, "v": -1, "a": -2, "Q": -2}[kind]
     weight = frame.time**time * (frame.mass * frame.length**2 if kind == "Q" else 1.0)
     length = 1.0 / frame.length if kind == "Q" else frame.length
     c, s = np.cos(frame.angle), np.sin(frame.angle)
     for k, coordinate in enumerate(equations.coordinates):
-        own = base_name(coordinate.name)
+        kind_of_coordinate = base_name(coordinate.name)
         value = weight * values[k] * (1.0 if coordinate.unit == "rad" else length)
-        if own == "x":
+        if kind_of_coordinate == "x":
             y = frame.sense * weight * length * values[k + 1]
             other = equations.coordinates[k + 1].name
-            moved = np.array([c * value - s * y, s * value + c * y])
+            vector = np.array([c * value - s * y, s * value + c * y])
             if kind == "q":
-                moved += frame.shift
-            found[coordinate.name], found[other] = moved.tolist()
-        elif own != "y":
-            mirrored = coordinate.unit == "rad" or own == "v"
-            value *= frame.sense if mirrored else 1.0
-            turned = own in ABSOLUTE_ANGLES and kind == "q"
-            found[coordinate.name] = value + (frame.angle if turned else 0.0)
-    return found
+                vector += frame.shift
+            transformed[coordinate.name], transformed[other] = vector.tolist()
+        elif kind_of_coordinate != "y":
+            changes_sign = coordinate.unit == "rad" or kind_of_coordinate == "v"
+            value *= frame.sense if changes_sign else 1.0
+            is_absolute = kind_of_coordinate in ABSOLUTE_ANGLES and kind == "q"
+            transformed[coordinate.name] = value + (frame.angle if is_absolute else 0.0)
+    return transformed
 
 
 def base_name(name: str) -> str:
-    """The name of a coordinate without that of its part and the number of its node."""
+    """Return the name of a coordinate without its part and node number."""
     return name.rpartition(".")[2].rstrip("0123456789")
 
 

@@ -1,4 +1,4 @@
-"""Random mechanisms keep the laws of mechanics, and results do not hang on how they are drawn."""
+"""Random mechanisms satisfy the laws of mechanics, independently of how they are drawn."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from properties.state_laws import STATE_LAWS, build_unless_contradictory
 import beamdae as bd
 
 LAWS = STATE_LAWS | EQUILIBRIUM_LAWS | RUN_LAWS
-# Of all that are drawn, half are of no use: they contradict themselves, fall without end, or lock.
+# Half of the drawings are rejected: they are contradictory, fall without end, or lock.
 SETTINGS = {"suppress_health_check": list(HealthCheck), "database": None}
 
 
 def check_law(name, data):
-    """One drawing, by its law."""
+    """Check one random drawing by the law `name`."""
     law, options = LAWS[name]
     rng = data.draw(st.randoms(use_true_random=False))
     drawing = draw_mechanism(rng, **options)
@@ -34,7 +34,7 @@ def check_law(name, data):
 @pytest.mark.parametrize("name", STATE_LAWS)
 @settings(max_examples=2, **SETTINGS)
 @given(data=st.data())
-def test_law_of_states(name, data):
+def test_state_law(name, data):
     check_law(name, data)
 
 
@@ -43,7 +43,7 @@ def test_law_of_states(name, data):
 @pytest.mark.parametrize("name", STATE_LAWS)
 @settings(max_examples=25, **SETTINGS)
 @given(data=st.data())
-def test_law_of_many_states(name, data):
+def test_state_law_with_many_examples(name, data):
     check_law(name, data)
 
 
@@ -51,23 +51,23 @@ def test_law_of_many_states(name, data):
 @pytest.mark.parametrize("name", EQUILIBRIUM_LAWS | RUN_LAWS)
 @settings(max_examples=5, phases=[Phase.generate], **SETTINGS)
 @given(data=st.data())
-def test_law_of_many_runs(name, data):
+def test_equilibrium_and_run_laws(name, data):
     check_law(name, data)
 
 
-def test_every_part_is_drawn():
-    """Damper and TorsionDamper are what springs with dampers are without stiffness, and so on."""
-    known = {getattr(bd, name) for name in dir(bd)}
-    parts = {one for one in known if isinstance(one, type) and issubclass(one, bd.Part)}
-    kinds, drawn = set(), {bd.Part, bd.Joint, bd.Spring, bd.Damper, bd.TorsionDamper}
+def test_drawings_cover_every_part():
+    """Spring, Damper and TorsionDamper are special cases of parts that are drawn."""
+    public = {getattr(bd, name) for name in dir(bd)}
+    parts = {x for x in public if isinstance(x, type) and issubclass(x, bd.Part)}
+    kinds, covered = set(), {bd.Part, bd.Joint, bd.Spring, bd.Damper, bd.TorsionDamper}
     expected = {*BUILDERS, "bar", "disk", "beam", "particle"}
     for seed in range(400):
         drawing = draw_mechanism(Random(seed))
-        own = {piece.kind for piece in (*drawing.bodies, *drawing.pieces)}
-        if not own <= kinds:
-            kinds |= own
-            drawn |= {type(part) for part in drawing.mechanism().parts.values()}
+        drawing_kinds = {piece.kind for piece in (*drawing.bodies, *drawing.pieces)}
+        if not drawing_kinds <= kinds:
+            kinds |= drawing_kinds
+            covered |= {type(part) for part in drawing.mechanism().parts.values()}
         if kinds == expected:
             break
     assert kinds == expected
-    assert drawn >= parts
+    assert covered >= parts

@@ -1,4 +1,4 @@
-"""Regression tests: what random mechanisms found."""
+"""Regression tests of errors that random mechanisms revealed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def particle_and_disk():
     return mech, particle.point, disk.at(0.0, 0.0)
 
 
-JOINTS_OF_PARTICLE_ANGLES = {
+PARTS_THAT_NEED_AN_ANGLE = {
     "friction in a bearing": lambda p, d: bd.Friction(
         "rub", bd.Revolute("pin", p, d), 0.3, regularization=0.1, radius=0.1
     ),
@@ -30,23 +30,23 @@ JOINTS_OF_PARTICLE_ANGLES = {
 }
 
 
-@pytest.mark.parametrize("make", JOINTS_OF_PARTICLE_ANGLES.values(), ids=JOINTS_OF_PARTICLE_ANGLES)
-def test_regression_nothing_holds_on_to_the_angle_of_a_particle(make):
-    """Moments that a particle cannot bear came from nowhere: angular momentum was not conserved."""
+@pytest.mark.parametrize("make", PARTS_THAT_NEED_AN_ANGLE.values(), ids=PARTS_THAT_NEED_AN_ANGLE)
+def test_regression_joints_reject_the_angle_of_a_particle(make):
+    """Moments on a particle, which has no angle, violated the conservation of angular momentum."""
     _, particle, disk = particle_and_disk()
     with pytest.raises(bd.BeamdaeError, match=r"particle at \(0, 0\) is a particle and has no ang"):
         make(particle, disk)
 
 
-def test_a_circle_without_friction_may_be_a_particle():
+def test_frictionless_circle_contact_accepts_a_particle():
     mech, particle, disk = particle_and_disk()
     mech.add(bd.Contact("touch", disk, bd.CircleSurface(particle, 0.1, "inside"), 10.0))
     assert bd.simulate(mech, bd.Radau(1e-4), 0.1).status.success
 
 
 @integrators(1e-6, 1e-3)
-def test_regression_a_mechanism_at_rest_has_its_books_closed(integrator):
-    """Its energy was off by all that was turned over: by rounding, of nothing."""
+def test_regression_energy_imbalance_at_rest_is_zero(integrator):
+    """The energy imbalance of a mechanism at rest was rounding relative to rounding."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     particle = mech.add(bd.PointMass("particle", 0.568, at=(-0.278, -0.662), velocity=(0.3, 0.6)))
     mech.add(bd.Revolute("pin", mech.ground.at(-0.278, -0.662), particle.point))
@@ -57,8 +57,8 @@ def test_regression_a_mechanism_at_rest_has_its_books_closed(integrator):
 
 
 @integrators(1e-5, 1e-3)
-def test_regression_the_drive_of_what_moves_by_law_alone_is_found(integrator):
-    """The angle is a parabola that Ida passes in long steps, the load on it a sine: 13 % off."""
+def test_regression_driver_moment_of_a_fully_driven_disk(integrator):
+    """The angle is a parabola that Ida passes in long steps, the load a sine: 13 % error."""
     mech = bd.Mechanism()
     disk = mech.add(bd.RigidBody("disk", 1.0, 0.4))
     hub = (mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0))
@@ -67,15 +67,15 @@ def test_regression_the_drive_of_what_moves_by_law_alone_is_found(integrator):
     mech.add(bd.Moment("load", disk.at(0.0, 0.0), law=lambda t: -6.0 * np.sin(5.8 * t)))
     mech.observe("motor", motor.drive)
     solution = bd.simulate(mech, integrator, 1.0)
-    known = 0.4 * 1.6 + 6.0 * np.sin(5.8 * solution.t)
-    # Of the largest moment: the promise, 100 rtol.
-    assert_allclose(solution.columns["motor.M [N m]"], known, rtol=0.0, atol=6.6e-3)
+    exact = 0.4 * 1.6 + 6.0 * np.sin(5.8 * solution.t)
+    # 100 rtol of the largest moment, the guaranteed accuracy.
+    assert_allclose(solution.columns["motor.M [N m]"], exact, rtol=0.0, atol=6.6e-3)
     assert solution.quality.energy_imbalance < 1e-3
 
 
 @pytest.mark.parametrize("meter", [1.0, 1e3], ids=["m", "mm"])
-def test_regression_a_particle_on_a_spring_is_found_at_rest_in_any_unit(meter):
-    """It has no size but one unit of length: in mm it was given up on the way to where it rests."""
+def test_regression_equilibrium_of_a_particle_on_a_spring_in_any_unit(meter):
+    """A particle has no size, so the unit of length set the step: in mm the search failed."""
     mech = bd.Mechanism(gravity=(0.0, -9.81 * meter))
     particle = mech.add(bd.PointMass("particle", 0.5, at=(0.2 * meter, -0.4 * meter)))
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), particle.point, 20.0))
@@ -84,34 +84,34 @@ def test_regression_a_particle_on_a_spring_is_found_at_rest_in_any_unit(meter):
     assert_allclose((x / meter, y / meter), (0.0, -hangs), rtol=0.0, atol=1e-9)
 
 
-def test_regression_what_sags_by_many_times_its_size_is_found_at_rest():
-    """Steps on the way were a fifth of the size of the disk, and 400 of them."""
+def test_regression_equilibrium_far_from_the_drawing():
+    """Search steps were limited to 400 of a fifth of the size of the disk."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     disk = mech.add(bd.RigidBody.disk("disk", (0.0, -0.5), 0.001, mass=1.0))
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), disk.at(0.0, -0.5), 5.0))
     mech.add(bd.TorsionSpring("hold", mech.ground.at(0.0, 0.0), disk.at(0.0, -0.5), 0.1))
-    found = bd.equilibrium(bd.equations_of_motion(mech))
-    assert_allclose(found.q[-1, 1], -0.5 - 9.81 / 5.0, rtol=1e-9)
+    equilibrium = bd.equilibrium(bd.equations_of_motion(mech))
+    assert_allclose(equilibrium.q[-1, 1], -0.5 - 9.81 / 5.0, rtol=1e-9)
 
 
 @pytest.mark.parametrize("meter", [0.1, 1.0, 1e3], ids=["10 m", "m", "mm"])
-def test_regression_what_nothing_loads_is_neither_stable_nor_unstable_in_any_unit(meter):
-    """What rounding left of the reaction of the link had a sign, and decided."""
+def test_regression_unloaded_mechanism_is_neither_stable_nor_unstable(meter):
+    """The sign of the rounding error in the link's reaction decided on stability."""
     mech = bd.Mechanism()
     ends = (1.063 * meter, -0.183 * meter), (1.13 * meter, 0.944 * meter)
     bar = mech.add(bd.RigidBody.rod("bar", *ends, mass=1.24))
     hook = mech.ground.at(0.848 * meter, 0.574 * meter)
     mech.add(bd.Distance("link", hook, bar.at(*ends[0])))
     with pytest.warns(bd.BeamdaeWarning, match="it is free to move without stiffness"):
-        found = bd.equilibrium(mech)
-    assert found.unstable.tolist() == [0]
-    assert not found.stable
+        equilibrium = bd.equilibrium(mech)
+    assert equilibrium.unstable.tolist() == [0]
+    assert not equilibrium.stable
 
 
 @pytest.mark.parametrize("second", [1.0, 1e-2, 1e3])
 @pytest.mark.parametrize("turn", [0.0, 0.7, 2.2])
-def test_regression_an_arm_with_a_short_link_is_found_hanging(turn, second):
-    """Steps on the way to rest hung on units of time and on the axes, and might turn links over."""
+def test_regression_equilibrium_of_an_arm_with_a_short_link(turn, second):
+    """Search steps depended on the unit of time and on the axes, and could invert links."""
     axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     mech = bd.Mechanism(gravity=tuple(np.array([0.0, -9.81 / second**2]) @ axes))
     tip, end = (tuple(point @ axes) for point in (np.array([1.0, 0.1]), np.array([1.014, 0.114])))
@@ -119,8 +119,8 @@ def test_regression_an_arm_with_a_short_link_is_found_hanging(turn, second):
     mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), arm.at(0.0, 0.0)))
     bob = mech.add(bd.PointMass("bob", 0.1, at=end))
     mech.add(bd.Distance("link", arm.at(*tip), bob.point))
-    found = bd.equilibrium(mech)
-    assert found.status.success
-    assert found.stable
-    x, y = axes @ found.q[-1, -2:]
+    equilibrium = bd.equilibrium(mech)
+    assert equilibrium.status.success
+    assert equilibrium.stable
+    x, y = axes @ equilibrium.q[-1, -2:]
     assert_allclose((x, y), (0.0, -np.hypot(1.0, 0.1) - np.hypot(0.014, 0.014)), atol=1e-9)
