@@ -1,4 +1,4 @@
-"""Model functions: keyword defaults are the parameters, calling them builds a mechanism."""
+"""Model functions: keyword defaults are the parameters, a call builds a mechanism."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from beamdae.errors import (
     unbox_scalar,
 )
 
-_LONGEST_NAME = 120
-# What no file on some system may be called, whatever follows its first dot.
+_MAX_NAME_BYTES = 120
+# Windows reserves these file names, with any suffix.
 _RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{x}{k}" for x in ("COM", "LPT") for k in range(10))}
-_SEPARATING = frozenset('/\\:*?"<>|')
+_INVALID_CHARACTERS = frozenset('/\\:*?"<>|')
 
 
 class Origin(NamedTuple):
-    """Which model built something, with which parameters, and its end time [s]."""
+    """Name, parameters and end time [s] of the model that built a mechanism."""
 
     name: str
     parameters: dict[str, Any]
@@ -39,25 +39,34 @@ class Origin(NamedTuple):
 
 
 class HasOrigin:
-    """What models build; it knows the model it is from, or None."""
+    """Base class of what models build; `origin` is set by the model."""
 
     origin: Origin | None = None
 
 
 @dataclass(frozen=True)
 class Model:
-    """A function with named parameters that builds a mechanism (or a constrained system).
+    """Function with named parameters that builds a mechanism or a constrained system.
 
-    Attributes
+    Made by the decorator `model`. Calling it builds the mechanism: `pendulum(elements=16)` replaces
+    one default, and unknown names or values of the wrong type are errors. Studies, sweeps and the
+    command line set parameters by name.
+
+    Parameters
     ----------
     build
-        The decorated function.
+        The function.
     t_end
-        Default end time [s].
+        Default end time [s], positive.
     parameters
-        Defaults by name; their types are the types of the parameters.
+        Default values by name; the type of a default is the type of its parameter.
     data
-        Files its results depend on besides those Python opens while it is built and run.
+        Names of files the results depend on, see `model`.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument has the wrong type, or the name of the function is no valid file name.
     """
 
     build: Callable[..., Any]
@@ -75,11 +84,11 @@ class Model:
                 f"{self.name}: parameters must be a dict of values by name, "
                 f"got {short_repr(self.parameters)}."
             )
-        files = tuple(require_sequence(self.name, "data", self.data, "a list of names of files"))
+        files = tuple(require_sequence(self.name, "data", self.data, "a list of file names"))
         for name in files:
             if not isinstance(name, str) or not name.isprintable() or not name:
                 raise BeamdaeError(
-                    f"{self.name}: data must be a list of names of files, got {short_repr(name)}."
+                    f"{self.name}: data must be a list of file names, got {short_repr(name)}."
                 )
         set_fields(self, t_end=require_positive(self.name, "t_end", self.t_end), data=files)
 
@@ -91,38 +100,45 @@ class Model:
     @property
     def summary(self) -> str:
         """First line of the docstring of the function, or of its module."""
-        of_file = inspect.unwrap(self.build).__globals__.get("__doc__")
-        lines = (self.build.__doc__ or of_file or "").strip().splitlines()
+        module_docstring = inspect.unwrap(self.build).__globals__.get("__doc__")
+        lines = (self.build.__doc__ or module_docstring or "").strip().splitlines()
         return lines[0] if lines else ""
 
     @property
     def home(self) -> Path:
-        """The folder of the file the function stands in, or the working directory."""
+        """Folder of the file that defines the function, or the working directory."""
         file = Path(inspect.unwrap(self.build).__code__.co_filename)
         return file.absolute().parent if file.is_file() else Path.cwd()
 
     def files(self) -> list[Path]:
-        """The files of `data`: beside the model's own file, and in the working directory.
+        """Return the files of `data` in the folder of the model and in the working directory.
 
         Raises
         ------
         BeamdaeError
             If one of them is in neither.
         """
-        found = []
+        files = []
         for name in self.data:
-            places = {folder / name: None for folder in (self.home, Path.cwd())}
-            there = [place for place in places if os.path.isfile(place)]
-            if not there:
+            candidates = {folder / name: None for folder in (self.home, Path.cwd())}
+            existing = [path for path in candidates if os.path.isfile(path)]
+            if not existing:
                 raise BeamdaeError(
-                    f"{self.name}: data must name files beside {self.home / '*.py'} or in the "
-                    f"working directory, there is no file {short_repr(name)}."
+                    f"{self.name}: data names a file {short_repr(name)} that does not exist; put "
+                    f"it in {self.home} or in the working directory."
                 )
-            found += there
-        return found
+            files += existing
+        return files
 
     def __call__(self, **values: Any) -> Any:
-        """Build the mechanism, with `values` in place of the defaults."""
+        """Build the mechanism with `values` in place of the defaults.
+
+        Raises
+        ------
+        BeamdaeError
+            On an unknown name or a value of the wrong type, or if the function returns None or a
+            model.
+        """
         parameters = self.complete(values)
         with extend_import_path(self.home):
             built = self.build(**parameters)
@@ -135,17 +151,17 @@ class Model:
 
     @property
     def origin(self) -> Origin:
-        """What is known of that which it builds with its defaults."""
+        """Origin of what it builds with its defaults."""
         return Origin(self.name, self.parameters, self.t_end)
 
     def check(self, **settings: Any) -> Any:
-        """What it is and what is wrong with it, see `beamdae.check`."""
+        """Check the model without a run, see `beamdae.check`."""
         import beamdae
 
         return beamdae.check(self, **settings)
 
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:
-        """All parameters, checked: `values` over the defaults.
+        """Return all parameters: `values`, checked and converted, over the defaults.
 
         Raises
         ------
@@ -159,29 +175,30 @@ class Model:
                     f"{self.name}: no parameter {short_repr(name)}{suggest(name, self.parameters)}, "
                     f"the parameters are {allowed}."
                 )
-        checked = {name: self._typed(name, value) for name, value in values.items()}
+        checked = {name: self._convert(name, value) for name, value in values.items()}
         return self.parameters | checked
 
-    def _typed(self, name: str, value: Any) -> Any:
+    def _convert(self, name: str, value: Any) -> Any:
         kind = type(self.parameters[name])
         value = unbox_scalar(value)
         if isinstance(value, str) and kind is not str:
-            value = self._parsed(name, value, kind)
-        found = as_real(value)
-        if kind is float and found is not None:
+            value = self._parse(name, value, kind)
+        number = as_real(value)
+        if kind is float and number is not None:
             return require_finite(self.name, name, value)
-        if kind is int and found is not None and found.is_integer():
+        if kind is int and number is not None and number.is_integer():
             return int(value)
-        truth = isinstance(value, bool) and kind is not bool
-        if kind is not type(None) and (truth or not isinstance(value, kind)):
-            raise self._wrong(name, value)
+        # A default of None accepts any type; bool is a subclass of int.
+        is_bool = isinstance(value, bool) and kind is not bool
+        if kind is not type(None) and (is_bool or not isinstance(value, kind)):
+            raise self._type_error(name, value)
         return value
 
-    def _wrong(self, name: str, value: Any) -> BeamdaeError:
+    def _type_error(self, name: str, value: Any) -> BeamdaeError:
         kind = type(self.parameters[name]).__name__
         return BeamdaeError(f"{self.name}: {name} must be of type {kind}, got {short_repr(value)}.")
 
-    def _parsed(self, name: str, text: str, kind: type) -> Any:
+    def _parse(self, name: str, text: str, kind: type) -> Any:
         if kind is bool:
             if text.lower() in ("true", "false"):
                 return text.lower() == "true"
@@ -189,35 +206,35 @@ class Model:
                 f"{self.name}: {name} must be true or false, got {short_repr(text)}."
             )
         if kind not in (int, float, tuple, list, dict):
-            # A default of None leaves the type open; an object is not to be told by a text.
+            # A default of None accepts the string; other types are refused by `_convert`.
             return text
         try:
             return kind(text) if kind in (int, float) else ast.literal_eval(text)
         except (TypeError, ValueError, SyntaxError, RecursionError, MemoryError):
-            raise self._wrong(name, text) from None
+            raise self._type_error(name, text) from None
 
 
 def require_file_name(part: str, value: Any) -> str:
-    """Return `value` as a name that files and folders may have on any system.
+    """Return `value` if files and folders may have this name on any system.
 
     Raises
     ------
     BeamdaeError
-        If it has separators, control characters or none at all, begins with a dot, ends with a
-        dot or a space, is reserved (CON, NUL, COM1), or longer than 120 bytes.
+        If it is empty, contains separators or control characters, begins with a dot or a space,
+        ends with one, is reserved (CON, NUL, COM1), or is longer than 120 bytes.
     """
     if not isinstance(value, str):
-        raise BeamdaeError(f"{part}: its name must be a text, got {short_repr(value)}.")
+        raise BeamdaeError(f"{part}: its name must be a string, got {short_repr(value)}.")
     length = len(value.encode(errors="replace"))
-    fits = 0 < length <= _LONGEST_NAME and value[0] not in ". " and value[-1] not in ". "
-    if not (fits and value.isprintable() and not _SEPARATING & set(value)):
+    fits = 0 < length <= _MAX_NAME_BYTES and value[0] not in ". " and value[-1] not in ". "
+    if not (fits and value.isprintable() and not _INVALID_CHARACTERS & set(value)):
         raise BeamdaeError(
-            f"{part}: its name must do as that of a folder, 1 to {_LONGEST_NAME} bytes of letters, "
+            f"{part}: its name must be a valid folder name: 1 to {_MAX_NAME_BYTES} bytes of letters, "
             f"digits, _ - + = , and inner dots and spaces, got {short_repr(value)}."
         )
     if value.partition(".")[0].strip().upper() in _RESERVED:
         raise BeamdaeError(
-            f"{part}: its name must do as that of a folder, and {value} is no folder on Windows."
+            f"{part}: its name must be a valid folder name, but Windows reserves {value}."
         )
     return value
 
@@ -228,16 +245,29 @@ def _require_function(build: Any) -> None:
 
 
 def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., Any]], Model]:
-    """Decorate a function that builds a mechanism.
+    """Decorate a function that builds a mechanism, which makes it a `Model`.
+
+    Every parameter of the function needs a default value. The defaults are the parameters of the
+    model, and their types are the types of these.
 
     Parameters
     ----------
     t_end
-        Its default end time [s].
+        Default end time of a run [s], positive.
     data
-        Names of files its results depend on, beside its own file or in the working directory.
-        Files Python opens are followed without that; it is for those that others open (HDF5,
-        SQLite).
+        Names of files the results depend on, in the folder of the model file or in the working
+        directory. Files opened by Python are tracked without it; list those that libraries open,
+        such as HDF5 and SQLite files.
+
+    Returns
+    -------
+    Callable
+        Decorator that returns a `Model`.
+
+    Raises
+    ------
+    BeamdaeError
+        If `t_end` is not positive, a parameter has no default, or a file does not exist.
 
     Examples
     --------
@@ -259,22 +289,22 @@ def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., 
             if parameter.default is parameter.empty or parameter.kind is parameter.POSITIONAL_ONLY:
                 raise BeamdaeError(
                     f"{function.__name__}: the parameter {parameter.name!r} needs a default value "
-                    "and must be given by name."
+                    "and must not be positional-only."
                 )
             parameters[parameter.name] = unbox_scalar(parameter.default)
-        made = Model(function, t_end, parameters, data)
-        made.files()
-        return made
+        decorated = Model(function, t_end, parameters, data)
+        decorated.files()
+        return decorated
 
     return decorate
 
 
 @contextmanager
 def extend_import_path(folder: Path) -> Iterator[None]:
-    """Modules in a folder can be imported, as if a file there were run; none of them stays loaded.
+    """Make the modules in a folder importable, and unload them at the end.
 
-    Another file may have others of the same names beside it, and another process that is sent what
-    they define gets it whole.
+    Unloading keeps them apart from modules of the same names beside another model file, and makes
+    pickling send their objects to other processes by value.
     """
     if str(folder) in sys.path:
         yield
@@ -290,12 +320,13 @@ def extend_import_path(folder: Path) -> Iterator[None]:
             top = name.partition(".")[0]
             if top in before:
                 continue
-            own = (folder / f"{top}.py", folder / top)
-            if any(Path(file).is_relative_to(x) for x in own for file in _module_locations(module)):
+            roots = (folder / f"{top}.py", folder / top)
+            locations = _module_locations(module)
+            if any(Path(file).is_relative_to(root) for root in roots for file in locations):
                 del sys.modules[name]
 
 
 def _module_locations(module: Any) -> list[str]:
-    """The file of a module, or the folders of a package without one."""
+    """Return the file of a module, or the folders of a namespace package."""
     file = getattr(module, "__file__", None)
     return [file] if file else [str(x) for x in getattr(module, "__path__", ())]
