@@ -18,7 +18,7 @@ _BELOW = 150
 def animation(
     frames: Mapping[str, Any], size: tuple[float, float], caption: str, speed: float, colored: bool
 ) -> Animation:
-    """A player of frames, see `beamdae.report.scene.frame_export.plain_frames`.
+    """A player of frames, see `beamdae.report.scene.frame_export.export_frames`.
 
     Parameters
     ----------

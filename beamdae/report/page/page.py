@@ -81,7 +81,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
         - "groups", cases that are looked at together, such as those of the same parameters: "id",
           "label"; "reference", what their errors are measured against, with "methods",
           "uncertainty" (the least error it resolves), "accepted" and "sentence", or None;
-          "frames", what moves, as `beamdae.report.scene.frame_export.frames_of` gives it.
+          "frames", what moves, as `beamdae.report.scene.frame_export.export_run_frames` returns it.
         - "columns" of the case table: "key", "label", "unit" and "kind", one of "text", "number",
           "status", "error" and "cost"; the last two show the entries of a case with these names.
           The label of a case (key "label") and its status come first, named or not.
