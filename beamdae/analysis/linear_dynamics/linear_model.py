@@ -16,6 +16,7 @@ from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.assembly.statement_checks import collect_statements
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
 from beamdae.equations.formulations.tangents import compute_tangent
+from beamdae.equations.starts.rank import RANK_TOLERANCE
 from beamdae.errors import BeamdaeError, require_finite, require_sequence, short_repr, suggest
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.linear.saddle_point import factorize_saddle_point
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
 
 # State matrices are dense.
 _MAX_COORDINATES = 2000
-# Pivots of a QR factorization below this share of the largest one mark dependent rows.
-_RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, repr=False)
@@ -406,7 +405,7 @@ def _independent_coordinates(rows: Array, scales: Array) -> tuple[Array, Array]:
     matrix = matrix / np.where(lengths > 0.0, lengths, 1.0)[:, None]
     triangle, order = la.qr(matrix, mode="r", pivoting=True)
     diagonal = np.abs(np.diag(triangle))
-    rank = int(np.sum(diagonal > _RANK_TOLERANCE * np.max(diagonal, initial=0.0)))
+    rank = int(np.sum(diagonal > RANK_TOLERANCE * np.max(diagonal, initial=0.0)))
     dependent, independent = order[:rank], np.sort(order[rank:])
     by_index = np.argsort(order[rank:])
     z = np.zeros((n, n - rank))

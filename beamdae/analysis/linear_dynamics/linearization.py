@@ -16,7 +16,11 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.linear_dynamics.steady_rotation import Rotation, find_steady_rotation
+from beamdae.analysis.linear_dynamics.steady_rotation import (
+    STIFFNESS_ROUNDING,
+    Rotation,
+    find_steady_rotation,
+)
 from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import Tangent, compute_tangent
@@ -36,10 +40,8 @@ TangentFunction = Callable[[State], Tangent]
 REFERENCE = "reference"
 # Load factors within this of one count as one: Newton's method does not reach it exactly.
 _FACTOR_TOLERANCE = 1e-9
-# Forces are unbalanced beyond this share of the largest force, and beyond the rounding of the
-# stiffness times the natural sizes.
+# Forces beyond this share of the largest one, and beyond rounding, are unbalanced.
 _UNBALANCED_FORCE_RATIO = 1e-6
-_STIFFNESS_ROUNDING = 1e-13
 # Where forces are unbalanced, elements leave squared frequencies of zero below this share of the
 # largest acceleration in natural sizes.
 _ZERO_SQUARE_RATIO = 1e-6
@@ -244,7 +246,7 @@ def _is_unbalanced(e: EquationsOfMotion, tangent: Tangent, state: State, force: 
     inertia = np.abs(tangent.mass @ state.a)
     reactions = np.abs(tangent.reactions @ state.lam)
     largest_force = max(np.max(reactions, initial=0.0), np.max(np.abs(force), initial=0.0))
-    rounding = _STIFFNESS_ROUNDING * (abs(tangent.stiffness) @ e.position_scales)
+    rounding = STIFFNESS_ROUNDING * (abs(tangent.stiffness) @ e.position_scales)
     return bool(np.any(inertia > np.maximum(_UNBALANCED_FORCE_RATIO * largest_force, rounding)))
 
 

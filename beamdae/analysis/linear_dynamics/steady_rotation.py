@@ -31,10 +31,10 @@ Array = np.ndarray
 # Names of coordinates that are points of the plane, and of those that are inertial angles.
 _POINT_NAME = re.compile(r"([xy])(\d*)")
 _ANGLE_NAME = re.compile(r"(?:angle|theta|psi)\d*")
-# Forces rotate with the mechanism if they change by no more than this, relative to the largest
-# force, and beyond rounding relative to the stiffness.
+# Rounding error of elastic forces, relative to |K| times the natural sizes.
+STIFFNESS_ROUNDING = 1e-13
+# Forces rotate with the mechanism if they change by no more than this, relative to the largest one.
 _FORCE_TOLERANCE = 1e-8
-_STIFFNESS_ROUNDING = 1e-13
 # Angle by which the mechanism is rotated to compare forces [rad].
 _TEST_ANGLE = 1.0
 # Newton corrections in natural sizes. Rounding of stiff beams may prevent full convergence, so a
@@ -293,7 +293,7 @@ def _require_rotating_forces(
     rotated_forces = compute_tangent(e, time, rotated).residual[: e.n]
     difference = np.abs(rotated_forces - d @ forces)
     inertia = np.abs(tangent.mass @ state.a)
-    rounding = _STIFFNESS_ROUNDING * (abs(tangent.stiffness) @ e.position_scales)
+    rounding = STIFFNESS_ROUNDING * (abs(tangent.stiffness) @ e.position_scales)
     size = max(float(np.max(np.abs(forces))), float(np.max(inertia)))
     is_different = difference > np.maximum(_FORCE_TOLERANCE * size, rounding)
     if np.any(is_different):

@@ -19,6 +19,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from beamdae.analysis.linear_dynamics.linearization import Linearization
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
+from beamdae.equations.starts.rank import RANK_TOLERANCE
 from beamdae.errors import BeamdaeError
 from beamdae.linear.saddle_point import factorize_saddle_point
 
@@ -28,8 +29,6 @@ Array = np.ndarray
 MAX_DENSE_COORDINATES = 250
 # Squared frequencies that count as zero, relative to the shift.
 ZERO_SQUARE_RATIO = 1e-13
-# Singular values of G in natural sizes, with rows of length one, that count as zero.
-_NULL_SPACE_TOLERANCE = 1e-9
 # Rounding error of x^H K x relative to |x|^T |K| |x|.
 _ROUNDING_RATIO = 2e-14
 # Shift relative to the lowest mode.
@@ -172,7 +171,7 @@ def scaled_null_space(rows: sp.csc_array, scales: Array) -> Array:
     matrix = rows.toarray() * scales
     lengths = np.linalg.norm(matrix, axis=1)
     matrix /= np.where(lengths > 0.0, lengths, 1.0)[:, None]
-    return scales[:, None] * la.null_space(matrix, rcond=_NULL_SPACE_TOLERANCE)
+    return scales[:, None] * la.null_space(matrix, rcond=RANK_TOLERANCE)
 
 
 def quadratic_form_rounding(matrix: sp.csc_array, shapes: Array) -> Array:

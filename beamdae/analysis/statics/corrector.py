@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.path_controls import Control, PathDirection
 from beamdae.analysis.statics.stability import Stability, assess_stability
-from beamdae.equations.starts.displacement_measure import DisplacementMeasure
+from beamdae.equations.starts.rigid_motions import DisplacementMeasure
 from beamdae.linear.factorizations import Factorization, SingularMatrixError, create_factorization
 from beamdae.symbolic.sparse_operators import column_indices
 
