@@ -1,4 +1,4 @@
-"""Chains of beams, and the matrices that integrators factorize."""
+"""Chains of beams and the matrices that integrators factorize for them."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,8 +13,8 @@ ALLOY = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
 STRIP = bd.Section.rectangle(ALLOY, width=0.03, height=0.0025, damping=1e-4)
 
 
-def chain(beams, joint=bd.Revolute, elements=4, frame="tangent"):
-    """Straight beams in a row, the first one hinged to the ground."""
+def chain_of_beams(beams, joint=bd.Revolute, elements=4, frame="tangent"):
+    """Return a mechanism of straight beams in a row, the first hinged to the ground."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     links = []
     for k in range(beams):
@@ -26,28 +26,28 @@ def chain(beams, joint=bd.Revolute, elements=4, frame="tangent"):
     return mech
 
 
-def state(equations, seed=0):
-    """Coordinates, velocities, accelerations and multipliers of no rest and no symmetry."""
+def random_state(equations, seed=0):
+    """Return random coordinates, velocities, accelerations and multipliers."""
     rng = np.random.default_rng(seed)
     motion = (rng.normal(size=equations.n) * equations.position_scales for _ in range(3))
     q, v, a = (size * x for size, x in zip((1e-5, 1e-3, 0.1), motion, strict=True))
     return equations.q0 + q, v, a, 10.0 * rng.normal(size=equations.m)
 
 
-def matrices(equations, step):
-    """Patterns and non-zeros of Ida, Radau, generalized-alpha and the start, by name."""
-    q, v, a, lam = state(equations)
-    time, still = np.zeros(2), np.zeros(equations.m)
+def integrator_matrices(equations, step):
+    """Return the matrices of Ida, Radau, generalized-alpha and the start: patterns, non-zeros."""
+    q, v, a, lam = random_state(equations)
+    time, zeros = np.zeros(2), np.zeros(equations.m)
     form = formulate_first_order(equations, "stabilized-index1")
 
-    def at(c):
-        y, yp = np.concatenate([q, v, still, still]), np.concatenate([v, a, lam, still])
+    def jacobian(c):
+        y, yp = np.concatenate([q, v, zeros, zeros]), np.concatenate([v, a, lam, zeros])
         return form.jacobian(time, y, yp, c)
 
-    stiffness, inertia = at(0.0), at(1.0) - at(0.0)
-    found = {
-        "Ida": (form.pattern, at(1.0 / step)),
-        "Radau": (form.pattern, at(REAL_EIGENVALUE / step)),
+    stiffness, inertia = jacobian(0.0), jacobian(1.0) - jacobian(0.0)
+    systems = {
+        "Ida": (form.pattern, jacobian(1.0 / step)),
+        "Radau": (form.pattern, jacobian(REAL_EIGENVALUE / step)),
         "Radau, complex": (form.pattern, stiffness + (COMPLEX_EIGENVALUE / step) * inertia),
     }
     for name, stabilized in (("index 3", False), ("index 2", True)):
@@ -56,14 +56,14 @@ def matrices(equations, step):
         x[equations.n :][: equations.m] = step**2 * lam
         coefficients = np.array([2.0 / step, 3.0 / step**2, 0.3 * step**2])
         predicted = StepPrediction(q, v, a, q, coefficients)
-        found[name] = (form.pattern, form.jacobian(time, predicted, x))
-    start = StateEvaluator(equations)
-    nonzeros = start.saddle_matrix(time, q, v, a, (0.0, 0.0, 1.0))
-    return {**found, "start": (start.sums.saddle_pattern, nonzeros)}
+        systems[name] = (form.pattern, form.jacobian(time, predicted, x))
+    evaluator = StateEvaluator(equations)
+    nonzeros = evaluator.saddle_matrix(time, q, v, a, (0.0, 0.0, 1.0))
+    return {**systems, "start": (evaluator.sums.saddle_pattern, nonzeros)}
 
 
 def backward_error(pattern, nonzeros, x, right):
-    """Of Oettli & Prager: the largest error of an equation relative to its terms."""
+    """Return the backward error of Oettli & Prager: largest residual relative to its terms."""
     matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
     terms = abs(matrix) @ np.abs(x) + np.abs(right)
     return float(np.max(np.abs(matrix @ x - right) / terms))

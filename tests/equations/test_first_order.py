@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from chains import chain
+from chains import chain_of_beams
 from numpy.testing import assert_allclose
 
 import beamdae as bd
@@ -16,7 +16,7 @@ from beamdae.equations.formulations.first_order import (
 
 @pytest.mark.parametrize("name", FIRST_ORDER)
 def test_the_parts_of_the_jacobian_add_up_to_it(name):
-    equations = bd.equations_of_motion(chain(2, elements=2))
+    equations = bd.equations_of_motion(chain_of_beams(2, elements=2))
     whole, apart = (
         formulate_first_order(equations, name),
         formulate_first_order(equations, name, apart=True),

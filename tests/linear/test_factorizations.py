@@ -1,4 +1,4 @@
-"""Factorizations, and that IDA with ours is IDA."""
+"""Factorizations, also as linear solvers of IDA."""
 
 import contextlib
 import io
@@ -36,7 +36,7 @@ def numbers(size, rng, dtype):
 
 
 def arrow(size, rng, dtype=float):
-    """Pattern and non-zeros of a banded matrix with full first rows, as a floating frame has."""
+    """Return a banded matrix with full first rows and columns, as floating frames cause."""
     row, column = np.indices((size, size))
     full = (np.minimum(row, column) < 3) | (np.abs(row - column) <= 2)
     pattern = sp.csc_array(full.astype(float))
@@ -48,7 +48,7 @@ def arrow(size, rng, dtype=float):
 @pytest.mark.parametrize("dtype", [float, complex])
 @pytest.mark.parametrize("method", ["dense", "sparse"])
 @pytest.mark.parametrize("size", [1, 4, 60])
-def test_a_factorization_solves_every_matrix_of_its_pattern(method, size, dtype):
+def test_factorization_solves_every_matrix_of_its_pattern(method, size, dtype):
     rng = np.random.default_rng(size)
     pattern, _, _ = arrow(size, rng)
     ones = pattern.data.copy()
@@ -63,7 +63,7 @@ def test_a_factorization_solves_every_matrix_of_its_pattern(method, size, dtype)
             scale = np.abs(matrix).sum() * np.abs(x).max()
             assert_allclose(matrix @ x, right, rtol=0.0, atol=1e-14 * scale)
     assert (solver.factorizations, solver.solves) == (2, 4)
-    # The pattern is shared by several of them.
+    # The pattern is shared between factorizations.
     assert_allclose(pattern.data, ones, rtol=0.0, atol=0.0)
 
 
@@ -76,45 +76,47 @@ def test_auto_is_dense_for_small_systems_and_sparse_for_large_ones():
 @pytest.mark.parametrize("dtype", [float, complex])
 @pytest.mark.parametrize("method", ["dense", "sparse"])
 @pytest.mark.parametrize("bad", [0.0, np.nan, np.inf])
-def test_a_matrix_that_cannot_be_factorized_is_said_to_be_singular(method, bad, dtype):
+def test_singular_or_infinite_matrix_is_refused(method, bad, dtype):
     pattern = sp.csc_array(sp.eye_array(3, format="csc"))
     solver = create_factorization(pattern, method, dtype)
     with pytest.raises(SingularMatrixError):
         solver.factorize(np.array([1.0, bad, 1.0]))
-    # The next matrix must find nothing of the bad one.
+    # The bad matrix must not affect the next one.
     solver.factorize(np.array([1.0, 2.0, 4.0]))
     assert_allclose(solver.solve(np.ones(3)), [1.0, 0.5, 0.25], rtol=1e-15)
 
 
 @pytest.mark.parametrize("method", ["dense", "sparse"])
-def test_a_rank_deficient_matrix_is_said_to_be_singular(method):
+def test_rank_deficient_matrix_is_refused(method):
     pattern = sp.csc_array(np.ones((2, 2)))
     with pytest.raises(SingularMatrixError):
         create_factorization(pattern, method).factorize(np.array([1.0, 2.0, 2.0, 4.0]))
 
 
 @pytest.mark.parametrize("method", ["dense", "sparse"])
-def test_entries_near_the_largest_float_are_no_overflow(method):
+def test_entries_near_the_largest_float_do_not_overflow(method):
     pattern = sp.csc_array(sp.eye_array(2, format="csc"))
     solver = create_factorization(pattern, method)
     solver.factorize(np.array([1.5e308, 1.5e308]))
     assert_allclose(solver.solve(np.array([1.5e308, 0.0])), [1.0, 0.0], rtol=1e-15)
 
 
-_FIRST_STEPS, _RTOL = 10, 1e-4
+_FIRST_STEPS = 10
+_RTOL = 1e-4
 
 
-class Sundials:
-    """The same form with SUNDIALS' own dense solver, called by the book."""
+class DenseSundialsRun:
+    """A run of IDA with the dense solver of SUNDIALS."""
 
     def __init__(self, form, options):
         self._form = form
         self._buffers, self._nonzeros = form.buffers(), np.zeros(form.pattern.nnz)
         self._branch = 0.0
         self.residuals = self.jacobians = 0
-        dropped = ("jacfn", "lband", "uband")
-        kept = {name: value for name, value in options.items() if name not in dropped}
-        self.solver = IDA(self._residual, **{**kept, "jacfn": self._jacobian, "linsolver": "dense"})
+        band_options = ("jacfn", "lband", "uband")
+        others = {name: value for name, value in options.items() if name not in band_options}
+        dense = {**others, "jacfn": self._jacobian, "linsolver": "dense"}
+        self.solver = IDA(self._residual, **dense)
 
     def _residual(self, t, y, yp, out):
         evaluate_residual(self._buffers, t, self._branch, y, yp, out)
@@ -147,14 +149,16 @@ class Sundials:
 @pytest.mark.slow(reason="runs of beams twice")
 @pytest.mark.parametrize("formulation", FIRST_ORDER)
 @pytest.mark.parametrize("case", [CAR_AXIS, PENDULUM, SLIDER_CRANK], ids=lambda c: c.name)
-def test_ida_with_our_factors_takes_the_steps_of_ida_with_its_own(case, formulation, monkeypatch):
-    given = {}
+def test_ida_with_these_factors_takes_the_steps_of_ida_with_its_dense_solver(
+    case, formulation, monkeypatch
+):
+    options_of_ida = {}
 
-    def recording(residual, **options):
-        given.update(options)
+    def create_and_record(residual, **options):
+        options_of_ida.update(options)
         return IDA(residual, **options)
 
-    monkeypatch.setattr(preconditioned, "IDA", recording)
+    monkeypatch.setattr(preconditioned, "IDA", create_and_record)
     settings = bd.Ida(
         rtol=_RTOL,
         formulation=formulation,
@@ -166,24 +170,24 @@ def test_ida_with_our_factors_takes_the_steps_of_ida_with_its_own(case, formulat
     solutions = [bd.simulate(case.equations, settings, t_end)]
     use_scikit_sundae(monkeypatch)
     solutions.append(bd.simulate(case.equations, settings, t_end))
-    own = Sundials(formulate_first_order(case.equations, formulation), given)
-    t, y = own.run(t_end)
+    reference = DenseSundialsRun(formulate_first_order(case.equations, formulation), options_of_ida)
+    t, y = reference.run(t_end)
     for solution in solutions:
         assert solution.status.success
-        compare(solution, own, t, y)
+        compare(solution, reference, t, y)
 
 
-def compare(solution, own, t, y):
-    """Compare the steps of a run with those of SUNDIALS' own solver."""
+def compare(solution, reference, t, y):
+    """Compare the steps of a run with those of the dense solver of SUNDIALS."""
     (segment,) = solution.trajectory.intervals
     counts = solution.statistics
     # Newton's iterates differ by rounding times the condition of the iteration matrix, and every
     # step is chosen from the one before: the first steps agree to rounding, and counts and the
     # end are those of two runs of the same accuracy.
     assert_allclose(len(segment.t), len(t), rtol=0.1)
-    assert_allclose(counts.residual_calls, own.residuals, rtol=0.1)
-    # Of a dozen Jacobians rounding makes two more or less.
-    assert_allclose(counts.jacobian_calls, own.jacobians, rtol=0.1, atol=3)
+    assert_allclose(counts.residual_calls, reference.residuals, rtol=0.1)
+    # Rounding changes a dozen Jacobians by two.
+    assert_allclose(counts.jacobian_calls, reference.jacobians, rtol=0.1, atol=3)
     n, first = solution.equations.n, slice(0, _FIRST_STEPS)
     assert_allclose(segment.t[first], t[first], rtol=0.0, atol=1e-10)
     assert_allclose(segment.state.q[first], y[first, :n], rtol=0.0, atol=1e-10)
@@ -207,6 +211,6 @@ def test_dense_and_sparse_factors_give_the_same_run(integrator):
     ]
     assert all(run.status.success for run in runs)
     assert runs[0].statistics.steps == runs[1].statistics.steps
-    # A thousandth of rtol: as the iterations end elsewhere, so does rounding.
+    # A thousandth of rtol: iterations end at other points, so rounding differs.
     assert_allclose(runs[0].q, runs[1].q, rtol=0.0, atol=1e-8)
     assert_allclose(runs[0].v, runs[1].v, rtol=0.0, atol=1e-7)

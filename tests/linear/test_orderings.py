@@ -1,9 +1,9 @@
-"""What factors of beams and chains hold, and how well they solve."""
+"""Fill and accuracy of the factorize of beams and chains."""
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from chains import backward_error, chain, matrices
+from chains import backward_error, chain_of_beams, integrator_matrices
 from hub_beam import hub_beam
 from numpy.testing import assert_allclose
 
@@ -14,23 +14,23 @@ from beamdae.linear.orderings import compute_bordered_ordering
 
 STEPS = (1e-2, 1e-4, 1e-6)
 MECHANISMS = {
-    "tangent": lambda: chain(1, elements=48),
-    "chord": lambda: chain(1, elements=48, frame="chord"),
-    "long links": lambda: chain(3, bd.Weld, elements=16, frame="chord"),
-    "hinged": lambda: chain(8),
-    "welded": lambda: chain(16, bd.Weld),
-    "welded, chord": lambda: chain(8, bd.Weld, frame="chord"),
+    "tangent": lambda: chain_of_beams(1, elements=48),
+    "chord": lambda: chain_of_beams(1, elements=48, frame="chord"),
+    "long links": lambda: chain_of_beams(3, bd.Weld, elements=16, frame="chord"),
+    "hinged": lambda: chain_of_beams(8),
+    "welded": lambda: chain_of_beams(16, bd.Weld),
+    "welded, chord": lambda: chain_of_beams(8, bd.Weld, frame="chord"),
 }
 
 
-def factors(pattern, nonzeros):
+def factorize(pattern, nonzeros):
     solver = SparseFactorization(pattern, nonzeros.dtype)
     solver.factorize(nonzeros)
     return solver
 
 
-def balanced(pattern, nonzeros):
-    """A right-hand side whose solution has the sizes of the unknowns: columns contribute alike."""
+def compute_balanced_right_side(pattern, nonzeros):
+    """Return a right-hand side to which all columns of the matrix contribute equally."""
     matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
     sizes = np.abs(matrix.toarray())
     columns = np.max(sizes / np.max(sizes, axis=1, keepdims=True), axis=0)
@@ -39,45 +39,45 @@ def balanced(pattern, nonzeros):
 
 @pytest.mark.parametrize(
     "name",
-    # As the last one, with twice the beams and in the other frame.
+    # "welded" is like the last one, with twice the beams and the other frame.
     [pytest.param(m, marks=[pytest.mark.slow] if m == "welded" else []) for m in MECHANISMS],
 )
-def test_factors_hold_little_more_than_the_matrix_and_solve_it(name):
+def test_fill_is_small_and_solutions_are_accurate(name):
     equations = bd.equations_of_motion(MECHANISMS[name]())
     for step in STEPS:
-        for form, (pattern, nonzeros) in matrices(equations, step).items():
-            solver = factors(pattern, nonzeros)
-            # From 1.1 to 1.8, to 2.02 on index 2, whose matrix has products not yet multiplied out.
-            # SuperLU on its own fills a hundredfold, and more the longer a beam.
+        for form, (pattern, nonzeros) in integrator_matrices(equations, step).items():
+            solver = factorize(pattern, nonzeros)
+            # Measured: 1.1 to 1.8, and 2.02 on index 2, whose matrix contains factorize of products.
+            # The default order of SuperLU fills a hundredfold, and more for longer beams.
             assert solver.fill < (2.2 if form == "index 2" else 2.0)
-            right = balanced(pattern, nonzeros)
-            # At most 5e-10. SuperLU on its own, with the largest pivots, leaves up to 3e-7, and on
-            # welded chains no digit at all where it keeps to the diagonal.
+            right = compute_balanced_right_side(pattern, nonzeros)
+            # Measured: at most 5e-10. By default, SuperLU leaves up to 3e-7 with the largest pivots,
+            # and no correct digit on welded chains with diagonal pivots.
             assert backward_error(pattern, nonzeros, solver.solve(right), right) < 1e-8
 
 
 @pytest.mark.parametrize(("joint", "frame"), [(bd.Revolute, "tangent"), (bd.Weld, "chord")])
-def test_the_fill_of_a_chain_does_not_grow_with_its_length(joint, frame):
+def test_relative_fill_of_a_chain_is_independent_of_its_length(joint, frame):
     fills = []
     for beams in (6, 18):
-        equations = bd.equations_of_motion(chain(beams, joint, elements=2, frame=frame))
-        fills.append([factors(*m).fill for m in matrices(equations, 1e-3).values()])
-    # Up to what its two ends are of the shorter one; SuperLU left to itself doubles them.
+        equations = bd.equations_of_motion(chain_of_beams(beams, joint, elements=2, frame=frame))
+        fills.append([factorize(*m).fill for m in integrator_matrices(equations, 1e-3).values()])
+    # The ends of the shorter chain matter; the default order of SuperLU doubles the fill.
     assert_allclose(fills[1], fills[0], rtol=0.15)
 
 
 @pytest.mark.parametrize("name", ["Ida", "Radau", "Radau, complex"])
-def test_the_fill_of_an_undamped_beam_does_not_grow_with_its_elements(name):
+def test_relative_fill_of_an_undamped_beam_is_independent_of_its_elements(name):
     fills = []
     for elements in (24, 96):
         equations = bd.equations_of_motion(hub_beam(elements=elements, damping=0.0))
-        fills.append(factors(*matrices(equations, 1e-4)[name]).fill)
-    # Velocities are coupled by mass alone: ordered by that, their band tore and fills were 3 and 9.
+        fills.append(factorize(*integrator_matrices(equations, 1e-4)[name]).fill)
+    # Velocities are coupled by mass alone; an order by mass broke the band: fills of 3 and 9.
     assert_allclose(fills[1], fills[0], rtol=0.15)
 
 
 def test_frames_and_multipliers_come_last():
-    equations = bd.equations_of_motion(chain(2, elements=8))
+    equations = bd.equations_of_motion(chain_of_beams(2, elements=8))
     form = formulate_step(equations, False)
     order, border = compute_bordered_ordering(form.pattern)
     assert sorted(order) == list(range(form.size))
@@ -87,16 +87,16 @@ def test_frames_and_multipliers_come_last():
     assert last == {*frames, *equations.lam_names}
 
 
-def test_what_pivots_in_the_band_cannot_solve_is_solved_all_the_same():
+def test_useless_pivots_in_the_band_are_replaced():
     rng = np.random.default_rng(0)
     half = 30
     few, more = (rng.random((half, half)) * (rng.random((half, half)) < 0.1) for _ in range(2))
     links, others = np.eye(half) + few, more - np.diag(np.diag(more))
-    # Pivots of the band that are all rounding, and a border that is none.
+    # The pivots of the band are rounding noise, and the border is not.
     matrix = sp.csc_array(np.block([[1e-17 * np.eye(half), links], [links.T, others]]))
     assert compute_bordered_ordering(matrix).border == half
     right = rng.normal(size=2 * half)
-    x = factors(matrix, matrix.data).solve(right)
+    x = factorize(matrix, matrix.data).solve(right)
     assert backward_error(matrix, matrix.data, x, right) < 1e-10
 
 
@@ -104,4 +104,4 @@ def test_matrices_without_an_equation_or_an_unknown_are_singular():
     for empty in ([[1.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [1.0, 0.0]]):
         matrix = sp.csc_array(np.array(empty))
         with pytest.raises(ArithmeticError, match="singular"):
-            factors(matrix, matrix.data)
+            factorize(matrix, matrix.data)

@@ -1,9 +1,9 @@
-"""Elimination with pivots found before, against LAPACK."""
+"""Fill and elimination with given pivots, compared with LAPACK."""
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from chains import backward_error, chain, matrices
+from chains import backward_error, chain_of_beams, integrator_matrices
 from hub_beam import hub_beam
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -17,7 +17,7 @@ from beamdae.linear.pivots import propose_plans
 
 
 def analyze(pattern, nonzeros, refactorize=refactorize):
-    """The first plan that serves these numbers, and its factors."""
+    """Return the first plan that is suitable for these numbers, and its factors."""
     for plan in propose_plans(pattern, nonzeros):
         factors = allocate_factors(plan, nonzeros.dtype)
         with np.errstate(all="ignore"):
@@ -27,15 +27,15 @@ def analyze(pattern, nonzeros, refactorize=refactorize):
 
 
 def csc(dense):
-    """Pattern and non-zeros."""
+    """Return pattern and non-zeros."""
     pattern = sp.csc_array(np.asarray(dense))
     return pattern, pattern.data
 
 
-def solution(plan, factors, right):
-    found = right.astype(factors.x.dtype)
-    solve(plan, factors, found)
-    return found
+def solve_with(plan, factors, right):
+    x = right.astype(factors.x.dtype)
+    solve(plan, factors, x)
+    return x
 
 
 def numbers(rng, shape, kind):
@@ -51,7 +51,7 @@ def normwise_error(matrix, x, right):
 
 @st.composite
 def patterns(draw):
-    """Dense booleans of some structure: one entry a row and column, which need not be diagonal."""
+    """Dense booleans of full structural rank, whose diagonal may have zeros."""
     size = draw(st.integers(1, 25))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     dense = rng.random((size, size)) < draw(st.floats(0.0, 0.5))
@@ -64,20 +64,20 @@ def patterns(draw):
 @pytest.mark.parametrize("kind", [float, complex])
 @given(given_pattern=patterns())
 @settings(max_examples=80, deadline=None)
-def test_random_matrices_are_solved_as_lapack_solves_them(kind, given_pattern):
+def test_random_matrices_are_solved_as_by_lapack(kind, given_pattern):
     dense, rng = given_pattern
     size = len(dense)
     pattern, _ = csc(dense.astype(float))
-    found = None
+    analysis = None
     for _ in range(3):
         matrix = np.where(dense, numbers(rng, (size, size), kind), 0.0)
         right = numbers(rng, size, kind)
         if np.linalg.cond(matrix) > 1e8:
             continue
         nonzeros = matrix.T[dense.T]
-        if found is None or not refactorize(*found, nonzeros):
-            found = analyze(pattern, nonzeros)
-        x = solution(*found, right)
+        if analysis is None or not refactorize(*analysis, nonzeros):
+            analysis = analyze(pattern, nonzeros)
+        x = solve_with(*analysis, right)
         assert normwise_error(matrix, x, right) < 1e-9
         expected = np.linalg.solve(matrix, right)
         bound = 1e-9 * np.linalg.cond(matrix) * np.abs(expected).max()
@@ -85,7 +85,7 @@ def test_random_matrices_are_solved_as_lapack_solves_them(kind, given_pattern):
 
 
 @pytest.mark.parametrize("kind", [float, complex])
-def test_one_plan_serves_every_matrix_with_pivots_like_its_own(kind):
+def test_one_plan_factorizes_all_matrices_with_suitable_pivots(kind):
     rng = np.random.default_rng(0)
     size = 40
     row, column = np.indices((size, size))
@@ -96,36 +96,36 @@ def test_one_plan_serves_every_matrix_with_pivots_like_its_own(kind):
         matrix = np.where(dense, numbers(rng, (size, size), kind), 0.0) + 20.0 * np.eye(size)
         assert refactorize(plan, factors, matrix.T[dense.T])
         right = numbers(rng, size, kind)
-        x = solution(plan, factors, right)
+        x = solve_with(plan, factors, right)
         assert_allclose(x, np.linalg.solve(matrix, right), rtol=1e-12, atol=1e-15)
-        assert_allclose(solution(plan, factors, right), x, rtol=0.0, atol=0.0)
+        assert_allclose(solve_with(plan, factors, right), x, rtol=0.0, atol=0.0)
 
 
-def test_zeros_of_the_first_matrix_may_be_any_number_of_the_next_one():
+def test_zeros_of_the_analyzed_matrix_may_become_nonzero():
     size = 12
     pattern = sp.csc_array(np.ones((size, size)))
     plan, factors = analyze(pattern, np.eye(size).ravel())
     matrix = np.random.default_rng(0).normal(size=(size, size)) + size * np.eye(size)
     assert refactorize(plan, factors, matrix.T.ravel())
     right = np.arange(1.0, size + 1.0)
-    assert_allclose(solution(plan, factors, right), np.linalg.solve(matrix, right), rtol=1e-12)
+    assert_allclose(solve_with(plan, factors, right), np.linalg.solve(matrix, right), rtol=1e-12)
 
 
 @pytest.mark.parametrize("pivot", [0.0, 1e-30, 1e-14])
-def test_a_matrix_that_needs_other_pivots_is_told(pivot):
+def test_unsuitable_pivots_are_refused(pivot):
     rng, size = np.random.default_rng(0), 12
     pattern = sp.csc_array(np.ones((size, size)))
-    plan, _ = found = analyze(pattern, rng.normal(size=size * size))
+    plan, _ = analysis = analyze(pattern, rng.normal(size=size * size))
     matrix = rng.normal(size=(size, size))
-    # Of all the first pivots but in full.
+    # The first pivots are small, but not their rows.
     matrix[np.ix_(plan.rows[:4], plan.columns[:4])] *= pivot
     nonzeros, right = matrix.T.ravel(), rng.normal(size=size)
-    assert not refactorize(*found, nonzeros)
-    x = solution(*analyze(pattern, nonzeros), right)
+    assert not refactorize(*analysis, nonzeros)
+    x = solve_with(*analyze(pattern, nonzeros), right)
     assert_allclose(x, np.linalg.solve(matrix, right), rtol=1e-12)
 
 
-def test_digits_that_small_pivots_lose_are_refined():
+def test_refinement_recovers_digits_lost_by_small_pivots():
     pattern = sp.csc_array(np.ones((2, 2)))
     plan, factors = analyze(pattern, np.array([1.0, 2.0, 3.0, 1.0]))
     matrix = np.array([[2.0, 1.0], [1.0, 3.0]])
@@ -133,19 +133,19 @@ def test_digits_that_small_pivots_lose_are_refined():
     assert refactorize(plan, factors, matrix.T.ravel())
     assert factors.refinements[0] == 1
     right = np.array([1.0, 2.0])
-    found = solution(plan, factors, right)
-    assert_allclose(found, np.linalg.solve(matrix, right), rtol=1e-14)
+    x = solve_with(plan, factors, right)
+    assert_allclose(x, np.linalg.solve(matrix, right), rtol=1e-14)
 
 
 @pytest.mark.parametrize("kind", [float, complex])
 @pytest.mark.parametrize("bad", [0.0, np.nan, np.inf, 1e-320])
-def test_what_cannot_be_solved_is_told_and_leaves_nothing_behind(kind, bad):
+def test_unsolvable_matrix_is_refused_without_side_effects(kind, bad):
     pattern = sp.csc_array(sp.eye_array(3, format="csc"))
     plan, factors = analyze(pattern, np.array([1.0, 2.0, 3.0], kind))
     with np.errstate(all="ignore"):
         assert not refactorize(plan, factors, np.array([1.0, bad, 1.0], kind))
     assert refactorize(plan, factors, np.array([1.0, 2.0, 4.0], kind))
-    assert_allclose(solution(plan, factors, np.ones(3)), [1.0, 0.5, 0.25], rtol=1e-15)
+    assert_allclose(solve_with(plan, factors, np.ones(3)), [1.0, 0.5, 0.25], rtol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -158,35 +158,35 @@ def test_what_cannot_be_solved_is_told_and_leaves_nothing_behind(kind, bad):
         [[np.inf, 1.0], [1.0, 2.0]],
     ],
 )
-def test_a_matrix_without_pivots_is_said_to_be_singular(matrix):
+def test_singular_matrix_is_refused(matrix):
     with pytest.raises(SingularMatrixError):
         analyze(*csc(matrix))
 
 
-def test_entries_near_the_largest_float_are_no_overflow():
+def test_entries_near_the_largest_float_do_not_overflow():
     pattern, nonzeros = csc(np.diag([1.5e308, 1.5e308]))
-    found = solution(*analyze(pattern, nonzeros), np.array([1.5e308, 0.0]))
-    assert_allclose(found, [1.0, 0.0], rtol=1e-15)
+    x = solve_with(*analyze(pattern, nonzeros), np.array([1.5e308, 0.0]))
+    assert_allclose(x, [1.0, 0.0], rtol=1e-15)
 
 
-def test_what_pivots_in_the_band_cannot_solve_is_solved_all_the_same():
+def test_useless_pivots_in_the_band_are_replaced():
     rng = np.random.default_rng(0)
     half = 30
     few, more = (rng.random((half, half)) * (rng.random((half, half)) < 0.1) for _ in range(2))
     links, others = np.eye(half) + few, more - np.diag(np.diag(more))
-    # Pivots of the band that are all rounding, and a border that is none.
+    # The pivots of the band are rounding noise, and the border is empty.
     pattern, nonzeros = csc(np.block([[1e-17 * np.eye(half), links], [links.T, others]]))
     right = rng.normal(size=2 * half)
-    x = solution(*analyze(pattern, nonzeros), right)
+    x = solve_with(*analyze(pattern, nonzeros), right)
     assert backward_error(pattern, nonzeros, x, right) < 1e-10
 
 
-@pytest.mark.slow(reason="compiled anew")
+@pytest.mark.slow(reason="compiles loops")
 @pytest.mark.parametrize("kind", [float, complex])
-def test_compiled_it_finds_the_same(kind):
+def test_compiled_elimination_agrees(kind):
     numba = pytest.importorskip("numba")
     for function in (
-        elimination._modulus_estimate,
+        elimination._estimate_modulus,
         elimination._substitute,
         elimination._update_residual,
         elimination._eliminate,
@@ -197,17 +197,17 @@ def test_compiled_it_finds_the_same(kind):
     rng, size = np.random.default_rng(0), 30
     pattern = sp.csc_array(np.ones((size, size)))
     nonzeros, right = (numbers(rng, length, kind) for length in (size * size, size))
-    found = analyze(pattern, nonzeros, compiled[0])
-    x, expected = right.copy(), solution(*analyze(pattern, nonzeros), right)
-    compiled[1](*found, x)
+    analysis = analyze(pattern, nonzeros, compiled[0])
+    x, expected = right.copy(), solve_with(*analyze(pattern, nonzeros), right)
+    compiled[1](*analysis, x)
     assert_allclose(x, expected, rtol=1e-12)
-    assert not compiled[0](*found, np.nan * nonzeros)
-    assert not compiled[0](*found, 0.0 * nonzeros)
+    assert not compiled[0](*analysis, np.nan * nonzeros)
+    assert not compiled[0](*analysis, 0.0 * nonzeros)
 
 
 MECHANISMS = {
     "hub beam": lambda: hub_beam(elements=4, damping=0.0),
-    "welded, chord": lambda: chain(3, bd.Weld, elements=2, frame="chord"),
+    "welded, chord": lambda: chain_of_beams(3, bd.Weld, elements=2, frame="chord"),
 }
 
 
@@ -215,7 +215,7 @@ MECHANISMS = {
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_iteration_matrices_keep_their_pivots_over_steps(name):
     equations = bd.equations_of_motion(MECHANISMS[name]())
-    first, *others = (matrices(equations, step) for step in (1e-3, 3e-3, 3e-4))
+    first, *others = (integrator_matrices(equations, step) for step in (1e-3, 3e-3, 3e-4))
     for kind, (pattern, nonzeros) in first.items():
         plan, factors = analyze(pattern, nonzeros)
         entries = len(plan.upper_rows) + len(plan.lower_rows) + len(plan.rows)
@@ -224,5 +224,5 @@ def test_iteration_matrices_keep_their_pivots_over_steps(name):
         right = np.random.default_rng(1).normal(size=pattern.shape[0])
         for other in (first, *others):
             assert refactorize(plan, factors, other[kind][1])
-            x = solution(plan, factors, right)
+            x = solve_with(plan, factors, right)
             assert backward_error(*other[kind], x, right) < 1e-8

@@ -51,7 +51,7 @@ class Body:
         return self.kind != "particle"
 
     def point(self, u: float, w: float = 0.0) -> tuple[float, float]:
-        """Return the point at fraction `u` of the length; `w` is left of the axis of a rigid body."""
+        """Return the point at fraction `u` of the length and offset `w` to the left."""
         c, s = np.cos(self.heading), np.sin(self.heading)
         if self.kind == "particle":
             return self.start

@@ -106,7 +106,7 @@ class MechanismState(NumericEquations):
             row[2] += x * load[1] - y * load[0]
         return reactions
 
-    # Similar mechanisms -----------------------------------------------------------------------------
+    # Similar mechanisms ----------------------------------------------------------------------
 
     def rounding(self) -> tuple[np.ndarray, np.ndarray]:
         """Return accelerations and reactions due to coordinate errors of their own size."""

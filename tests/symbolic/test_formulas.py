@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from chains import STRIP, state
+from chains import STRIP, random_state
 from numpy.testing import assert_allclose
 from support import NumericEquations
 
@@ -70,7 +70,7 @@ def machine():
 
 def values(numeric):
     """Forces, reactions, all levels and what is observed, at some state."""
-    q, v, a, lam = state(numeric.equations)
+    q, v, a, lam = random_state(numeric.equations)
     levels = [level(q=q, v=v, a=a) for level in numeric.levels]
     names = [observable.name for observable in numeric.equations.observables]
     observed = [numeric.observed(name, q=q, v=v, lam=lam) for name in names]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from chains import STRIP, chain, state
+from chains import STRIP, chain_of_beams, random_state
 from numpy.testing import assert_allclose, assert_array_equal
 
 import beamdae as bd
@@ -42,7 +42,7 @@ def each_on_its_own(statements):
 def numbers(equations, name):
     """Residual and Jacobian of a first-order form at some state."""
     form = formulate_first_order(equations, name)
-    q, v, a, _ = state(equations)
+    q, v, a, _ = random_state(equations)
     rest = np.cos(np.arange(form.size - 2 * equations.n))
     y, yp = np.concatenate([q, v, rest]), np.concatenate([v, a, 2.0 * rest])
     time = np.array([0.7, 0.7])
@@ -68,7 +68,7 @@ def test_a_longer_chain_has_no_longer_program(joint):
     programs = []
     for beams in (5, 10):
         form = formulate_first_order(
-            bd.equations_of_motion(chain(beams, joint)), "stabilized-index1"
+            bd.equations_of_motion(chain_of_beams(beams, joint)), "stabilized-index1"
         )
         programs.append([len(total.batches) for total in form.sums])
     assert programs[0] == programs[1]
