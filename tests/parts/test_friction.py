@@ -162,7 +162,9 @@ def test_a_rod_that_no_acceleration_fits_is_told_of():
 
     # N (1 + 3 cos^2) + 3 mu |N| cos sin = m g: from mu = (1 + 1.5) / 1.5 on there is no N.
     run(rod(1.6), bd.Radau(), 1e-3)
-    with pytest.raises(bd.BeamdaeError, match=r"floor: no accelerations .* at t = 0 s, .*Painleve"):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"floor: friction admits no accelerations .* at t = 0 s .*Painleve"
+    ):
         run(rod(1.8), bd.Radau(), 1e-3)
 
 
@@ -188,7 +190,9 @@ def test_tangents_are_derivatives():
     powers = numeric.energies(q, v, None, lam)
     # What it dissipates is its work.
     free = numeric.force(q, v) @ v
-    assert_allclose(powers[4], evaluator.force(numeric.time, q, v, None, lam) @ v - free, rtol=1e-12)
+    assert_allclose(
+        powers[4], evaluator.force(numeric.time, q, v, None, lam) @ v - free, rtol=1e-12
+    )
 
 
 GROUND = bd.Mechanism().ground

@@ -317,17 +317,3 @@ def test_hand_rounded_coordinates_meet():
     x, y = TIP
     joint = bd.Revolute("pin", disk.at(round(x, 7), round(y, 7)), beam.end)
     assert joint.reaction.columns == (("Fx", "N"), ("Fy", "N"))
-
-
-def test_a_joint_of_another_constraint_than_that_it_is_derived_from_holds_its_own():
-    class Off(bd.Revolute):
-        """Holds the points apart by as much as its name says."""
-
-        def constraint(self, local, q_a, q_b):
-            return super().constraint(local, q_a, q_b) - float(self.name)
-
-    for name in ("0.25", "0.5"):
-        mech, disk, beam = parts()
-        mech.add(Off(name, disk.at(*beam.start.point), beam.start))
-        gap = NumericEquations(mech).levels[0](time=[0.0, 0.0])
-        assert_allclose(gap, -float(name), rtol=1e-14)

@@ -210,7 +210,7 @@ BEAM = VARIANTS[0].beam(ARC)
         (lambda: bd.Damper("s", A, B, "3"), "s: damping must be a number, got '3'"),
         (lambda: bd.Spring("s", A, B, 1.0, -2.0), "s: free_length must not be negative"),
         (lambda: bd.Spring("s", A, B, 1.0, preload=np.inf), "s: preload must be finite"),
-        (lambda: bd.Spring("s", MET, B, 1.0, 1.0), r"s: .* are drawn at one place .*Bushing"),
+        (lambda: bd.Spring("s", MET, B, 1.0, 1.0), r"s: .* are drawn at one place.*Bushing"),
         (lambda: bd.Damper("s", MET, B, 1.0), "s: .* are drawn at one place"),
         (
             lambda: bd.Spring("s", GROUND.at(0, 0), GROUND.at(1, 0), 1.0),

@@ -1,0 +1,222 @@
+"""Joints written by users: reactions, kernels, switching by events, drawings and messages."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from support import NumericEquations
+
+import beamdae as bd
+from beamdae.symbolic.statements import Named
+
+GRAVITY = 9.81
+
+
+@dataclass(frozen=True, eq=False)
+class Rod(bd.Joint):
+    """Massless rod: g = length - |r_b - r_a|, tension positive."""
+
+    symbol = "link"
+    multipliers = (Named("length", "N"),)
+    reactions = ("F",)
+
+    @property
+    def gap_parameters(self):
+        return (math.dist(self.a.point, self.b.point),)
+
+    @staticmethod
+    def gap(t, a, b, length):
+        return length - ca.norm_2(b.position - a.position)
+
+
+@dataclass(frozen=True, eq=False)
+class Clamp(bd.Joint):
+    """Weld with an angle between the bodies, read from `self`."""
+
+    angle: float = 0.0
+    multipliers = (Named("x", "N"), Named("y", "N"), Named("angle", "N m"))
+    reactions = ("Fx", "Fy", "M")
+
+    def gap(self, t, a, b):
+        return ca.vertcat(b.position - a.position, b.rotation - a.rotation - self.angle)
+
+
+@dataclass(frozen=True, eq=False)
+class Slot(bd.Joint):
+    """Horizontal slot in the body of a, with friction."""
+
+    multipliers = (Named("y", "N"),)
+    reactions = ("F",)
+    slide_direction = (1.0, 0.0)
+
+    @staticmethod
+    def gap(t, a, b):
+        return (b.position - a.position)[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Axle(bd.Joint):
+    """Nonholonomic joint: b does not move across the body of a."""
+
+    multipliers = (Named("side", "N"),)
+    reactions = ("F",)
+
+    @staticmethod
+    def slip(t, a, b):
+        normal = ca.vertcat(-ca.sin(b.rotation), ca.cos(b.rotation))
+        return ca.dot(normal, b.velocity - a.velocity)
+
+
+@dataclass(frozen=True, eq=False)
+class Lift(bd.Joint):
+    """Height of b over a as a law of time."""
+
+    law: object = None
+    multipliers = (Named("height", "N"),)
+    reactions = ("F",)
+
+    @property
+    def laws(self):
+        return (self.law,)
+
+    @staticmethod
+    def gap(t, a, b, height):
+        return (b.position - a.position)[1] - height
+
+
+def hanging(joint):
+    """Return a mechanism with a ball of 1 kg below the origin, held by a joint."""
+    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, -1.0)))
+    mech.add(joint("j", mech.ground.at(0.0, 0.0), ball.point))
+    return mech
+
+
+def reaction_at_rest(mech, quantity):
+    mech.observe("reaction", quantity)
+    table = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=0.01).observed
+    return table.filter(like="reaction").iloc[0].to_numpy()
+
+
+def test_tension_is_positive_where_the_gap_shrinks_with_the_distance():
+    mech = hanging(Rod)
+    assert_allclose(reaction_at_rest(mech, mech.part("j").reaction), GRAVITY, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("place", "sign"), [("a", -1.0), ("b", 1.0)])
+def test_the_rod_pulls_the_ball_up_and_the_ground_down(place, sign):
+    mech = hanging(Rod)
+    load = reaction_at_rest(mech, mech.part("j").reaction_on(place))
+    assert_allclose(load[:2], [0.0, sign * GRAVITY], rtol=1e-9, atol=1e-9)
+
+
+def test_a_law_of_time_enters_the_gap_and_drives_the_ball():
+    law = bd.piecewise((0.5, lambda t: -1.0 + t**2), lambda t: -0.75 + (t - 0.5))
+    mech = hanging(lambda name, a, b: Lift(name, a, b, law))
+    mech.observe("ball", mech.part("ball").point)
+    solution = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=1.0)
+    assert_allclose(solution["ball.y"].iloc[-1], -0.25, atol=1e-7)
+    assert mech.laws == [law]
+
+
+def test_rods_of_different_lengths_share_one_kernel():
+    kernels = []
+    for length in (1.0, 2.0):
+        mech = bd.Mechanism()
+        ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, -length)))
+        (statement,) = Rod("j", mech.ground.at(0.0, 0.0), ball.point).constraints()
+        assert statement.data.tolist()[-1] == [length]
+        kernels.append(statement.kernel)
+    assert kernels[0] is kernels[1]
+
+
+def test_a_gap_that_reads_self_has_a_kernel_for_each_joint():
+    for angle in (0.25, 0.5):
+        mech = bd.Mechanism()
+        disk = mech.add(bd.RigidBody("disk", mass=1.0, inertia=0.1))
+        clamp = mech.add(Clamp("j", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0), angle))
+        assert_allclose(NumericEquations(mech).levels[0](), [0.0, 0.0, -angle], atol=1e-15)
+        assert not clamp.constraints()[0].kernel.reused
+
+
+def test_a_nonholonomic_joint_constrains_velocities_alone():
+    mech = bd.Mechanism()
+    body = bd.RigidBody("sled", mass=1.0, inertia=0.1, velocity=(1.0, 0.0), angular_velocity=1.0)
+    sled = mech.add(body)
+    mech.add(Axle("j", mech.ground.at(0.0, 0.0), sled.at(0.0, 0.0)))
+    mech.observe("sled", sled.at(0.0, 0.0))
+    solution = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=math.pi / 2.0)
+    # The path is a circle of radius 1 m.
+    end = solution.observed.iloc[-1]
+    assert_allclose(end[["sled.x [m]", "sled.y [m]"]].to_numpy(float), [1.0, 1.0], atol=1e-6)
+
+
+def test_friction_acts_along_the_slide_direction():
+    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
+    block = mech.add(bd.RigidBody("block", mass=2.0, inertia=0.1, velocity=(1.0, 0.0)))
+    slot = mech.add(Slot("slot", mech.ground.at(0.0, 0.0), block.at(0.0, 0.0)))
+    mech.add(bd.Friction("rub", slot, 0.3, regularization=1e-4))
+    mech.observe("block", block.at(0.0, 0.0))
+    solution = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=0.1)
+    assert_allclose(solution["block.x_dot"].iloc[-1], 1.0 - 0.3 * GRAVITY * 0.1, rtol=1e-6)
+
+
+@pytest.mark.parametrize("joint", [Rod, Clamp])
+def test_a_joint_activated_as_it_is_keeps_its_gap(joint):
+    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
+    disk = mech.add(bd.RigidBody("disk", mass=1.0, inertia=0.1, center=(0.0, -1.0)))
+    held = mech.add(joint("j", mech.ground.at(0.0, 0.0), disk.at(0.0, -1.0)))
+    mech.deactivate(held)
+    mech.observe("disk", disk.at(0.0, -1.0))
+    mech.when("disk.y", -1.5, "down", bd.activate(held, as_is=True), name="catch")
+    solution = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=0.6)
+    assert list(solution.events["event"]) == ["catch"]
+    assert_allclose(solution["disk.y"].iloc[-1], -1.5, atol=1e-6)
+
+
+def test_rolling_on_a_circle_can_be_activated_as_it_is():
+    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
+    disk = mech.add(bd.RigidBody("disk", mass=1.0, inertia=0.1, center=(0.0, 1.5)))
+    contact = bd.RollingOnCircle("roll", mech.ground.at(0.0, 0.0), disk.at(0.0, 1.5), (1.0, 0.5))
+    mech.add(contact)
+    mech.deactivate(contact)
+    mech.observe("disk", disk.at(0.0, 1.5))
+    mech.when("disk.y", 1.4, "down", bd.activate(contact, as_is=True), name="touch")
+    solution = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=0.3)
+    distance = np.hypot(solution["disk.x"], solution["disk.y"]).iloc[-1]
+    assert_allclose(distance, 1.4, atol=1e-6)
+
+
+def test_a_user_joint_is_drawn_with_its_symbol():
+    figure = hanging(Rod).draw()
+    assert figure is not None
+
+    class Misspelled(Rod):
+        symbol = "lnk"
+
+    with pytest.raises(bd.BeamdaeError, match=r"j: symbol must be one of .*'link'.*, got 'lnk'"):
+        hanging(Misspelled).draw()
+
+
+def test_incomplete_joints_are_rejected_with_what_they_lack():
+    class Gapless(bd.Joint):
+        multipliers = (Named("x", "N"),)
+        reactions = ("F",)
+
+    class Nameless(Rod):
+        reactions = bd.Joint.reactions
+        multipliers = bd.Joint.multipliers
+
+    with pytest.raises(bd.BeamdaeError, match=r"^j: Gapless has no constraint; define gap"):
+        bd.equations_of_motion(hanging(Gapless))
+    with pytest.raises(bd.BeamdaeError, match=r"^j: Nameless has no multipliers; define a Named"):
+        bd.equations_of_motion(hanging(Nameless))
+    with pytest.raises(bd.BeamdaeError, match=r"^j: Nameless has no reactions; define a column"):
+        _ = hanging(Nameless).part("j").reaction
+    with pytest.raises(bd.BeamdaeError, match="place must be one of"):
+        hanging(Rod).part("j").reaction_on("c")
