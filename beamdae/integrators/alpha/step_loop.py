@@ -133,8 +133,8 @@ def _change_step(run: AdaptiveAlphaWorkspace, h: float) -> int:
 
     a_n = q''_n + shift h_n q''' + O(h^2) belongs to the step h_n that led to it: for h it is
     q''_n + (h / h_n) (a_n - q''_n). On index 3 positions are on the constraints after every step,
-    although each lacks defect h^3 q''', because velocities are off by h_n^2 defect P q'''
-    (P as in `ConsistencySolver.evaluate_normal_jerk`): that is made h^2 defect P q'''. Without the first
+    although each lacks defect h^3 q''', because velocities are off by h_n^2 defect P q''' (P as in
+    `ConsistencySolver.evaluate_normal_jerk`): that is made h^2 defect P q'''. Without the first
     conversion, steps that change all the time are of first order; without the second, multipliers
     are after every change. Cf. Arnold, Hante & Koebis, PAMM 14 (2014) 27. Bruls & Arnold, J.
     Comput. Nonlinear Dyn. 3 (2008) 041007, let the parameters depend on the ratio of the steps

@@ -1,0 +1,355 @@
+"""Fixed-step methods on a first-order form whose step is one compiled function.
+
+A new method is a function `step(run, t, h) -> code` of plain Python over arrays, restricted to what
+numba compiles and to the functions of `native.loop_functions`. It predicts and solves one
+`ImplicitStage` after the other by `solve_stage`. `FixedStepMethod` compiles it into a loop over
+steps, and runs it as it is where there is no machine code.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, make_dataclass
+from functools import cache
+from types import FunctionType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import State
+from beamdae.equations.formulations.first_order import (
+    FirstOrderBuffers,
+    evaluate_jacobian,
+    evaluate_residual,
+    formulate_first_order,
+)
+from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
+from beamdae.integrators.error_control import motion_scales
+from beamdae.integrators.limits import require_feasible_step
+from beamdae.integrators.method import StepError
+from beamdae.integrators.run_plan import RunPlan
+from beamdae.native.loop_functions import combine, factorize, max_norm, solve
+from beamdae.native.return_codes import DONE, FULL, NEW_PIVOTS, SINGULAR
+from beamdae.results.outcome import Statistics
+
+Array = np.ndarray
+
+# Codes of stages that cannot be solved, besides SINGULAR.
+NOT_CONVERGED = -1
+NOT_FINITE = -2
+
+_MAX_ITERATIONS = 12
+# The factors are kept while every iteration reduces the correction by this factor.
+_KEEP_RATE = 0.05
+# If it converges more slowly than this, the matrix is renewed within the iteration.
+_SLOW_RATE = 0.2
+# An iteration diverges if its correction grows by more than this factor.
+_MAX_CORRECTION_GROWTH = 2.0
+# Least rate of convergence that is believed, after and before the second iteration.
+_MIN_RATE = 1e-4
+_MIN_FIRST_RATE = 1e-2
+# An interval is divided into one step less if that makes them longer by less than this share.
+_STEP_COUNT_ROUNDING = 1e-6
+_STEPS_PER_CHECK = 64
+_FAILURES = {
+    NOT_CONVERGED: "Newton's iteration did not converge; take a smaller step",
+    NOT_FINITE: "the residual is not finite; check laws and start values",
+    SINGULAR: "the matrix is singular or not finite; check masses and joints",
+}
+
+
+@dataclass(slots=True)
+class ImplicitStage:
+    """An implicit stage R(t, y, c y + offset) = 0, with factors of its own.
+
+    Attributes
+    ----------
+    y, yp
+        The stage; the step function sets `y` to a prediction before it calls `solve_stage`.
+    offset
+        Part of y' that does not depend on y, set by the step function.
+    change
+        Residual and correction of the iteration.
+    linear, nonzeros
+        Solver and non-zeros of dR/dy + c dR/dy'.
+    prediction
+        The prediction.
+    c, rate
+        c of the factors, and the rate of convergence of the last iteration with them.
+    """
+
+    y: Array
+    yp: Array
+    offset: Array
+    change: Array
+    linear: Any
+    nonzeros: Array
+    prediction: Array
+    c: float = 0.0
+    rate: float = math.inf
+
+
+@dataclass(slots=True)
+class StepWorkspace:
+    """Memory of a run; the workspace of a method has its stages as further fields.
+
+    Attributes
+    ----------
+    form
+        Equations R(t, y, y') = 0 with y = (q, v, multipliers).
+    y, yp
+        Values at the start of the step; the step function replaces them if it succeeds.
+    weights
+        One over the scales of (q, v), (2 n,).
+    newton_tolerance
+        Bound on the error of Newton's iteration, relative to the scales.
+    has_impulses
+        1 if the multipliers are derivatives of unknowns; see `Formulation.impulses`.
+    rows, filled, most
+        (t, q, v, a, lam) of the steps taken, the number of rows filled, and of rows requested.
+    start, end, branch
+        Start and end of the interval, and a time inside it [s].
+    step_count, total_steps
+        Number of equal steps taken and to take in the interval.
+    residuals, jacobians, failures
+        Numbers of evaluations, and of iterations that failed with old factors.
+    """
+
+    form: FirstOrderBuffers
+    y: Array
+    yp: Array
+    weights: Array
+    newton_tolerance: float
+    has_impulses: int
+    rows: Array
+    filled: int = 0
+    most: int = 0
+    start: float = 0.0
+    end: float = 0.0
+    branch: float = 0.0
+    step_count: int = 0
+    total_steps: int = 0
+    residuals: int = 0
+    jacobians: int = 0
+    failures: int = 0
+
+
+# Takes a step from t over h [s]: replaces y and yp of the workspace and returns DONE, or a code.
+StepFunction = Callable[[Any, float, float], int]
+
+
+def solve_stage(run: Any, stage: ImplicitStage, t: float, c: float) -> int:
+    """Solve a stage at time `t` [s] by Newton's iteration from its prediction; return the code.
+
+    The factors are kept from step to step while the iteration converges fast with them. The step
+    function has to return any other code than DONE.
+    """
+    combine(stage.prediction, (1.0,), (stage.y,))
+    if stage.rate <= _KEEP_RATE and stage.c == c:
+        code = _iterate_newton(run, stage, t, c, False)
+        if code in (DONE, NOT_FINITE):
+            return code
+        run.failures += 1
+        combine(stage.y, (1.0,), (stage.prediction,))
+    code = _factorize_stage(run, stage, t, c)
+    if code == DONE:
+        code = _iterate_newton(run, stage, t, c, True)
+    return code
+
+
+def _factorize_stage(run: Any, stage: ImplicitStage, t: float, c: float) -> int:
+    combine(stage.yp, (c, 1.0), (stage.y, stage.offset))
+    evaluate_jacobian(run.form, t, run.branch, c, stage.y, stage.yp, stage.nonzeros)
+    code = factorize(stage.linear, stage.nonzeros)
+    stage.c, stage.rate = c, 0.0 if code == DONE else math.inf
+    # With other pivots the step is repeated.
+    if code != NEW_PIVOTS:
+        run.jacobians += 1
+        stage.linear.singular = 0
+    return code
+
+
+def _iterate_newton(run: Any, stage: ImplicitStage, t: float, c: float, may_renew: bool) -> int:
+    previous = math.inf
+    for k in range(_MAX_ITERATIONS):
+        combine(stage.yp, (c, 1.0), (stage.y, stage.offset))
+        evaluate_residual(run.form, t, run.branch, stage.y, stage.yp, stage.change)
+        run.residuals += 1
+        solve(stage.linear, stage.change)
+        combine(stage.y, (1.0, -1.0), (stage.y, stage.change))
+        size = max_norm(stage.change[: run.weights.size], run.weights)
+        if k == 0 and not math.isfinite(size):
+            return NOT_FINITE
+        # Written so that a size that is not a number ends the iteration, too.
+        if not size <= _MAX_CORRECTION_GROWTH * previous:
+            return NOT_CONVERGED
+        if k > 0:
+            stage.rate = max(size / previous, _MIN_RATE) if previous > 0.0 else 0.0
+        rate = stage.rate if k > 0 else max(stage.rate, _MIN_FIRST_RATE)
+        if rate < 1.0 and size * rate <= run.newton_tolerance * (1.0 - rate):
+            combine(stage.yp, (c, 1.0), (stage.y, stage.offset))
+            return DONE
+        if may_renew and rate > _SLOW_RATE:
+            code = _factorize_stage(run, stage, t, c)
+            if code != DONE:
+                return code
+        previous = size
+    return NOT_CONVERGED
+
+
+def _store_row(run: Any, t: float) -> None:
+    row, n, y, yp = run.rows[run.filled], run.form.n, run.y, run.yp
+    m = row.size - 1 - 3 * n
+    row[0] = t
+    combine(row[1 : 1 + 2 * n], (1.0,), (y[: 2 * n],))
+    combine(row[1 + 2 * n : 1 + 3 * n], (1.0,), (yp[n : 2 * n],))
+    multipliers = yp if run.has_impulses == 1 else y
+    combine(row[1 + 3 * n :], (1.0,), (multipliers[2 * n : 2 * n + m],))
+    run.filled += 1
+
+
+def step_function(run: Any, t: float, h: float) -> int:
+    """Stand-in for the step function of a method in `_take_steps`."""
+    raise NotImplementedError
+
+
+def _take_steps(run: Any) -> int:
+    h = (run.end - run.start) / run.total_steps
+    while run.step_count < run.total_steps:
+        if run.filled == run.most:
+            return FULL
+        code = step_function(run, run.start + run.step_count * h, h)
+        if code != DONE:
+            return code
+        run.step_count += 1
+        last = run.step_count == run.total_steps
+        _store_row(run, run.end if last else run.start + run.step_count * h)
+    return DONE
+
+
+@cache
+def _loop_over(step: StepFunction) -> Callable[[Any], int]:
+    """Return `_take_steps` with this step function; numba cannot take functions as arguments."""
+    namespace = {**_take_steps.__globals__, "step_function": step}
+    return FunctionType(_take_steps.__code__, namespace, f"{_take_steps.__name__}_{step.__name__}")
+
+
+class FixedStepMethod:
+    """A method of equal steps on a first-order form, compiled where machine code is available.
+
+    Parameters
+    ----------
+    plan
+        Plan of the run.
+    step_function
+        `step_function(run, t, h)` takes a step from t over h [s]: it reads `run.y` and `run.yp`,
+        solves the stages, and writes `run.y` and `run.yp` if all of them succeed.
+    step
+        Step [s], shortened to end on breakpoints and on the end time.
+    stages
+        Names of the implicit stages, fields of `run`.
+    formulation
+        First-order form; "stabilized-index1" has y = (q, v, Lam, Eta), lam = Lam'.
+    newton_tolerance
+        Bound on the error of Newton's iteration, relative to the scales of positions and
+        velocities.
+    """
+
+    rows_per_step: ClassVar[int] = 1
+    steps_per_check: ClassVar[int] = _STEPS_PER_CHECK
+    resolved_options: ClassVar[dict[str, Any]] = {}
+
+    def __init__(
+        self,
+        plan: RunPlan,
+        step_function: StepFunction,
+        step: float,
+        stages: Sequence[str],
+        formulation: str = "stabilized-index1",
+        newton_tolerance: float = 1e-8,
+    ) -> None:
+        require_feasible_step(step_function.__name__, "step", step, plan.duration)
+        self._step, self._stages = step, tuple(stages)
+        self._form = form = formulate_first_order(plan.equations, formulation)
+        n, m, scales = form.equations.n, form.equations.m, motion_scales(plan)
+        weights = 1.0 / np.concatenate([scales.position, scales.rate * scales.position])
+        first = plan.matrix(f"{step_function.__name__} {self._stages[0]}", form.pattern)
+        others = [
+            FactorizedMatrix.from_pattern(form.pattern, pivot_source=first)
+            for _ in self._stages[1:]
+        ]
+        self._matrices = dict(zip(self._stages, [first, *others], strict=True))
+        fields = [(name, ImplicitStage) for name in self._stages]
+        workspace_class = make_dataclass(
+            "MethodWorkspace", fields, bases=(StepWorkspace,), kw_only=True, slots=True
+        )
+
+        def make_stage(matrix: FactorizedMatrix, native: bool) -> ImplicitStage:
+            linear = matrix.make_solver(native, "auto")
+            y, yp, offset, change, prediction = (np.zeros(form.size) for _ in range(5))
+            return ImplicitStage(y, yp, offset, change, linear, matrix.nonzeros, prediction)
+
+        def make_workspace(native: bool) -> Any:
+            return workspace_class(
+                form=form.buffers(native),
+                y=np.zeros(form.size),
+                yp=np.zeros(form.size),
+                weights=weights,
+                newton_tolerance=newton_tolerance,
+                has_impulses=int(form.formulation.impulses),
+                rows=np.zeros((_STEPS_PER_CHECK, 1 + 3 * n + m)),
+                **{name: make_stage(matrix, native) for name, matrix in self._matrices.items()},
+            )
+
+        def solvers(run: Any) -> list[tuple[Any, FactorizedMatrix]]:
+            return [(getattr(run, name).linear, matrix) for name, matrix in self._matrices.items()]
+
+        loop = _loop_over(step_function)
+        self._step_loop = StepLoop(loop, make_workspace, solvers, form.is_native)
+        self._run = self._step_loop.work
+
+    @property
+    def is_native(self) -> bool:
+        """True if the steps run in machine code."""
+        return self._step_loop.is_native
+
+    @property
+    def counts(self) -> Statistics:
+        """Calls, factorizations and failures so far."""
+        run = self._run
+        solvers = [getattr(run, name).linear for name in self._stages]
+        return Statistics(
+            residual_calls=run.residuals,
+            jacobian_calls=run.jacobians,
+            factorizations=sum(linear.factorizations for linear in solvers),
+            solves=sum(linear.solves for linear in solvers),
+            newton_failures=run.failures,
+        )
+
+    def begin(self, start: float, end: float, branch: float, state: State) -> None:
+        """Begin a smooth interval [s] at a consistent state."""
+        run = self._run
+        run.start, run.end, run.branch = start, end, branch
+        count = int(np.ceil((end - start) / self._step - _STEP_COUNT_ROUNDING))
+        run.step_count, run.total_steps = 0, max(count, 1)
+        run.y[:], run.yp[:] = self._form.pack(state)
+        for name in self._stages:
+            getattr(run, name).rate = math.inf
+
+    def advance(self, most: int) -> Array:
+        """Return rows (t, q, v, a, lam) of one to `most` more steps.
+
+        Raises
+        ------
+        StepError
+            If no step is possible.
+        """
+        run = self._run
+        run.most, run.filled = min(most, _STEPS_PER_CHECK), 0
+        # The steps before a failure are returned first: the loop fails again on the next call.
+        code = self._step_loop()
+        if run.filled == 0:
+            stage = getattr(run, self._stages[-1])
+            raise StepError(_FAILURES[code], stage.change)
+        return run.rows[: run.filled]
