@@ -62,7 +62,7 @@ def test_several_speeds_are_a_campbell_diagram(modes, tmp_path):
 def test_what_cannot_move_has_a_table_without_rows(modes, tmp_path):
     said = modes("--set", "held=True")
     assert said.exit_code == 0
-    assert "nothing vibrates: joints and drivers hold every coordinate" in said.stdout
+    assert "nothing vibrates: joints and drivers fix every coordinate" in said.stdout
     assert len(pd.read_csv(tmp_path / "results/cross_modes.csv")) == 0
 
 

@@ -20,7 +20,7 @@ SENTENCES = {
     "sliding_mass": ": no equilibrium was found, this coordinate moves without end",
     # Nothing but rubbing and its speed hold the weight that drives it.
     "governor": "rotor.angle: no equilibrium was found, this coordinate moves without end",
-    "quick_return": "friction follows the speed of sliding and holds nothing at rest",
+    "quick_return": "friction depends on the sliding velocity and is zero at rest",
 }
 ENDS = {"sliding_mass": 1, "governor": 2}
 

@@ -117,7 +117,7 @@ def test_a_frame_is_followed_around_turning_points():
     factors = [[one.factor for one in path.critical] for path in (coarse, fine)]
     # What four elements leave.
     assert_allclose(factors[0], factors[1], rtol=3e-5)
-    with pytest.warns(bd.BeamdaeWarning, match="goes on where a displacement turns back"):
+    with pytest.warns(bd.BeamdaeWarning, match="continues where a displacement turns back"):
         bd.equilibrium(equilibria.lee_frame(4), to={"load.y": 30.0})
 
 
