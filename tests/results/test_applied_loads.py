@@ -1,4 +1,4 @@
-"""What acts on a beam, of whatever parts, is what its inertia asks for."""
+"""The loads on a beam, from any part, balance its inertia."""
 
 import numpy as np
 import pytest
@@ -14,12 +14,12 @@ from beamdae.results.section_forces.applied_loads import collect_applied_loads
 SECTION = bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05, damping=0.03)
 PARTS = JOINTS | LOADS
 FRAME, NODES = "chord frame, Green's strain", "nodes"
-# One of each way in which a part acts: at points, per length, by shares of nodes, on elements.
+# One part per distribution of loads: at points, per length, over nodes, on elements.
 KINDS = ("slider on a beam", "spring within a beam", "pressure", "sliding in the span", "air drag")
 
 
-def acting(make, kind, shape="curved"):
-    """What acts on the beam at any positions and velocities, with the accelerations of these."""
+def collect_loads(make, kind, shape="curved"):
+    """Return a beam and the loads on it at random positions and velocities."""
     mech = bd.Mechanism(gravity=(0.2, -1.5))
     disk = mech.add(bd.RigidBody("disk", mass=1.3, inertia=0.7, center=(0.5, 0.4)))
     kinematics = KINEMATICS[kind]
@@ -37,20 +37,20 @@ def acting(make, kind, shape="curved"):
 
 
 def assert_balanced(make, kind, shape="curved", off=1e-11):
-    beam, on = acting(make, kind, shape)
-    line_loads = np.einsum("rekc,k->rec", on.line_loads, gauss_points(beam.mesh.nodes)[1])
-    parts = np.concatenate([line_loads, on.wrenches], axis=1)[0]
+    beam, loads = collect_loads(make, kind, shape)
+    line_loads = np.einsum("rekc,k->rec", loads.line_loads, gauss_points(beam.mesh.nodes)[1])
+    parts = np.concatenate([line_loads, loads.wrenches], axis=1)[0]
     np.testing.assert_allclose(parts.sum(axis=0), 0.0, atol=off * np.max(np.abs(parts)))
-    return on
+    return loads
 
 
 @pytest.mark.parametrize(
     ("kind", "shape"),
     [*((kind, "curved") for kind in KINEMATICS), (FRAME, "straight"), (NODES, "straight")],
 )
-def test_weight_and_inertia(kind, shape):
-    on = assert_balanced(None, kind, shape)
-    assert not on.wrenches.size
+def test_weight_balances_inertia(kind, shape):
+    loads = assert_balanced(None, kind, shape)
+    assert not loads.wrenches.size
 
 
 @pytest.mark.parametrize("kind", [FRAME, NODES])
@@ -62,11 +62,11 @@ def test_weight_and_inertia(kind, shape):
         if name != "Rayleigh"
     ],
 )
-def test_all_parts(name, kind):
+def test_loads_of_each_part_balance_inertia(name, kind):
     assert_balanced(PARTS[name], kind)
 
 
-def test_rayleigh_damping():
+def test_rayleigh_damping_balances_inertia():
     assert_balanced(LOADS["Rayleigh"], NODES)
-    # In a frame its strain rates are linear: what bends is turned by moments that nothing bears.
+    # In a floating frame its strain rates are linear, so that its moments do not balance exactly.
     assert_balanced(LOADS["Rayleigh"], FRAME, off=1e-2)

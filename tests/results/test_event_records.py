@@ -1,10 +1,10 @@
-"""What is told of events that happened, and of what they switched."""
+"""Text of event records, and drift of joints that events switch off."""
 
 import beamdae as bd
 from beamdae.results.event_records import format_event_times
 
 
-def test_what_happened_is_told_with_the_time():
+def test_events_are_formatted_with_their_first_time():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
     mech.observe("ball", ball.point)
@@ -17,7 +17,7 @@ def test_what_happened_is_told_with_the_time():
     assert format_event_times(()) == "none"
 
 
-def test_regression_joints_that_are_switched_off_do_not_drift():
+def test_regression_deactivated_joints_have_no_drift():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
     string = mech.add(bd.Distance("string", mech.ground.at(0.0, 0.0), bob.point))
@@ -26,7 +26,7 @@ def test_regression_joints_that_are_switched_off_do_not_drift():
     solution = bd.simulate(mech, bd.Radau(rtol=1e-6), 1.5)
     (cut,) = solution.event_records
     drift = solution.drift
-    # Between its steps a run is off by the error of its polynomials, some times rtol.
+    # Between steps, the error of the dense output is a few times rtol.
     assert drift["drift.position"].max() < 1e-4
     assert drift["drift.position"][solution.t < cut.t].max() > 0.0
     assert (drift[solution.t > cut.t] == 0.0).all(axis=None)

@@ -1,4 +1,4 @@
-"""Files of results: whole or not there at all, and read back as they were written."""
+"""Result files are written atomically, and read back unchanged."""
 
 import csv
 import errno
@@ -34,9 +34,9 @@ TABLE = pd.DataFrame({"t [s]": [0.0, 0.5], "tip.x [m]": [-0.1, 1e-300]})
 def figure():
     from matplotlib.figure import Figure
 
-    drawn = Figure()
-    drawn.add_subplot().plot([0, 1], [0, 1])
-    return drawn
+    line = Figure()
+    line.add_subplot().plot([0, 1], [0, 1])
+    return line
 
 
 WRITERS = {
@@ -53,18 +53,18 @@ def writer(request):
     return WRITERS[request.param]
 
 
-def contents(folder):
+def read_folder(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def fail(monkeypatch, where, problem):
+def make_fail(monkeypatch, where, problem):
     def failing(*_, **__):
         raise problem
 
     monkeypatch.setattr(os, where, failing)
 
 
-def test_every_writer_makes_its_folder_and_leaves_no_scratch_file(tmp_path, writer):
+def test_writers_create_the_folder_and_leave_no_scratch_file(tmp_path, writer):
     path = writer(tmp_path / "deep" / "er")
     metadata = {".json"} if path.suffix == ".csv" else set()
     assert {p.suffix for p in path.parent.iterdir()} == {path.suffix} | metadata
@@ -72,46 +72,46 @@ def test_every_writer_makes_its_folder_and_leaves_no_scratch_file(tmp_path, writ
 
 
 @pytest.mark.parametrize(("where", "number"), [("fsync", errno.ENOSPC), ("replace", errno.EACCES)])
-def test_what_was_there_stays_where_the_new_cannot_be_written(
+def test_the_old_file_stays_if_the_new_one_cannot_be_written(
     tmp_path, monkeypatch, writer, where, number
 ):
     path = writer(tmp_path)
     for file in tmp_path.iterdir():
         file.write_text("old")
-    before = contents(tmp_path)
-    fail(monkeypatch, where, OSError(number, os.strerror(number)))
+    before = read_folder(tmp_path)
+    make_fail(monkeypatch, where, OSError(number, os.strerror(number)))
     name = path.with_suffix(".json").name if path.suffix == ".csv" else path.name
     words = rf"({path.name}|{name}): it cannot be written, {os.strerror(number)}\.$"
     with pytest.raises(BeamdaeError, match=words):
         writer(tmp_path)
-    assert contents(tmp_path) == before
+    assert read_folder(tmp_path) == before
 
 
-def test_an_interrupt_leaves_what_was_there_and_is_not_swallowed(tmp_path, monkeypatch, writer):
-    fail(monkeypatch, "replace", KeyboardInterrupt())
+def test_an_interrupt_keeps_the_old_file_and_is_raised_again(tmp_path, monkeypatch, writer):
+    make_fail(monkeypatch, "replace", KeyboardInterrupt())
     with pytest.raises(KeyboardInterrupt):
         writer(tmp_path)
-    assert contents(tmp_path) == {}
+    assert read_folder(tmp_path) == {}
 
 
-def test_a_block_that_fails_halfway_leaves_what_was_there(tmp_path):
+def test_a_block_that_fails_keeps_the_old_file(tmp_path):
     path = write_text(tmp_path / "file.txt", "old")
 
-    def written(problem):
+    def write_half(problem):
         with atomic_write(path) as scratch:
             scratch.write_text("half of the n")
             raise problem
 
     with pytest.raises(ZeroDivisionError):
-        written(ZeroDivisionError())
+        write_half(ZeroDivisionError())
     with pytest.raises(BeamdaeError, match=r"file\.txt: it cannot be written, of its own\.$"):
-        written(OSError("of its own"))
-    assert contents(tmp_path) == {"file.txt": b"old"}
+        write_half(OSError("of its own"))
+    assert read_folder(tmp_path) == {"file.txt": b"old"}
 
 
-def test_a_table_that_cannot_be_written_leaves_the_json_of_the_old_one(tmp_path, monkeypatch):
+def test_a_table_that_cannot_be_written_keeps_the_old_metadata(tmp_path, monkeypatch):
     write_table(tmp_path / "run.csv", TABLE, {"model": "old"})
-    before = contents(tmp_path)
+    before = read_folder(tmp_path)
 
     def full(*_, **__):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -119,35 +119,35 @@ def test_a_table_that_cannot_be_written_leaves_the_json_of_the_old_one(tmp_path,
     monkeypatch.setattr(files, "_write_columns", full)
     with pytest.raises(BeamdaeError, match=r"run\.csv: it cannot be written, No space left"):
         write_table(tmp_path / "run.csv", TABLE, {"model": "new"})
-    assert contents(tmp_path) == before
+    assert read_folder(tmp_path) == before
 
 
-def test_a_table_stays_though_the_json_has_no_place(tmp_path):
+def test_the_table_is_written_even_if_the_metadata_cannot_be(tmp_path):
     (tmp_path / "run.json").mkdir()
     with pytest.raises(BeamdaeError, match=r"run\.json: it cannot be written, "):
         write_table(tmp_path / "run.csv", TABLE, {})
     assert_frame_equal(pd.read_csv(tmp_path / "run.csv"), TABLE)
 
 
-def test_what_json_cannot_say_costs_no_earlier_table(tmp_path):
+def test_metadata_that_json_cannot_represent_keeps_the_old_table(tmp_path):
     write_table(tmp_path / "run.csv", TABLE, {"model": "old"})
-    before = contents(tmp_path)
+    before = read_folder(tmp_path)
     with pytest.raises(TypeError):
         write_table(tmp_path / "run.csv", TABLE, {"model": object()})
-    assert contents(tmp_path) == before
+    assert read_folder(tmp_path) == before
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
-def test_a_full_disk_is_told_and_a_device_is_no_file_to_replace(monkeypatch):
-    # Devices of this machine are not to be at risk.
-    fail(monkeypatch, "replace", AssertionError("a device would be replaced"))
+def test_a_full_disk_is_reported_and_a_device_is_not_replaced(monkeypatch):
+    # Protects the devices of this machine.
+    make_fail(monkeypatch, "replace", AssertionError("a device would be replaced"))
     monkeypatch.setattr(Path, "touch", os.replace)
     with pytest.raises(BeamdaeError, match=r"^/dev/full: it cannot be written, No space left"):
         write_text(Path("/dev/full"), "text")
 
 
 @posix
-def test_a_pipe_is_written_as_it_is(tmp_path):
+def test_a_pipe_is_written_directly(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
     try:
@@ -177,7 +177,7 @@ assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
 
 @pytest.mark.slow(reason="mounts a file system, starts a process")
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="root alone mounts disks")
-def test_a_small_disk_that_fills_keeps_the_earlier_result(tmp_path):
+def test_a_disk_that_fills_up_keeps_the_old_result(tmp_path):
     mount = f"mount -t tmpfs -o size=64k none '{tmp_path}'"
     can = subprocess.run(["unshare", "-m", "sh", "-c", mount], capture_output=True, text=True)
     if can.returncode:
@@ -194,7 +194,7 @@ def test_a_small_disk_that_fills_keeps_the_earlier_result(tmp_path):
 
 
 @posix
-def test_permissions_of_a_file_stay_and_those_of_a_new_one_follow_the_umask(tmp_path):
+def test_permissions_are_kept_and_new_files_follow_the_umask(tmp_path):
     before = os.umask(0o027)
     try:
         path = write_text(tmp_path / "file.txt", "old")
@@ -207,26 +207,26 @@ def test_permissions_of_a_file_stay_and_those_of_a_new_one_follow_the_umask(tmp_
 
 
 @posix
-def test_a_link_stays_and_the_file_it_leads_to_is_replaced(tmp_path):
+def test_the_target_of_a_link_is_replaced_and_the_link_kept(tmp_path):
     (tmp_path / "there").mkdir()
     (tmp_path / "file.txt").symlink_to(tmp_path / "there" / "real.txt")
     for text in ("first", "second"):
         write_text(tmp_path / "file.txt", text)
     assert (tmp_path / "file.txt").is_symlink()
-    assert contents(tmp_path / "there") == {"real.txt": text.encode()}
+    assert read_folder(tmp_path / "there") == {"real.txt": text.encode()}
 
 
 @posix
 def test_a_write_protected_file_is_not_replaced(tmp_path, monkeypatch):
     path = write_text(tmp_path / "file.txt", "mine")
-    # Root may write to all files.
+    # Root has write access to all files.
     monkeypatch.setattr(os, "access", lambda *_: False)
     with pytest.raises(BeamdaeError, match=r"file\.txt: it cannot be written, Permission denied"):
         write_text(path, "new")
-    assert contents(tmp_path) == {"file.txt": b"mine"}
+    assert read_folder(tmp_path) == {"file.txt": b"mine"}
 
 
-def test_a_picture_without_a_suffix_is_a_png_of_that_name(tmp_path):
+def test_a_figure_without_a_suffix_is_written_as_png(tmp_path):
     path = pictures.save_figure(figure(), tmp_path / "picture")
     assert path.read_bytes().startswith(b"\x89PNG")
     assert [p.name for p in tmp_path.iterdir()] == ["picture"]
@@ -236,7 +236,7 @@ NAMES = ["Träger.x [m]", "梁.phi [rad]", "a, b", 'the "tip"', "x;y", "emoji �
 
 
 @pytest.mark.slow(reason="starts a process in another locale")
-def test_texts_are_utf_8_whatever_the_locale(tmp_path):
+def test_texts_are_utf_8_in_every_locale(tmp_path):
     script = (
         "import sys, pandas as pd\nfrom pathlib import Path\n"
         "from beamdae.results.storage.files import write_table, write_text\n"
@@ -249,7 +249,7 @@ def test_texts_are_utf_8_whatever_the_locale(tmp_path):
     subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=environment, check=True)
     assert list(pd.read_csv(tmp_path / "run.csv", encoding="utf-8")) == NAMES
     assert json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))["m"] == NAMES
-    # As it is: line ends are not translated, and what UTF-8 cannot say is an escape.
+    # Line ends are not translated, and characters that UTF-8 cannot encode become escapes.
     assert (tmp_path / "page.html").read_bytes() == "".join(NAMES).encode() + b"\r\n\\udcff"
 
 
@@ -258,16 +258,16 @@ PLAIN = ["tip", "a=b", "1-2", "'quoted'", "", " =1", "-5", "+1e-3", "-.5", "-inf
 
 
 @pytest.mark.parametrize("text", FORMULAS)
-def test_no_text_is_a_formula_to_a_spreadsheet(text):
+def test_formulas_are_escaped(text):
     assert escape_cell(text) == f"'{text}"
 
 
 @pytest.mark.parametrize("value", [*PLAIN, -5, -0.5, None, True, float("-inf")])
-def test_other_cells_are_as_they_were(value):
+def test_other_cells_are_unchanged(value):
     assert escape_cell(value) is value
 
 
-def test_a_guarded_table_comes_back_through_pandas(tmp_path):
+def test_an_escaped_table_is_read_back_by_pandas(tmp_path):
     texts = [text for text in FORMULAS if "\r" not in text]
     table = pd.DataFrame(
         {
@@ -278,18 +278,18 @@ def test_a_guarded_table_comes_back_through_pandas(tmp_path):
         }
     )
     path = write_table(tmp_path / "run.csv", table, {})
-    found = pd.read_csv(path)
-    assert list(found) == ["'=cmd.x [m]", "'-y.count", "label", "settings"]
-    # Numbers are numbers, and nothing but texts that look like formulas differs.
-    assert found["'=cmd.x [m]"].dtype == float
-    assert (found["'-y.count"] == -1).all()
-    assert found["settings"].tolist() == table["settings"].tolist()
+    read = pd.read_csv(path)
+    assert list(read) == ["'=cmd.x [m]", "'-y.count", "label", "settings"]
+    # Only texts that look like formulas differ; numbers stay numbers.
+    assert read["'=cmd.x [m]"].dtype == float
+    assert (read["'-y.count"] == -1).all()
+    assert read["settings"].tolist() == table["settings"].tolist()
     expected = [escape_cell(text) for text in texts]
-    assert found["label"].tolist() == expected
-    assert_frame_equal(found, escape_table(table), check_dtype=False)
+    assert read["label"].tolist() == expected
+    assert_frame_equal(read, escape_table(table), check_dtype=False)
 
 
-def test_a_table_with_headers_twice_and_one_without_rows_are_guarded():
+def test_tables_with_equal_headers_or_without_rows_are_escaped():
     twice = pd.DataFrame([["=1", "=2"]], columns=["=a", "=a"])
     assert escape_table(twice).to_numpy().tolist() == [["'=1", "'=2"]]
     assert list(escape_table(twice)) == ["'=a", "'=a"]
@@ -297,11 +297,11 @@ def test_a_table_with_headers_twice_and_one_without_rows_are_guarded():
     assert escape_table(twice.iloc[:0]).shape == (0, 2)
 
 
-def test_versions_are_those_of_the_packages():
+def test_versions_of_all_packages_are_listed():
     assert set(files.versions()) == {"beamdae", "casadi", "scikit-sundae", "numpy", "scipy"}
 
 
-def test_cells_are_read_back_as_they_were(tmp_path):
+def test_cells_are_read_back_unchanged(tmp_path):
     texts = ["plain", 'a "word", and more', "two\nlines", ""]
     numbers = np.array([1.0 / 3.0, np.nan, -np.inf, 1e-300])
     columns = {"x, y [m]": numbers, "text": texts, "count": np.arange(4)}

@@ -1,4 +1,4 @@
-"""What is told of that which ran."""
+"""Provenance of results: parts with their parameters, hashes, versions."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ def mechanism(stiffness=3.0):
 
 
 @pytest.mark.parametrize("make", EVERYTHING.values(), ids=EVERYTHING)
-def test_every_part_is_told_in_json(make):
+def test_every_part_is_described_in_json(make):
     mech, disk, beam = mechanism()
     part = mech.add(make(mech, disk, beam))
-    told = describe_provenance(bd.equations_of_motion(mech))["parts"]
-    assert json.loads(json.dumps(told)) == told
-    assert list(told) == list(mech.parts)
-    assert told[part.name]["kind"] == type(part).__name__
-    assert len(told[part.name]) > 1
+    parts = describe_provenance(bd.equations_of_motion(mech))["parts"]
+    assert json.loads(json.dumps(parts)) == parts
+    assert list(parts) == list(mech.parts)
+    assert parts[part.name]["kind"] == type(part).__name__
+    assert len(parts[part.name]) > 1
 
 
-def test_numbers_of_parts_are_told_once():
-    told = describe_provenance(bd.equations_of_motion(mechanism()[0]))
-    assert told["gravity"] == [0.0, -9.81]
-    beam = told["parts"]["beam"]
+def test_each_object_is_described_once():
+    provenance = describe_provenance(bd.equations_of_motion(mechanism()[0]))
+    assert provenance["gravity"] == [0.0, -9.81]
+    beam = provenance["parts"]["beam"]
     assert beam["curve"] == {
         "kind": "Arc",
         "radius": 1.6,
@@ -49,12 +49,12 @@ def test_numbers_of_parts_are_told_once():
     assert beam["section"]["material"]["E"] == SOFT_MATERIAL.E
     assert beam["mesh"]["elements"] == 2
     assert "curve" not in beam["mesh"]
-    spring = told["parts"]["spring"]
+    spring = provenance["parts"]["spring"]
     assert spring["stiffness"] == 3.0
     assert spring["a"] == {"body": "disk", "at": [0.5, 0.4]}
 
 
-def test_other_numbers_have_another_hash():
+def test_other_parameters_have_another_hash():
     one, same, other = (
         describe_provenance(bd.equations_of_motion(mechanism(k)[0]))["identity"]
         for k in (3.0, 3.0, 3.1)
@@ -62,16 +62,16 @@ def test_other_numbers_have_another_hash():
     assert one == same != other
 
 
-def test_the_json_beside_a_table_tells_when_and_of_what(tmp_path):
+def test_metadata_contain_time_parts_and_hash(tmp_path):
     before = datetime.now(UTC).replace(microsecond=0)
     run = bd.simulate(mechanism()[0], bd.Radau(1e-3), t_end=0.01)
-    told = json.loads(run.to_csv(tmp_path / "a.csv").with_suffix(".json").read_text())
-    assert before <= datetime.fromisoformat(told["written"]) <= datetime.now(UTC)
-    assert told["equations"]["parts"]["disk"]["mass"] == 1.3
-    assert len(told["equations"]["identity"]) == 64
+    metadata = json.loads(run.to_csv(tmp_path / "a.csv").with_suffix(".json").read_text())
+    assert before <= datetime.fromisoformat(metadata["written"]) <= datetime.now(UTC)
+    assert metadata["equations"]["parts"]["disk"]["mass"] == 1.3
+    assert len(metadata["equations"]["identity"]) == 64
 
 
-def test_laws_and_long_lists_are_told_in_a_word():
+def test_laws_and_long_lists_are_abbreviated():
     mech = bd.Mechanism()
     points = [(np.cos(x), np.sin(x)) for x in np.linspace(0.0, 6.0, 40)]
     plate = mech.add(bd.RigidBody.polygon("plate", points, density=7800.0, thickness=0.01))

@@ -1,4 +1,4 @@
-"""What a run says of itself: doubtful books, columns that are no numbers, ends before the end."""
+"""Warnings of runs: energy imbalance, residual, columns that are not finite, early ends."""
 
 import json
 import warnings
@@ -17,7 +17,7 @@ from beamdae.verification import accuracy_warning
 
 
 def bar(law=None, gravity=(0.0, -9.81), angle=0.0):
-    """A hinged bar that hangs, lies or stands, and a moment on it."""
+    """Return a hinged bar that hangs, lies or stands, with a moment on it."""
     mech = bd.Mechanism(gravity=gravity)
     center = (float(np.sin(angle)), -float(np.cos(angle)))
     body = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=center))
@@ -29,7 +29,7 @@ def bar(law=None, gravity=(0.0, -9.81), angle=0.0):
 
 
 def particle(force, start=0.0, **settings):
-    """A mass of 1 kg under a force in t and q, of which no law is known."""
+    """Return a mass of 1 kg under a force of t and q that is not known as a law."""
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
     return bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[1.0], force=[force(t, q)], q0=[start], v0=[0.0], **settings
@@ -47,8 +47,8 @@ def particle(force, start=0.0, **settings):
     ],
 )
 @pytest.mark.parametrize("integrator", [bd.Auto(), bd.GeneralizedAlpha()])
-def test_regression_a_law_with_a_pole_is_refused(law, integrator):
-    """Fixed steps passed over it and "reached the end"."""
+def test_regression_a_law_with_a_pole_is_rejected(law, integrator):
+    """Fixed steps skipped the pole, and the run reached its end."""
     with pytest.raises(bd.BeamdaeError, match=r"^push: its law becomes infinite near t = 0\.\d+ s"):
         bd.simulate(bar(law), integrator, 1.0)
 
@@ -64,12 +64,12 @@ def test_regression_a_law_with_a_pole_is_refused(law, integrator):
         bd.run_up(3.0, 0.5),
     ],
 )
-def test_laws_with_peaks_and_poles_elsewhere_are_none_of_these(law):
+def test_laws_with_peaks_or_poles_outside_the_run_are_accepted(law):
     assert bd.simulate(bar(law), bd.GeneralizedAlpha(step=0.01), 1.0).status.success
 
 
 def slider():
-    """A mass on a rail, in the slot of an arm that is turned past the rail's own direction."""
+    """Return a mass on a rail in the slot of an arm that rotates past the direction of the rail."""
     mech = bd.Mechanism()
     origin = mech.ground.at(0.0, 0.0)
     arm = mech.add(bd.RigidBody("arm", mass=1.0, inertia=0.1, center=(0.0, 0.0)))
@@ -90,8 +90,8 @@ def slider():
     ],
     ids=["through infinity", "nearly singular", "a force with a pole"],
 )
-def test_regression_a_run_whose_energies_do_not_balance_says_so(model, step, t_end):
-    """They reached the end with an imbalance of a third and more, in silence."""
+def test_regression_an_energy_imbalance_is_reported(model, step, t_end):
+    """The runs reached the end with an imbalance of a third or more, without a warning."""
     integrator = bd.GeneralizedAlpha(step=step)
     with pytest.warns(
         bd.BeamdaeWarning,
@@ -102,9 +102,9 @@ def test_regression_a_run_whose_energies_do_not_balance_says_so(model, step, t_e
     assert solution.quality.energy_imbalance > 0.1
 
 
-@pytest.mark.parametrize(("steps", "doubtful"), [(100, True), (2, False)])
-def test_a_run_off_its_equations_of_motion_says_so(steps, doubtful):
-    """Single steps are: those after a load that is there at once, or through singular positions."""
+@pytest.mark.parametrize(("steps", "is_reported"), [(100, True), (2, False)])
+def test_a_large_residual_is_reported_unless_it_is_short(steps, is_reported):
+    """Single steps exceed the limit after a sudden load and at singular positions."""
     solution = bd.simulate(bar(angle=1.0), bd.GeneralizedAlpha(step=1e-3), 1.0)
     (interval,) = solution.trajectory.intervals
     a = interval.rows.a.copy()
@@ -112,13 +112,13 @@ def test_a_run_off_its_equations_of_motion_says_so(steps, doubtful):
     wrong = replace(interval, rows=interval.rows._replace(a=a))
     off = replace(solution, trajectory=replace(solution.trajectory, intervals=(wrong,)))
     assert off.quality.max_residual > 0.5
-    said = [
+    messages = [
         w
         for w in off.warnings
         if w.startswith("forces: the residual of the equations of motion exceeds half")
     ]
-    assert len(said) == doubtful
-    assert all("during 10 % of the run" in w for w in said)
+    assert len(messages) == is_reported
+    assert all("during 10 % of the run" in w for w in messages)
 
 
 @pytest.mark.parametrize(
@@ -136,26 +136,26 @@ def test_a_run_off_its_equations_of_motion_says_so(steps, doubtful):
     ],
     ids=["at rest", "nearly at rest", "no force", "no moment", "nothing at all", "free fall"],
 )
-def test_nothing_is_doubtful_where_nothing_or_little_happens(model, integrator):
-    """What energies and forces are relative to is nothing or rounding there."""
+def test_systems_at_rest_have_no_warnings(model, integrator):
+    """The reference values of energies and forces are zero or rounding noise there."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert bd.simulate(model, integrator, 1.0).warnings == ()
 
 
-def test_a_column_that_is_no_number_is_named():
+def test_columns_that_are_not_finite_are_named():
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
     observe = {"root": ca.sqrt(0.5 - t), "inverse": 1.0 / (q - q), "fine": q}
     model = bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[1.0], force=[1.0], q0=[0.0], v0=[0.0], observe=observe
     )
     solution = bd.simulate(model, bd.Ida(), 1.0)
-    said = [w for w in solution.warnings if "not finite" in w]
-    assert len(said) == 2
-    assert said[0].startswith(
+    messages = [w for w in solution.warnings if "not finite" in w]
+    assert len(messages) == 2
+    assert messages[0].startswith(
         "root [-]: this column is not finite at 500 of 1001 times, first at t = 0.501 s"
     )
-    assert said[1].startswith("inverse [-]: this column is not finite at 1001 of 1001 times")
+    assert messages[1].startswith("inverse [-]: this column is not finite at 1001 of 1001 times")
 
 
 def test_columns_of_long_runs_are_thinned_out_before_they_are_checked():
@@ -170,19 +170,17 @@ FAILING = (bar(lambda t: np.sqrt(0.5 - t)), bd.GeneralizedAlpha(step=0.02))
 LIMITED = (bar(angle=1.0), bd.Ida(max_steps=20))
 
 
-def interrupted(t):
+def interrupt(t):
     if t > 0.0:
         raise KeyboardInterrupt
 
 
 @pytest.mark.parametrize(
     ("run", "progress", "kind"),
-    [(FAILING, None, "failed"), (LIMITED, None, "limited"), (LIMITED, interrupted, "interrupted")],
+    [(FAILING, None, "failed"), (LIMITED, None, "limited"), (LIMITED, interrupt, "interrupted")],
 )
-def test_regression_a_run_that_was_cut_short_warns_and_marks_its_files(
-    run, progress, kind, tmp_path
-):
-    """Its table looked like any other."""
+def test_regression_unfinished_runs_warn_and_mark_their_files(run, progress, kind, tmp_path):
+    """The table of an unfinished run looked like any other."""
     model, integrator = run
     if kind == "interrupted":
         integrator = bd.Ida(1e-8)
@@ -194,21 +192,21 @@ def test_regression_a_run_that_was_cut_short_warns_and_marks_its_files(
     table = pd.read_csv(path)
     assert list(table)[-1] == "status"
     assert set(table["status"]) == {kind}
-    # Whoever takes columns by name takes the same ones.
+    # Selecting columns by name is not affected.
     assert list(table)[:-1] == list(solution.table())
     sidecar = json.loads(path.with_suffix(".json").read_text())
     assert list(sidecar)[:2] == ["status", "reason"]
     assert (sidecar["status"], sidecar["reason"]) == (kind, solution.status.sentence)
 
 
-def test_a_run_that_reached_its_end_has_no_column_of_it(tmp_path):
+def test_finished_runs_have_no_status_column(tmp_path):
     solution = bd.simulate(bar(angle=1.0), bd.Ida(), 1.0)
     path = solution.to_csv(tmp_path / "run.csv")
     assert list(pd.read_csv(path)) == list(solution.table())
     assert json.loads(path.with_suffix(".json").read_text())["status"] == "ok"
 
 
-def test_names_of_drift_and_energies_hide_no_observable():
+def test_observables_may_have_the_names_of_drift_columns():
     mech = bar(angle=1.0)
     mech.observe("drift", mech.parts["bar"].at(0.0, 0.0))
     mech.observe("drift.position", mech.parts["bar"].at(0.0, 0.0))
@@ -226,8 +224,8 @@ def test_names_of_drift_and_energies_hide_no_observable():
     assert observed_columns(by_time(solution)) == ["energy [-]", "drift.position [-]"]
 
 
-def test_of_a_run_that_was_cut_short_nothing_is_promised():
-    """What it moved until then is not what tolerances are relative to."""
+def test_unfinished_runs_have_no_accuracy_warning():
+    """Tolerances are relative to the range of the whole motion."""
     short = bd.simulate(
         bar(angle=1.0), bd.Ida(1e-7, max_step=1e-3), 1.0, progress=lambda t: "enough"
     )

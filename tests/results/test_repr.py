@@ -1,4 +1,4 @@
-"""What results say of themselves where they are printed: one short line."""
+"""The printed representation of results is one short line."""
 
 from __future__ import annotations
 
@@ -43,15 +43,15 @@ RESULTS = {
 }
 
 
-@pytest.mark.parametrize(("make", "told"), RESULTS.values(), ids=RESULTS)
-def test_a_result_is_one_short_line(make, told):
+@pytest.mark.parametrize(("make", "pattern"), RESULTS.values(), ids=RESULTS)
+def test_results_are_printed_as_one_short_line(make, pattern):
     text = repr(make())
     assert len(text) < 250
     assert text.isprintable()
-    assert re.match(rf"<{told}.*>$", text)
+    assert re.match(rf"<{pattern}.*>$", text)
 
 
-def test_a_long_mechanism_and_its_parts_are_short():
+def test_long_mechanisms_and_beams_are_abbreviated():
     mech = bd.Mechanism()
     assert repr(mech) == "<Mechanism of 0 parts>"
     for k in range(1000):
@@ -61,7 +61,7 @@ def test_a_long_mechanism_and_its_parts_are_short():
     assert repr(beam) == "Beam(name='strip', 0.3 m in 2 elements)"
 
 
-def test_a_check_is_a_table_in_a_notebook():
-    told = clamped().check()._repr_html_()
-    assert "it can be run" in told
-    assert told.count("<tr>") == len(str(clamped().check()).splitlines()) - 1
+def test_a_check_is_displayed_as_a_table():
+    page = clamped().check()._repr_html_()
+    assert "it can be run" in page
+    assert page.count("<tr>") == len(str(clamped().check()).splitlines()) - 1

@@ -1,4 +1,4 @@
-"""Runs in files and in other processes, and runs against each other."""
+"""Saved and pickled runs, and differences between runs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import beamdae as bd
 
 
 def bouncing(law=9.81):
-    """A ball that is caught on its way down: events, switched joints."""
+    """Return a falling ball that an event catches by activating a joint."""
     mech = bd.Mechanism(gravity=(0.0, -law))
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.3)))
     mech.add(bd.Force("push", ball.point, (0.0, lambda t: 0.2 * t)))
@@ -30,74 +30,74 @@ def bouncing(law=9.81):
 
 @pytest.fixture(scope="module")
 def run():
-    found = bd.simulate(bouncing(), bd.Radau(1e-6), t_end=0.4, output_step=0.01)
-    assert [one.name for one in found.event_records] == ["caught"]
-    return found
+    solution = bd.simulate(bouncing(), bd.Radau(1e-6), t_end=0.4, output_step=0.01)
+    assert [record.name for record in solution.event_records] == ["caught"]
+    return solution
 
 
-def assert_same(found, run):
-    assert (found.status, found.statistics) == (run.status, run.statistics)
-    assert list(found.table()) == list(run.table())
-    # The same numbers through the same functions.
-    assert_array_equal(found.table(), run.table())
-    assert_array_equal(found.coordinates(), run.coordinates())
-    assert found.summary() == run.summary()
-    assert found.warnings == run.warnings
+def assert_same_tables(loaded, run):
+    assert (loaded.status, loaded.statistics) == (run.status, run.statistics)
+    assert list(loaded.table()) == list(run.table())
+    # Exactly equal: the same numbers are evaluated by the same functions.
+    assert_array_equal(loaded.table(), run.table())
+    assert_array_equal(loaded.coordinates(), run.coordinates())
+    assert loaded.summary() == run.summary()
+    assert loaded.warnings == run.warnings
 
 
-def assert_whole(found, run):
-    assert_same(found, run)
+def assert_same_solution(loaded, run):
+    assert_same_tables(loaded, run)
     times = np.linspace(0.0, 0.4, 77)
-    assert_array_equal(found.at_times(times).q, run.at_times(times).q)
-    assert found.events.equals(run.events)
-    assert found.metadata() == run.metadata()
-    plain = [f.name for f in fields(run) if f.name not in ("equations", "trajectory", "made_by")]
-    for name in {*plain} - {"t", "event_records"}:
-        assert getattr(found, name) == getattr(run, name), name
+    assert_array_equal(loaded.at_times(times).q, run.at_times(times).q)
+    assert loaded.events.equals(run.events)
+    assert loaded.metadata() == run.metadata()
+    names = [f.name for f in fields(run) if f.name not in ("equations", "trajectory", "made_by")]
+    for name in {*names} - {"t", "event_records"}:
+        assert getattr(loaded, name) == getattr(run, name), name
 
 
-def test_a_file_has_the_tables_of_a_run(run, tmp_path):
+def test_a_saved_run_has_the_tables_of_the_run(run, tmp_path):
     path = run.save(tmp_path / "new" / "ball.run")
-    found = bd.load(path)
-    assert_same(found, run)
-    assert found.label == run.label
-    assert repr(found) == (
+    loaded = bd.load(path)
+    assert_same_tables(loaded, run)
+    assert loaded.label == run.label
+    assert repr(loaded) == (
         "<SavedRun by Radau(rtol=1e-06): ok, reached the end; t = 0 to 0.4 s in 41 rows; "
         "from ball.run>"
     )
-    assert_array_equal(found["ball.y"], run["ball.y"])
-    found.to_csv(tmp_path / "again.csv")
+    assert_array_equal(loaded["ball.y"], run["ball.y"])
+    loaded.to_csv(tmp_path / "again.csv")
     run.to_csv(tmp_path / "first.csv")
     assert (tmp_path / "again.csv").read_text() == (tmp_path / "first.csv").read_text()
-    told = json.loads((tmp_path / "again.json").read_text())
-    assert told["status"] == "ok"
-    assert bd.plot([found, run], "ball.y").figure.axes[0].lines
+    metadata = json.loads((tmp_path / "again.json").read_text())
+    assert metadata["status"] == "ok"
+    assert bd.plot([loaded, run], "ball.y").figure.axes[0].lines
 
 
-def test_with_its_model_a_file_has_all_of_a_run(run, tmp_path):
-    assert_whole(bd.load(run.save(tmp_path / "ball.run"), bouncing()), run)
+def test_with_its_model_a_saved_run_is_the_solution(run, tmp_path):
+    assert_same_solution(bd.load(run.save(tmp_path / "ball.run"), bouncing()), run)
 
 
-@pytest.mark.slow(reason="processes of its own")
-def test_a_run_goes_to_other_processes_and_back(run):
+@pytest.mark.slow(reason="starts processes")
+def test_runs_are_pickled(run):
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        there = pool.submit(repr, run).result()
-    assert there == repr(run)
-    found = pickle.loads(pickle.dumps(run))
-    assert found.label == run.label
-    assert_whole(found, run)
-    seen = run.observe("height", run.equations.mechanism.parts["ball"].point)
-    assert_array_equal(pickle.loads(pickle.dumps(seen))["height"], seen["height"])
+        text = pool.submit(repr, run).result()
+    assert text == repr(run)
+    loaded = pickle.loads(pickle.dumps(run))
+    assert loaded.label == run.label
+    assert_same_solution(loaded, run)
+    extended = run.observe("height", run.equations.mechanism.parts["ball"].point)
+    assert_array_equal(pickle.loads(pickle.dumps(extended))["height"], extended["height"])
 
 
-def test_a_start_that_was_given_comes_back(tmp_path):
+def test_a_saved_run_keeps_its_requested_start(tmp_path):
     mech = bd.Mechanism(start={"bob.angle": 0.3})
     bob = mech.add(bd.RigidBody("bob", 1.0, 0.1, (1.0, 0.0)))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
     run = bd.simulate(mech, bd.Radau(1e-3), t_end=0.01)
-    found = bd.load(run.save(tmp_path / "a.run"), mech)
-    assert found.start == run.start
-    assert "0.3" in found.start.asked
+    loaded = bd.load(run.save(tmp_path / "a.run"), mech)
+    assert loaded.start == run.start
+    assert "0.3" in loaded.start.asked
 
 
 def test_a_run_of_equations_is_saved_but_not_pickled(tmp_path):
@@ -106,13 +106,13 @@ def test_a_run_of_equations_is_saved_but_not_pickled(tmp_path):
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 1), ca.SX.sym("v", 1)
     system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1.0], force=-q, q0=[1.0], v0=[0.0])
     run = bd.simulate(system, bd.Radau(1e-6), t_end=0.5)
-    found = bd.load(run.save(tmp_path / "a.run"), system)
-    assert_array_equal(found.q, run.q)
+    loaded = bd.load(run.save(tmp_path / "a.run"), system)
+    assert_array_equal(loaded.q, run.q)
     with pytest.raises(bd.BeamdaeError, match=r"cannot be pickled; use solution\.save"):
         pickle.dumps(run)
 
 
-def test_an_unfinished_run_is_kept_as_it_is(tmp_path):
+def test_an_unfinished_run_is_saved(tmp_path):
     mech = bouncing()
     run = bd.simulate(mech, bd.Radau(1e-6, max_steps=5), t_end=0.4)
     assert not run.status.success
@@ -120,7 +120,7 @@ def test_an_unfinished_run_is_kept_as_it_is(tmp_path):
     assert bd.load(path).status == bd.load(path, mech).status == run.status
 
 
-def test_of_a_damaged_or_foreign_file_it_is_told_what_is_wrong(run, tmp_path):
+def test_damaged_files_and_runs_of_other_models_are_rejected(run, tmp_path):
     path = run.save(tmp_path / "a.run")
     with pytest.raises(bd.BeamdaeError, match="the file contains a run of another model"):
         bd.load(path, bouncing(9.82))
@@ -133,7 +133,7 @@ def test_of_a_damaged_or_foreign_file_it_is_told_what_is_wrong(run, tmp_path):
             bd.BeamdaeError, match=r"a\.run: this file is not a complete saved run of version 1"
         ):
             bd.load(path)
-    # Other bits in the list of what a zip holds: of how it is compressed, encrypted and checked.
+    # Damages the directory of the zip archive: compression, encryption, checksum.
     entry = content.index(b"PK\x01\x02")
     for place in (6, 8, 10, 16):
         path.write_bytes(content[: entry + place] + b"\x63" + content[entry + place + 1 :])
@@ -146,15 +146,15 @@ def test_of_a_damaged_or_foreign_file_it_is_told_what_is_wrong(run, tmp_path):
     with pytest.raises(bd.BeamdaeError, match="not a complete saved run of version 1"):
         bd.load(path)
     with open(path, "wb") as file:
-        told = b'{"format": "beamdae run", "version": 1}'
-        np.savez(file, told=np.frombuffer(told, np.uint8))
+        content = b'{"format": "beamdae run", "version": 1}'
+        np.savez(file, told=np.frombuffer(content, np.uint8))
     with pytest.raises(bd.BeamdaeError, match="the saved run is damaged"):
         bd.load(path)
     with pytest.raises(bd.BeamdaeError, match="save: path must be that of a file, got 3"):
         run.save(3)
 
 
-def test_nothing_in_a_file_is_executed(tmp_path):
+def test_files_with_pickled_objects_are_rejected(tmp_path):
     path = tmp_path / "a.run"
     with open(path, "wb") as file:
         np.savez(file, told=np.array([{"format": "beamdae run"}], dtype=object))
@@ -169,38 +169,38 @@ def falling(t_end, method, step=0.01):
     return bd.simulate(mech, method, t_end, step)
 
 
-def test_runs_are_subtracted_as_far_as_both_go(tmp_path):
+def test_differences_cover_the_common_time(tmp_path):
     long = falling(1.0, bd.Radau(1e-8))
     short = falling(0.5, bd.GeneralizedAlpha(step=1e-3), 0.003)
-    found = long.difference(short)
-    assert list(found) == list(long.columns)
-    assert found.index.name == "t [s]"
-    assert_allclose(found.index[[0, -1]], [0.0, 0.5])
-    # Constant acceleration is exact in both methods.
-    assert_allclose(found["ball.y [m]"], 0.0, atol=1e-9)
+    difference = long.difference(short)
+    assert list(difference) == list(long.columns)
+    assert difference.index.name == "t [s]"
+    assert_allclose(difference.index[[0, -1]], [0.0, 0.5])
+    # Both methods are exact for constant acceleration.
+    assert_allclose(difference["ball.y [m]"], 0.0, atol=1e-9)
     assert_allclose(short.difference(long, "ball")["ball.y [m]"], 0.0, atol=1e-9)
-    kept = bd.load(short.save(tmp_path / "short.run"))
-    assert_allclose(kept.difference(long, "ball.y"), 0.0, atol=1e-9)
+    saved = bd.load(short.save(tmp_path / "short.run"))
+    assert_allclose(saved.difference(long, "ball.y"), 0.0, atol=1e-9)
     with pytest.raises(bd.BeamdaeError, match=r"short\.run has no rows at some of the times"):
-        long.difference(kept)
-    assert_array_equal(short.difference(kept), 0.0)
+        long.difference(saved)
+    assert_array_equal(short.difference(saved), 0.0)
 
 
 @pytest.mark.parametrize("times", [[0.0, 0.5], [-0.1, 0.1], [0.2, 0.1], [], [np.nan], 3, "now"])
-def test_times_outside_a_run_are_refused(run, tmp_path, times):
+def test_times_outside_a_run_are_rejected(run, tmp_path, times):
     with pytest.raises(bd.BeamdaeError, match="at_times: times must"):
         run.at_times(times)
 
 
-def test_a_saved_run_has_no_rows_beyond_its_own(run, tmp_path):
-    kept = bd.load(run.save(tmp_path / "a.run"))
+def test_a_saved_run_is_not_interpolated(run, tmp_path):
+    saved = bd.load(run.save(tmp_path / "a.run"))
     for times in ([0.1, 0.5], [0.0, 0.005], [-1.0]):
         with pytest.raises(bd.BeamdaeError, match=r"a\.run has no rows at some of the times"):
-            kept.at_times(np.array(times))
-    assert list(kept.at_times(kept.times[3:7])["ball.y"].index) == list(kept.times[3:7])
+            saved.at_times(np.array(times))
+    assert list(saved.at_times(saved.times[3:7])["ball.y"].index) == list(saved.times[3:7])
 
 
-def test_what_cannot_be_subtracted_is_told(run):
+def test_invalid_differences_are_rejected(run):
     fall = falling(0.3, bd.Radau(1e-3))
     with pytest.raises(bd.BeamdaeError, match="other must be a solution, got 'a'"):
         run.difference("a")
@@ -212,8 +212,8 @@ def test_what_cannot_be_subtracted_is_told(run):
         late.difference(early)
 
 
-def test_parquet_holds_the_table(run, tmp_path):
+def test_parquet_contains_the_table(run, tmp_path):
     import pandas as pd
 
-    found = pd.read_parquet(run.to_parquet(tmp_path / "run.parquet"))
-    pd.testing.assert_frame_equal(found, run.table())
+    table = pd.read_parquet(run.to_parquet(tmp_path / "run.parquet"))
+    pd.testing.assert_frame_equal(table, run.table())

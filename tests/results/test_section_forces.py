@@ -1,4 +1,4 @@
-"""Section forces that balance what acts on a beam, against closed forms and reactions."""
+"""Section forces against closed forms and reactions."""
 
 from dataclasses import replace
 
@@ -9,11 +9,11 @@ from hub_beam import hub_beam
 import beamdae as bd
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0, yield_stress=235e6)
-# As thick as this, rounding of what stretches (EA) is small beside what bends.
+# Thick enough that the rounding of axial forces (EA) is small relative to bending.
 BAR = bd.Section.rectangle(STEEL, width=0.02, height=0.1)
 LINE = bd.Line((0.0, 0.0), (1.0, 0.0))
-# A load [N] as small that it bends the bar by 1e-6 of its length: that is what it changes of the
-# closed forms of the undeformed beam.
+# A load [N] that deflects the bar by 1e-6 of its length; the section forces differ by as much from
+# the closed forms of the undeformed beam.
 SMALL = 1.0
 FORMULATIONS = {
     "frame": {},
@@ -26,16 +26,16 @@ every_formulation = pytest.mark.parametrize(
 )
 
 
-def held(curve=LINE, elements=1, section=BAR, gravity=(0.0, 0.0), **settings):
-    """A cantilever."""
+def cantilever(curve=LINE, elements=1, section=BAR, gravity=(0.0, 0.0), **settings):
+    """Return a mechanism and its cantilever."""
     mech = bd.Mechanism(gravity=gravity)
     beam = mech.add(bd.Beam("beam", curve, section, elements=elements, **settings))
     mech.add(bd.Weld("clamp", mech.ground.at(*beam.start.point), beam.start))
     return mech, beam
 
 
-def supported(elements, **settings):
-    """A beam on a hinge and a roller."""
+def simply_supported_beam(elements, **settings):
+    """Return a mechanism and its beam on a hinge and a roller."""
     mech = bd.Mechanism()
     beam = mech.add(bd.Beam("beam", LINE, BAR, elements=elements, **settings))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
@@ -45,12 +45,12 @@ def supported(elements, **settings):
 
 
 def at_rest(mech, beam, s=None, t=0.0):
-    """Section forces in the equilibrium under the loads at a time."""
+    """Return the section forces in the equilibrium under the loads at a time [s]."""
     return bd.equilibrium(mech, t=t, step=1.0).section_forces(beam, s)
 
 
-def assert_are(forces, N, Q, M, size=SMALL, off=3e-6):
-    """To what the deflection, 1e-6 of the length, makes of them, relative to the load."""
+def assert_section_forces(forces, N, Q, M, size=SMALL, off=3e-6):
+    """Assert section forces up to the effect of the deflection, relative to the load."""
     for found, expected in zip((forces.N, forces.Q, forces.M), (N, Q, M), strict=True):
         np.testing.assert_allclose(found[0], expected + 0.0 * forces.s, rtol=0.0, atol=off * size)
 
@@ -61,44 +61,48 @@ S = np.array([0.0, 0.21, 0.5, 0.8, 1.0])
 @every_formulation
 @pytest.mark.parametrize("elements", [1, 3])
 def test_a_cantilever_under_end_loads(elements, kind):
-    mech, beam = held(elements=elements, **FORMULATIONS[kind])
+    mech, beam = cantilever(elements=elements, **FORMULATIONS[kind])
     mech.add(bd.Force("load", beam.end, (3.0 * SMALL, -SMALL)))
     mech.add(bd.Moment("moment", beam.end, 0.5 * SMALL))
-    # M lengthens the left side, here the upper one: what pushes down does.
-    assert_are(at_rest(mech, beam, S), 3.0 * SMALL, -SMALL, SMALL * (1.0 - S) - 0.5 * SMALL)
+    # A positive M stretches the left side, here the upper one, as a downward force does.
+    assert_section_forces(
+        at_rest(mech, beam, S), 3.0 * SMALL, -SMALL, SMALL * (1.0 - S) - 0.5 * SMALL
+    )
 
 
 @every_formulation
 def test_loads_along_a_single_element_and_inside_it(kind):
-    mech, beam = held(**FORMULATIONS[kind])
+    mech, beam = cantilever(**FORMULATIONS[kind])
     mech.add(bd.DistributedForce("line", beam, lambda s, x, y, t: (0.0, -SMALL * s)))
     mech.add(bd.Force("load", beam.at(0.37), (0.0, -SMALL)))
     forces = at_rest(mech, beam)
     s = forces.s
-    # The place of the force comes twice, and section forces jump there.
+    # The section of the force is listed twice, and section forces jump there.
     (twice,) = np.flatnonzero(np.diff(s) == 0.0)
     assert s[twice] == pytest.approx(0.37)
     assert forces.Q[0, twice + 1] - forces.Q[0, twice] == pytest.approx(SMALL)
     near = np.arange(len(s)) <= twice
     Q = -SMALL * (near + 0.5 * (1.0 - s**2))
     M = SMALL * (near * (0.37 - s) + 1.0 / 3.0 - 0.5 * s + s**3 / 6.0)
-    assert_are(forces, 0.0, Q, M)
-    # The strains of one cubic element are far off, and the estimate says so.
+    assert_section_forces(forces, 0.0, Q, M)
+    # The strains of one cubic element have a large error, which the estimate shows.
     off = np.max(np.abs(forces.strained[2] - M))
     assert off > 0.05 * SMALL
     assert np.max(forces.error[2]) == pytest.approx(off, rel=1e-6)
 
 
 @every_formulation
-def test_weight_is_a_load_as_numbers_and_as_laws(kind):
-    mech, beam = held(gravity=(0.0, -9.81), **FORMULATIONS[kind])
+def test_weight_by_numbers_and_by_laws(kind):
+    mech, beam = cantilever(gravity=(0.0, -9.81), **FORMULATIONS[kind])
     weight = BAR.rhoA * 9.81
-    found = at_rest(mech, beam, S)
-    # Its slope of up to 7e-5 turns forces by as much.
-    assert_are(found, 0.0, -weight * (1.0 - S), 0.5 * weight * (1.0 - S) ** 2, weight, 4e-5)
-    lawful, beam = held(gravity=(0.0, lambda t: -9.81 + 0.0 * t), **FORMULATIONS[kind])
-    again = at_rest(lawful, beam, S)
-    np.testing.assert_allclose(again.M, found.M, rtol=1e-9, atol=1e-9)
+    constant = at_rest(mech, beam, S)
+    # The slope of the beam, up to 7e-5, rotates the section forces.
+    assert_section_forces(
+        constant, 0.0, -weight * (1.0 - S), 0.5 * weight * (1.0 - S) ** 2, weight, 4e-5
+    )
+    with_law, beam = cantilever(gravity=(0.0, lambda t: -9.81 + 0.0 * t), **FORMULATIONS[kind])
+    by_law = at_rest(with_law, beam, S)
+    np.testing.assert_allclose(by_law.M, constant.M, rtol=1e-9, atol=1e-9)
 
 
 @every_formulation
@@ -106,22 +110,22 @@ def test_a_taper_under_its_weight(kind):
     def section(s):
         return bd.Section.rectangle(STEEL, width=0.02, height=0.1 * (1.0 - 0.5 * s))
 
-    mech, beam = held(elements=2, section=section, gravity=(0.0, -9.81), **FORMULATIONS[kind])
+    mech, beam = cantilever(elements=2, section=section, gravity=(0.0, -9.81), **FORMULATIONS[kind])
     forces = at_rest(mech, beam, S)
     weight = section(0.0).rhoA * 9.81
     Q = -weight * (0.75 - S + 0.25 * S**2)
     M = weight * (1.0 / 3.0 - 0.75 * S + 0.5 * S**2 - S**3 / 12.0)
-    assert_are(forces, 0.0, Q, M, weight, off=4e-5)
-    # On the surface, M / W of each section.
+    assert_section_forces(forces, 0.0, Q, M, weight, off=4e-5)
+    # The stress at the surface is M / W of each section.
     W = np.array([section(s).second_moment / (0.5 * section(s).height) for s in S])
     sigma = forces.stress("top")["sigma [Pa]"]
     np.testing.assert_allclose(sigma, M / W, rtol=0.0, atol=1e-4 * np.max(np.abs(M / W)))
 
 
 @every_formulation
-def test_what_is_drawn_bent_bears_a_moment(kind):
+def test_an_initially_bent_beam_has_a_moment(kind):
     settings = {"free_curve": bd.Arc(radius=50.0, length=1.0), **FORMULATIONS[kind]}
-    mech, beam = held(elements=2, **settings)
+    mech, beam = cantilever(elements=2, **settings)
     mech.add(bd.Weld("other clamp", mech.ground.at(1.0, 0.0), beam.end))
     forces = at_rest(mech, beam, S)
     for M in (forces.M, forces.strained[2]):
@@ -130,16 +134,16 @@ def test_what_is_drawn_bent_bears_a_moment(kind):
 
 @every_formulation
 def test_an_arc_under_an_end_force(kind):
-    # Quarter of a circle about the origin from (R, 0) to (0, R), force P outward at its end.
+    # Quarter circle about the origin from (R, 0) to (0, R), with a force P outward at its end.
     R = 0.5
     arc = bd.Arc(radius=R, length=0.5 * np.pi * R, start=(R, 0.0), angle=0.5 * np.pi)
-    mech, beam = held(arc, elements=3, **FORMULATIONS[kind])
+    mech, beam = cantilever(arc, elements=3, **FORMULATIONS[kind])
     mech.add(bd.Force("load", beam.end, (0.0, SMALL)))
     s = np.linspace(0.0, arc.length, 7)
     angle = s / R
-    # Tangent (-sin, cos), left normal (-cos, -sin): N = P cos, Q = -P sin; the force turns the part
-    # beyond a section counter-clockwise about it by its lever R cos to the left.
-    assert_are(
+    # Tangent (-sin, cos), left normal (-cos, -sin): N = P cos, Q = -P sin; the force
+    # rotates the part beyond a section counter-clockwise, with the lever arm R cos to the left.
+    assert_section_forces(
         at_rest(mech, beam, s),
         SMALL * np.cos(angle),
         -SMALL * np.sin(angle),
@@ -159,16 +163,16 @@ def test_centrifugal_force_of_a_rotating_beam(kind):
     solution = bd.simulate(mech, bd.Radau(1e-6), t_end=0.1, output_step=0.1)
     forces = solution.section_forces(beam, t=0.1, s=S)
     most = 0.5 * section.rhoA * speed**2
-    # It is longer by 2e-5 of itself, which adds four times as much.
+    # Its elongation of 2e-5 changes the force by four times as much.
     np.testing.assert_allclose(forces.N[0], most * (1.0 - S**2), rtol=0.0, atol=1e-4 * most)
-    # Two elements have a parabola of strains at three points each.
+    # Two elements represent the parabola of strains at three points each.
     np.testing.assert_allclose(forces.strained[0], forces.N, rtol=0.0, atol=1e-4 * most)
 
 
 @every_formulation
 @pytest.mark.parametrize("place", [0.13, 0.5])
-def test_a_moving_load_bends_most_where_it_is(place, kind):
-    mech, beam = supported(elements=2, **FORMULATIONS[kind])
+def test_the_moment_is_largest_at_a_moving_load(place, kind):
+    mech, beam = simply_supported_beam(elements=2, **FORMULATIONS[kind])
     mech.add(bd.MovingForce("load", beam, (0.0, -SMALL), speed=1.0))
     forces = at_rest(mech, beam, t=place)
     s = forces.s
@@ -178,8 +182,8 @@ def test_a_moving_load_bends_most_where_it_is(place, kind):
 
 
 @every_formulation
-def test_a_slider_presses_between_nodes(kind):
-    mech, beam = supported(elements=3, **FORMULATIONS[kind])
+def test_a_slider_loads_the_beam_between_nodes(kind):
+    mech, beam = simply_supported_beam(elements=3, **FORMULATIONS[kind])
     block = mech.add(bd.RigidBody("block", 1.0, 1.0, center=(0.4, 0.0)))
     mech.add(bd.Force("load", block.at(0.4, 0.0), (0.0, -SMALL)))
     mech.add(bd.SlidingOnBeam("slide", block.at(0.4, 0.0), beam))
@@ -191,39 +195,39 @@ def test_a_slider_presses_between_nodes(kind):
     np.testing.assert_allclose(forces.M[0], M, rtol=0.0, atol=3e-6 * SMALL)
 
 
-def test_parts_that_are_inactive_do_not_act():
-    mech, beam = held()
+def test_inactive_parts_have_no_load():
+    mech, beam = cantilever()
     load = mech.add(bd.Force("load", beam.end, (0.0, -SMALL)))
     mech.deactivate(load)
     solution = bd.simulate(mech, bd.GeneralizedAlpha(1e-3), t_end=2e-3)
     assert np.max(np.abs(solution.section_forces(beam).M)) < 1e-9 * SMALL
 
 
-def test_drawings_may_be_moved_turned_and_run_the_other_way():
+def test_section_forces_do_not_depend_on_position_and_direction():
     arc = bd.Arc(radius=0.7, length=0.9)
     there = bd.Arc(radius=0.7, length=0.9, start=(3.0, -5.0), angle=2.0)
-    found = []
-    for curve, turn in ((arc, 0.0), (there, 2.0)):
-        mech, beam = held(curve, elements=2)
-        force = (-np.sin(turn), np.cos(turn))
+    results = []
+    for curve, rotation in ((arc, 0.0), (there, 2.0)):
+        mech, beam = cantilever(curve, elements=2)
+        force = (-np.sin(rotation), np.cos(rotation))
         mech.add(bd.Force("load", beam.end, tuple(100.0 * x for x in force)))
-        found.append(at_rest(mech, beam))
+        results.append(at_rest(mech, beam))
     for name in "NQM":
-        one, other = (getattr(x, name) for x in found)
+        one, other = (getattr(x, name) for x in results)
         np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-8 * 100.0)
 
 
 @pytest.mark.slow(reason="runs the hub beam on four meshes")
 @every_formulation
-def test_orders_and_the_estimate_on_the_hub_beam(kind):
+def test_orders_and_error_estimate_on_the_hub_beam(kind):
     settings = {"frame": "chord", "damping": 1e-3} | FORMULATIONS[kind]
     times, length = np.linspace(0.1, 2.0, 20), hub_beam.parameters["length"]
 
     def forces(elements):
         model = hub_beam(elements=elements, **settings)
         run = bd.simulate(model, bd.Radau(1e-9), t_end=2.0, output_step=0.1)
-        found = run.section_forces("beam", t=times, s=np.linspace(0.0, length, 49))
-        return found.M, found.strained[2], found.error[2]
+        result = run.section_forces("beam", t=times, s=np.linspace(0.0, length, 49))
+        return result.M, result.strained[2], result.error[2]
 
     finest, _, _ = forces(24)
     size = np.max(np.abs(finest))
@@ -233,18 +237,18 @@ def test_orders_and_the_estimate_on_the_hub_beam(kind):
         balanced.append(np.max(np.abs(M - finest)) / size)
         strained.append(np.max(np.abs(of_strains - finest)) / size)
         estimates.append(np.max(error) / size)
-    # Measured, of all formulations: 1.9e-3, 3.9e-5, 7.1e-7 and 1.3e-2, 1.6e-3, 2.0e-4.
+    # Measured with all formulations: 1.9e-3, 3.9e-5, 7.1e-7 and 1.3e-2, 1.6e-3, 2.0e-4.
     assert np.all(np.log2(np.array(balanced[:-1]) / balanced[1:]) > 5.0)
     assert np.all(np.log2(np.array(strained[:-1]) / strained[1:]) > 2.7)
-    # Effectivity of the estimate for the strains: 0.970, 0.994, 0.999.
+    # Ratio of estimate and true error of the strains: 0.970, 0.994, 0.999.
     np.testing.assert_allclose(np.array(estimates) / strained, 1.0, atol=0.05)
 
 
 @pytest.mark.parametrize("kind", ["exact", "exact strain"])
-def test_a_beam_that_is_bent_into_a_hook(kind):
-    # Along a bent axis all forces follow from where things are: n = P, m = (r_end - r) x P.
+def test_a_beam_bent_into_a_hook(kind):
+    # Section forces follow from the deformed positions: n = P, m = (r_end - r) x P.
     slender = bd.Section.rectangle(STEEL, width=0.02, height=0.002)
-    mech, beam = held(elements=6, section=slender, **FORMULATIONS[kind])
+    mech, beam = cantilever(elements=6, section=slender, **FORMULATIONS[kind])
     mech.add(bd.Force("load", beam.end, (0.0, -30.0)))
     for s in (0.5, 1.0):
         mech.observe(f"at {s}", beam.at(s))
@@ -257,7 +261,7 @@ def test_a_beam_that_is_bent_into_a_hook(kind):
     np.testing.assert_allclose(forces.M[0], 30.0 * (x[1] - np.array([0.0, *x])), atol=1e-6)
     np.testing.assert_allclose(forces.N[0, 1:], -30.0 * np.sin(angle), atol=1e-6)
     np.testing.assert_allclose(forces.Q[0, 1:], -30.0 * np.cos(angle), atol=1e-6)
-    # Half of the load, on the way there.
+    # At half of the load.
     half = path.at(int(np.argmin(np.abs(path.factors[:, 0] - 0.5))))
     assert half.factor == pytest.approx(0.5)
     tip = half.section_forces(beam, 1.0)

@@ -1,4 +1,4 @@
-"""Singular positions of closed loops: found, and told from those where a run changes its branch."""
+"""Singular positions of closed loops are found, with and without a change of branch."""
 
 import numpy as np
 import pytest
@@ -14,13 +14,13 @@ from beamdae.results.diagnostics.singular_positions import (
 from beamdae.results.trajectory import Interval, Trajectory
 
 SPEED = 6.0
-# The cranks start upright; they lie on the line of their pivots a quarter of a turn later, and
-# every half turn from then on.
+# The cranks start upright. They are on the line of their pivots after a quarter of a turn, and
+# after every half turn from then on.
 FIRST, HALF_TURN = 0.5 * np.pi / SPEED, np.pi / SPEED
 
 
 def rhombus(longer=0.0, **settings):
-    """Four bars of 1 m, turned by both cranks at a steady speed without gravity."""
+    """Return a rhombus of bars of 1 m whose cranks rotate at a constant speed, without gravity."""
     mech = bd.Mechanism(**settings)
     bars = [((0.0, 0.0), (0.0, 1.0)), ((1.0, 0.0), (1.0, 1.0 + longer))]
     cranks = []
@@ -37,8 +37,8 @@ def rhombus(longer=0.0, **settings):
     return mech
 
 
-def moved(mech, motion, t_end, steps=5000):
-    """A trajectory of (angle, pivot, arm) by body name, functions of time."""
+def prescribed_trajectory(mech, motion, t_end, steps=5000):
+    """Return equations and the trajectory of a motion(body name, t) -> (x, y, angle)."""
     equations = bd.equations_of_motion(mech)
     t = np.linspace(0.0, t_end, steps)
     q = np.concatenate([motion(name, t) for name in ("crank 0", "crank 1", "coupler")], axis=1)
@@ -48,57 +48,61 @@ def moved(mech, motion, t_end, steps=5000):
     return equations, Trajectory((Interval(t, State(q, v, a, lam), 0.5 * t_end),))
 
 
-def turned_about(pivot, arm, angle):
-    """Center and angle of a bar of 1 m that starts upright (`arm` 0.5) about a pivot."""
+def rotated_bar(pivot, arm, angle):
+    """Return center and angle of a bar that rotates about a pivot, upright at angle 0."""
     return np.stack([pivot[0] - arm * np.sin(angle), pivot[1] + arm * np.cos(angle), angle], -1)
 
 
-def on(branch):
-    """The steady rhombus; from its first singular position on it stays one or folds."""
+def motion_on(branch):
+    """Return a motion that stays straight or folds at the first singular position."""
 
     def motion(name, t):
         angle = SPEED * t
         folded = (t > FIRST) & (branch == "folded")
         if name == "crank 0":
-            return turned_about((0.0, 0.0), 0.5, angle)
+            return rotated_bar((0.0, 0.0), 0.5, angle)
         if name == "crank 1":
-            return turned_about((1.0, 0.0), 0.5, np.where(folded, 0.5 * np.pi, angle))
-        carried = np.stack([0.5 - np.sin(angle), np.cos(angle), 0.0 * t], axis=-1)
-        # Its right end on the pivot of crank 0, it goes round with that crank.
-        lying = turned_about((0.0, 0.0), 0.5, angle) - [0.0, 0.0, 0.5 * np.pi]
-        return np.where(folded[:, None], lying, carried)
+            return rotated_bar((1.0, 0.0), 0.5, np.where(folded, 0.5 * np.pi, angle))
+        translated = np.stack([0.5 - np.sin(angle), np.cos(angle), 0.0 * t], axis=-1)
+        # Its right end is on the pivot of crank 0, and it rotates with that crank.
+        folded_coupler = rotated_bar((0.0, 0.0), 0.5, angle) - [0.0, 0.0, 0.5 * np.pi]
+        return np.where(folded[:, None], folded_coupler, translated)
 
     return motion
 
 
-def test_passing_on_the_same_branch_is_no_jump_and_folding_over_is():
+def test_only_a_change_of_branch_is_a_jump():
     mech = rhombus()
-    (kept,) = find_singular_positions(*moved(mech, on("straight"), FIRST + 0.2))
-    assert kept.t == pytest.approx(FIRST, abs=1e-3)
-    assert set(kept.joints) == {"pivot 0", "pivot 1", "crank 0 tip", "crank 1 tip"}
-    assert not kept.jump
-    (left, *_) = find_singular_positions(*moved(mech, on("folded"), FIRST + 0.2))
-    assert left.jump
-    passed, jumped = singularity_warnings((left,))
+    (passed_position,) = find_singular_positions(
+        *prescribed_trajectory(mech, motion_on("straight"), FIRST + 0.2)
+    )
+    assert passed_position.t == pytest.approx(FIRST, abs=1e-3)
+    assert set(passed_position.joints) == {"pivot 0", "pivot 1", "crank 0 tip", "crank 1 tip"}
+    assert not passed_position.jump
+    (left_branch, *_) = find_singular_positions(
+        *prescribed_trajectory(mech, motion_on("folded"), FIRST + 0.2)
+    )
+    assert left_branch.jump
+    passed, jumped = singularity_warnings((left_branch,))
     assert "lose rank near t = 0.26" in passed
     assert "continues on another branch" in jumped
 
 
-def test_a_run_through_singular_positions_says_when_and_where():
+def test_singular_positions_are_reported_with_time_and_joints():
     with pytest.warns(
         bd.BeamdaeWarning, match=r"pivot 0, .* lose rank near t = 0\.26.*the motion branches"
     ):
         solution = bd.simulate(rhombus(), bd.Radau(rtol=1e-6), t_end=FIRST + 1.5 * HALF_TURN)
     assert solution.status.success
     times = [passed.t for passed in solution.singular_positions]
-    # The run is 1e-4 of itself off at most at this tolerance, and so are the looks.
+    # At this tolerance, the run and the samples have errors of at most 1e-4.
     np.testing.assert_allclose(times, [FIRST, FIRST + HALF_TURN], atol=1e-3)
     assert not any(passed.jump for passed in solution.singular_positions)
     assert len(solution.warnings) == 1
 
 
 def test_redundant_constraints_do_not_hide_singular_positions():
-    """A third crank in the middle has one constraint too many, everywhere."""
+    """A third crank in the middle makes one constraint redundant in every position."""
     mech = rhombus(redundant="minimum norm")
     coupler = mech.part("coupler")
     middle = bd.RigidBody("crank 2", 1.0, 0.1, (0.5, 0.5), (-0.5 * SPEED, 0.0), SPEED)
@@ -110,19 +114,19 @@ def test_redundant_constraints_do_not_hide_singular_positions():
     assert solution.status.success
     (passed,) = solution.singular_positions
     assert passed.t == pytest.approx(FIRST, abs=1e-3)
-    # Away from there one constraint too many is no singular position.
+    # A redundant constraint alone is not a singular position.
     assert bd.simulate(mech, bd.Radau(rtol=1e-6), t_end=0.9 * FIRST).singular_positions == ()
 
 
 def test_switched_parts_do_not_hide_singular_positions():
-    """A brake takes hold between the first and the second of them, and lets go."""
+    """A brake is active for some time between the first and the second of them."""
     mech = rhombus()
     wheel = mech.part("crank 0")
     spring = mech.add(bd.TorsionSpring("brake", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0), 1e-3))
     mech.deactivate(spring)
     mech.observe("crank", wheel.at(0.0, 0.0))
-    for turn, do in ((2.5, bd.activate(spring)), (3.5, bd.deactivate(spring))):
-        mech.when("crank.angle", crosses=turn, do=[do])
+    for angle, do in ((2.5, bd.activate(spring)), (3.5, bd.deactivate(spring))):
+        mech.when("crank.angle", crosses=angle, do=[do])
     with pytest.warns(bd.BeamdaeWarning, match=r"lose rank near t = 0\.26.*and at 1 later"):
         solution = bd.simulate(mech, bd.Radau(rtol=1e-6), t_end=FIRST + 1.5 * HALF_TURN)
     assert len(solution.event_records) == 2
@@ -131,19 +135,19 @@ def test_switched_parts_do_not_hide_singular_positions():
 
 
 @pytest.mark.parametrize("longer", [1e-3, 0.05])
-def test_missing_the_singular_position_is_not_warned_of(longer):
+def test_near_singular_positions_are_not_reported(longer):
     solution = bd.simulate(rhombus(longer), bd.Radau(rtol=1e-4), t_end=2.0 * FIRST)
     assert has_closed_loops(solution.equations)
     assert solution.singular_positions == ()
 
 
-def test_ordinary_loops_are_not_warned_of():
+def test_regular_loops_are_not_reported():
     solution = bd.simulate(slider_crank(elements=2), bd.GeneralizedAlpha(step=0.01), t_end=2.5)
     assert has_closed_loops(solution.equations)
     assert solution.singular_positions == ()
 
 
-def test_open_chains_need_no_look():
+def test_open_chains_have_no_closed_loops():
     mech = bd.Mechanism()
     section = bd.Section.rectangle(bd.Material(E=1e7, nu=0.3, rho=1e3), width=0.1, height=0.01)
     line = bd.Line((0.0, 0.0), (1.0, 0.0))
@@ -155,14 +159,14 @@ def test_open_chains_need_no_look():
     assert has_closed_loops(bd.equations_of_motion(mech))
 
 
-def test_the_joint_matrix_is_that_of_the_joints():
+def test_smallest_singular_values_of_the_constraint_jacobian():
     equations = bd.equations_of_motion(rhombus())
     matrix = build_constraint_jacobian(equations)
     q = equations.q0[None]
     assert matrix.at(np.zeros((1, 2)), q).shape == (1, equations.m, equations.n)
-    lying = on("straight")
+    straight = motion_on("straight")
     t = np.array([FIRST])
-    flat = np.concatenate([lying(name, t) for name in ("crank 0", "crank 1", "coupler")], axis=1)
+    flat = np.concatenate([straight(name, t) for name in ("crank 0", "crank 1", "coupler")], axis=1)
     upright, singular = matrix.smallest_singular_values(np.zeros((2, 2)), np.concatenate([q, flat]))
-    # Squares of singular values are off by rounding, 1e-16.
+    # The squares of singular values have a rounding error of 1e-16.
     assert singular < 1e-7 < 0.1 < upright

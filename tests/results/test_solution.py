@@ -1,4 +1,4 @@
-"""Results: rows, columns, the energy ledger, files."""
+"""Solution: output times, columns, the energy ledger, drift, files."""
 
 import json
 
@@ -17,7 +17,7 @@ LEDGER = [f"energy.{name} [J]" for name in ("kinetic", "strain", "gravity", *WOR
 
 
 def swing():
-    """Rigid pendulum, its center of mass observed."""
+    """Return a rigid pendulum whose center of mass is observed."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0)))
     hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
@@ -27,7 +27,7 @@ def swing():
 
 
 def driven(law, inertia=0.3):
-    """The same bar without weight, turned by a driver."""
+    """Return the same bar without weight, rotated by a driver."""
     mech = bd.Mechanism()
     bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=inertia, center=(0.5, 0.0)))
     origin = mech.ground.at(0.0, 0.0)
@@ -38,7 +38,7 @@ def driven(law, inertia=0.3):
 
 
 def pushed(law):
-    """Free particle of 2 kg under a force in x."""
+    """Return a free particle of 2 kg under a force in x."""
     mech = bd.Mechanism()
     particle = mech.add(bd.PointMass("particle", 2.0, at=(0.0, 0.0)))
     mech.add(bd.Force("push", particle.point, (law, 0.0)))
@@ -47,20 +47,20 @@ def pushed(law):
 
 
 ALPHA = bd.GeneralizedAlpha(step=1e-3)
-# At this tolerance an adaptive method of second order takes ten times as long as the others; the
-# stabilized form makes the same steps.
+# At this tolerance an adaptive method of second order takes ten times as long as the others. The
+# stabilized form takes the same steps.
 every_integrator = integrators(
     rtol=1e-8, step=1e-3, slow=("alpha adaptive", "alpha stabilized"), max_steps=50_000
 )
 
 
 @pytest.mark.parametrize("rtol", [1e-3, 1e-5, 1e-7])
-def test_regression_the_books_of_long_steps_close_as_the_motion_does(rtol):
-    """Powers at the ends of Radau's long steps alone left 8e-6 at 1e-7, and 2e-3 at 1e-3."""
+def test_regression_the_energy_of_long_steps_balances_to_the_tolerance(rtol):
+    """With powers at the ends of steps only, the imbalance was 8e-6 at 1e-7, 2e-3 at 1e-3."""
     solution = bd.simulate(driven(lambda t: 3.0 * t**2 - t**3), bd.Radau(rtol), 2.0)
     assert solution.quality.energy_imbalance < 0.1 * rtol
-    turnover = solution.ledger["energy.work_of_drivers [J]"].abs().max()
-    assert solution.ledger["energy.imbalance [J]"].abs().max() < rtol * turnover
+    exchanged = solution.ledger["energy.work_of_drivers [J]"].abs().max()
+    assert solution.ledger["energy.imbalance [J]"].abs().max() < rtol * exchanged
 
 
 @every_integrator
@@ -69,7 +69,7 @@ def test_output_times_need_not_be_steps(integrator):
     assert_allclose(solution.t[:-1], 0.0371 * np.arange(27), rtol=0.0, atol=1e-15)
     assert solution.t[-1] == 1.0
     exact = 0.5 * 1.5 * solution.t**2
-    # IDA holds its positions to rtol a step.
+    # IDA controls positions to rtol per step.
     assert_allclose(solution.q[:, 0], exact, rtol=0.0, atol=1e-6)
     assert_allclose(solution.v[:, 0], 1.5 * solution.t, rtol=0.0, atol=1e-5)
 
@@ -84,18 +84,18 @@ def test_rows_do_not_depend_on_the_output_step(integrator):
     assert coarse.quality == fine.quality
 
 
-def test_a_step_longer_than_the_run_gives_start_and_end():
+def test_an_output_step_longer_than_the_run_gives_two_rows():
     solution = bd.simulate(pushed(1.0), bd.GeneralizedAlpha(step=0.1), 0.5, output_step=2.0)
     assert_allclose(solution.t, [0.0, 0.5], rtol=0.0, atol=0.0)
 
 
-def test_the_default_is_a_thousand_rows():
+def test_the_default_output_step_is_a_thousandth_of_the_run():
     solution = bd.simulate(pushed(1.0), bd.GeneralizedAlpha(step=0.1), 0.3)
     assert_allclose(solution.t, np.linspace(0.0, 0.3, 1001), rtol=0.0, atol=1e-15)
 
 
 @every_integrator
-def test_accelerations_and_reactions_belong_to_the_positions(integrator):
+def test_accelerations_and_reactions_are_consistent_with_positions(integrator):
     # Bar of inertia 0.3 + 2 * 0.25 about the hinge, released from the horizontal.
     solution = bd.simulate(swing(), integrator, 0.3, output_step=0.01)
     angle = solution.q[:, 2]
@@ -104,30 +104,30 @@ def test_accelerations_and_reactions_belong_to_the_positions(integrator):
     assert_allclose(fx, 2.0 * solution.a[:, 0], rtol=0.0, atol=1e-2)
 
 
-def test_the_books_of_an_undamped_mechanism_close_with_the_tolerance():
+def test_the_energy_imbalance_decreases_with_the_tolerance():
     imbalance = [
         bd.simulate(swing(), bd.Ida(rtol=rtol), 2.0).quality.energy_imbalance
         for rtol in (1e-4, 1e-6, 1e-8)
     ]
     assert imbalance[0] < 0.05
     assert imbalance[2] < 1e-4
-    # At least a factor two for each factor ten.
+    # By at least a factor of two per factor of ten.
     assert imbalance[1] < 0.25 * imbalance[0]
     assert imbalance[2] < 0.25 * imbalance[1]
 
 
-def test_the_books_of_an_undamped_mechanism_close_with_the_step():
+def test_the_energy_imbalance_decreases_with_the_step():
     imbalance = []
     for step in (4e-3, 2e-3):
         integrator = bd.GeneralizedAlpha(step=step, rho_inf=0.9, newton_tolerance=1e-9)
         imbalance.append(bd.simulate(swing(), integrator, 2.0).quality.energy_imbalance)
     assert imbalance[0] < 1e-3
-    # Second order, with a few percent of the next one.
+    # Second order, with a few percent of the next order.
     assert_allclose(imbalance[0] / imbalance[1], 4.0, rtol=0.1)
 
 
 @every_integrator
-def test_gravity_and_kinetic_energy_are_those_of_the_bar(integrator):
+def test_kinetic_and_gravitational_energy_of_a_bar(integrator):
     solution = bd.simulate(swing(), integrator, 1.0, output_step=0.1)
     ledger = solution.ledger
     height, rate = solution.q[:, 1], solution.v
@@ -136,17 +136,17 @@ def test_gravity_and_kinetic_energy_are_those_of_the_bar(integrator):
     assert_allclose(ledger["energy.gravity [J]"], 2.0 * 9.81 * height, rtol=0.0, atol=1e-5)
     for name in ("strain", *WORKS):
         assert_allclose(ledger[f"energy.{name} [J]"], 0.0, rtol=0.0, atol=1e-12)
-    books = ledger["energy.kinetic [J]"] + ledger["energy.gravity [J]"]
-    assert_allclose(ledger["energy.imbalance [J]"], books - books[0], rtol=0.0, atol=1e-12)
+    energy = ledger["energy.kinetic [J]"] + ledger["energy.gravity [J]"]
+    assert_allclose(ledger["energy.imbalance [J]"], energy - energy[0], rtol=0.0, atol=1e-12)
 
 
 @every_integrator
-def test_work_of_a_driver_is_the_energy_of_the_bar(integrator):
+def test_the_work_of_a_driver_is_the_energy_of_the_bar(integrator):
     solution = bd.simulate(driven(lambda t: 1.0 - np.cos(3.0 * t)), integrator, 2.0, 0.05)
     rate = 3.0 * np.sin(3.0 * solution.t)
     work = 0.5 * 0.8 * rate**2
     ledger = solution.ledger
-    # The second-order error of the reaction at this step, (3 h)^2 = 1e-5 of 3.6 J.
+    # Tolerance: the second-order error of the reaction at this step, (3 h)^2 = 1e-5 of 3.6 J.
     assert_allclose(ledger["energy.work_of_drivers [J]"], work, rtol=0.0, atol=1e-3)
     assert_allclose(ledger["energy.kinetic [J]"], work, rtol=0.0, atol=1e-3)
     assert_allclose(ledger["energy.work_of_loads [J]"], 0.0, rtol=0.0, atol=0.0)
@@ -157,7 +157,7 @@ def test_work_of_a_driver_is_the_energy_of_the_bar(integrator):
 
 
 @every_integrator
-def test_work_of_a_constant_force_is_force_times_way(integrator):
+def test_the_work_of_a_constant_force_is_force_times_distance(integrator):
     solution = bd.simulate(pushed(3.0), integrator, 2.0, 0.1)
     ledger = solution.ledger
     work = 3.0 * 0.5 * 1.5 * solution.t**2
@@ -167,7 +167,7 @@ def test_work_of_a_constant_force_is_force_times_way(integrator):
 
 
 @every_integrator
-def test_the_books_close_across_a_jump_of_the_force(integrator):
+def test_the_energy_balances_across_a_jump_of_the_force(integrator):
     solution = bd.simulate(pushed(bd.piecewise((0.3, 5.0), 0.0)), integrator, 1.0, 0.037)
     work = 0.5 * 2.0 * (2.5 * np.minimum(solution.t, 0.3)) ** 2
     ledger = solution.ledger
@@ -175,7 +175,7 @@ def test_the_books_close_across_a_jump_of_the_force(integrator):
     assert_allclose(ledger["energy.imbalance [J]"], 0.0, rtol=0.0, atol=1e-5)
 
 
-def test_drift_is_measured_where_a_form_lets_it_happen():
+def test_drift_of_each_formulation():
     equations = pendulum(9.81, 1.0).equations
     drift = {}
     for form in ("index1", "index3", "ggl", "stabilized-index1"):
@@ -183,16 +183,16 @@ def test_drift_is_measured_where_a_form_lets_it_happen():
             rtol=1e-6, formulation=form, error_control="positions", max_order=5, max_steps=20_000
         )
         drift[form] = bd.simulate(equations, integrator, 5.0).quality
-    # Nothing holds index 1 to the circle; index 3 holds positions, the other two velocities too,
-    # all of them to what Newton's iteration leaves.
+    # Index 1 does not enforce the circle. Index 3 enforces positions, the other two also
+    # velocities, to the tolerance of Newton's iteration.
     for form in ("index3", "ggl", "stabilized-index1"):
-        held = drift[form]
-        assert held.max_position_drift < 1e-6 < 1e-5 < drift["index1"].max_position_drift
-        # 2e-5 to 2e-4 in all three, by what the last iteration of some step left: no ranking.
-        assert held.max_velocity_drift < 1e-3
+        quality = drift[form]
+        assert quality.max_position_drift < 1e-6 < 1e-5 < drift["index1"].max_position_drift
+        # 2e-5 to 2e-4 for all three, depending on the last iteration of single steps.
+        assert quality.max_velocity_drift < 1e-3
 
 
-def test_the_residual_of_generalized_alpha_is_what_newton_leaves():
+def test_the_residual_of_generalized_alpha_follows_the_newton_tolerance():
     tight = bd.simulate(swing(), bd.GeneralizedAlpha(step=1e-2, newton_tolerance=1e-9), 1.0)
     loose = bd.simulate(swing(), bd.GeneralizedAlpha(step=1e-2, newton_tolerance=1e-3), 1.0)
     assert tight.quality.max_residual < 1e-8
@@ -208,7 +208,7 @@ def test_the_table_has_time_observed_columns_and_the_ledger():
     assert np.all(np.isfinite(table.to_numpy()))
 
 
-def test_a_model_that_observes_nothing_still_has_time_and_energies():
+def test_without_observables_the_table_has_time_and_energies():
     mech = bd.Mechanism()
     mech.add(bd.PointMass("particle", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
     table = bd.simulate(mech, ALPHA, 0.1, 0.05).table()
@@ -230,7 +230,7 @@ def test_coordinates_are_named_by_part():
 
 @bd.model(t_end=0.2)
 def swing_model(mass=2.0):
-    """A pendulum of one parameter."""
+    """Pendulum with one parameter."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     bob = mech.add(bd.RigidBody("bob", mass=mass, inertia=0.1, center=(1.0, 0.0)))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
@@ -238,13 +238,13 @@ def swing_model(mass=2.0):
     return mech
 
 
-def test_a_file_gives_back_the_table_and_says_how_it_came_about(tmp_path):
+def test_csv_contains_the_table_and_json_the_metadata(tmp_path):
     solution = bd.simulate(swing_model, bd.Ida(rtol=1e-6), output_step=0.01)
     path = solution.to_csv(tmp_path / "deep" / "result.csv")
     assert path == tmp_path / "deep" / "result.csv"
     table = pd.read_csv(path)
     assert list(table.columns) == list(solution.table().columns)
-    # Written with all digits.
+    # All digits are written.
     assert_allclose(table.to_numpy(), solution.table().to_numpy(), rtol=1e-15)
 
     sidecar = json.loads(path.with_suffix(".json").read_text())
@@ -260,21 +260,21 @@ def test_a_file_gives_back_the_table_and_says_how_it_came_about(tmp_path):
     assert sidecar["versions"]["beamdae"] == bd.__version__ == versions()["beamdae"]
 
 
-def test_a_file_in_the_way_of_the_folder_is_an_error_in_words(tmp_path):
+def test_a_file_in_place_of_the_folder_is_reported(tmp_path):
     (tmp_path / "taken").write_text("a file, not a folder")
     solution = bd.simulate(swing_model, bd.GeneralizedAlpha(step=0.01))
     with pytest.raises(bd.BeamdaeError, match=r"taken.*cannot be written"):
         solution.to_csv(tmp_path / "taken" / "result.csv")
 
 
-def test_a_folder_in_the_place_of_the_file_is_an_error_in_words(tmp_path):
+def test_a_folder_in_place_of_the_file_is_reported(tmp_path):
     (tmp_path / "result.csv").mkdir()
     solution = bd.simulate(swing_model, bd.GeneralizedAlpha(step=0.01))
     with pytest.raises(bd.BeamdaeError, match=r"result\.csv.*cannot be written"):
         solution.to_csv(tmp_path / "result.csv")
 
 
-def test_a_failed_run_has_all_of_this_as_well(tmp_path):
+def test_a_failed_run_is_written(tmp_path):
     failing = bd.simulate(pushed(lambda t: np.sqrt(0.5 - t)), bd.GeneralizedAlpha(step=0.02), 1.0)
     assert not failing.status.success
     table = pd.read_csv(failing.to_csv(tmp_path / "failed.csv"))
@@ -287,7 +287,7 @@ def test_a_failed_run_has_all_of_this_as_well(tmp_path):
     assert np.all(np.isfinite(table.to_numpy()))
 
 
-def test_a_run_that_fails_in_its_first_step_keeps_the_start():
+def test_a_run_that_fails_in_its_first_step_has_its_start():
     failing = pushed(lambda t: np.sqrt(0.001 - t))
     solution = bd.simulate(failing, bd.GeneralizedAlpha(step=0.02), 1.0)
     assert not solution.status.success

@@ -1,4 +1,4 @@
-"""How far beams go from their floating frames, and when a run warns of it."""
+"""Deformation of beams relative to their floating frames, and the warnings about it."""
 
 import json
 import warnings
@@ -16,32 +16,32 @@ LINE = bd.Line((0.0, 0.0), (1.0, 0.0))
 ARC = bd.Arc(radius=1.0, length=1.0)
 
 
-def bent(turn, curve=LINE, bodies=1, **settings):
-    """Cantilever of 1 m, slowly bent by a moment that turns its end by `turn` [rad]."""
+def bend_cantilever(rotation, curve=LINE, bodies=1, **settings):
+    """Run a cantilever of 1 m that a moment bends slowly until its end has rotated by an angle."""
     mech = bd.Mechanism()
     beams = bd.welded_beams(mech, "strip", curve, STRIP, bodies, elements=4, **settings)
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beams[0].start))
-    mech.add(bd.Moment("moment", beams[-1].end, lambda t: STRIP.EI * turn * t / 4.0))
+    mech.add(bd.Moment("moment", beams[-1].end, lambda t: STRIP.EI * rotation * t / 4.0))
     mech.observe("tip", beams[-1].end)
     return bd.simulate(mech, bd.Radau(rtol=1e-3), t_end=4.0)
 
 
-def test_ranges_are_those_of_a_beam_bent_to_an_arc():
-    # Constant curvature: a deflection of turn / 2 and a strain of turn h / 2 over a length of 1 m.
+def test_deflection_rotation_and_strain_of_an_arc():
+    # Constant curvature: deflection rotation / 2 and strain rotation h / 2 for a length of 1 m.
     with warnings.catch_warnings():
         warnings.simplefilter("error", bd.BeamdaeWarning)
-        (found,) = bent(0.05, frame="tangent").validity
-    assert found.name == "strip"
-    # Material damping and inertia hold it back by a fifth at most.
-    assert 0.04 < found.rotation < 0.051
-    assert found.deflection == pytest.approx(0.5 * found.rotation, rel=0.05)
-    assert found.strain == pytest.approx(0.005 * found.rotation, rel=0.3)
-    assert found.error == pytest.approx(found.rotation**2)
+        (beam_range,) = bend_cantilever(0.05, frame="tangent").validity
+    assert beam_range.name == "strip"
+    # Material damping and inertia reduce the rotation by at most a fifth.
+    assert 0.04 < beam_range.rotation < 0.051
+    assert beam_range.deflection == pytest.approx(0.5 * beam_range.rotation, rel=0.05)
+    assert beam_range.strain == pytest.approx(0.005 * beam_range.rotation, rel=0.3)
+    assert beam_range.error == pytest.approx(beam_range.rotation**2)
 
 
-def test_a_beam_bent_too_far_is_warned_of_and_what_helps_does_help(tmp_path):
+def test_the_remedy_of_a_warning_removes_it(tmp_path):
     with pytest.warns(bd.BeamdaeWarning, match=r"strip: it bends .* rad away .* bodies=\d") as seen:
-        solution = bent(1.0, frame="tangent")
+        solution = bend_cantilever(1.0, frame="tangent")
     (sentence,) = solution.warnings
     assert str(seen[0].message) == sentence
     assert "or set frame='chord'" in sentence
@@ -50,27 +50,27 @@ def test_a_beam_bent_too_far_is_warned_of_and_what_helps_does_help(tmp_path):
     assert metadata["validity"][0]["rotation"] == solution.validity[0].rotation > 0.5
     with warnings.catch_warnings():
         warnings.simplefilter("error", bd.BeamdaeWarning)
-        better = bent(1.0, frame="chord", bodies=4)
+        better = bend_cantilever(1.0, frame="chord", bodies=4)
     assert len(better.validity) == 4
     assert max(beam.error for beam in better.validity) < MAX_UNREPORTED_ERROR
 
 
 @pytest.mark.parametrize(
-    ("settings", "said", "not_said"),
+    ("settings", "included", "excluded"),
     [
         ({"frame": "chord", "strain": "nonlinear"}, "strain='green'", "frame="),
         ({}, "strain='exact'", "frame="),
         ({"frame": "tangent", "strain": "linear"}, "strain='nonlinear'", "green"),
     ],
 )
-def test_a_warning_names_settings_that_help(settings, said, not_said):
-    reach = bd.Beam("arc", ARC, STRIP, **settings).kinematics.strain_validity
-    beam = BeamRange("arc", 0.2, 0.5, 0.0, 0.04, reach.remedies)
-    assert said in beam.warning
-    assert not_said not in beam.warning
+def test_warnings_name_settings_that_help(settings, included, excluded):
+    validity = bd.Beam("arc", ARC, STRIP, **settings).kinematics.strain_validity
+    beam = BeamRange("arc", 0.2, 0.5, 0.0, 0.04, validity.remedies)
+    assert included in beam.warning
+    assert excluded not in beam.warning
 
 
-def test_the_remedy_falls_with_the_error_and_a_hopeless_one_is_no_number():
+def test_the_number_of_bodies_grows_with_the_error():
     small, large, hopeless = (BeamRange("b", 0.1, 0.1, 0.0, e) for e in (0.011, 0.24, 3.0))
     assert "bodies=2)" in small.warning
     assert "bodies=4)" in large.warning
@@ -79,7 +79,7 @@ def test_the_remedy_falls_with_the_error_and_a_hopeless_one_is_no_number():
     assert BeamRange("b", 0.1, 0.1, 0.0, MAX_UNREPORTED_ERROR).warning is None
 
 
-def test_kinematics_without_a_limit_are_never_warned_of():
+def test_strain_measures_without_a_limit_have_no_warning():
     assert BeamRange("b", 2.0, 6.0, 0.1).warning is None
     assert bd.Beam("arc", ARC, STRIP, strain="exact").kinematics.strain_validity.error is None
     assert bd.Beam("arc", ARC, STRIP, formulation="exact").ranges() == []
@@ -93,7 +93,7 @@ def test_kinematics_without_a_limit_are_never_warned_of():
     assert bd.simulate(mech, bd.Radau(), t_end=0.1).validity == ()
 
 
-def test_ranges_are_the_largest_of_all_elements_and_rows():
+def test_ranges_are_maxima_over_elements_and_rows():
     beam = bd.Beam("beam", LINE, STRIP, elements=2, frame="tangent")
     mech = bd.Mechanism()
     mech.add(beam)
@@ -102,7 +102,7 @@ def test_ranges_are_the_largest_of_all_elements_and_rows():
     names = list(equations.q_names)
     q[170, names.index("beam.v5")] = -0.3
     q[299, names.index("beam.phi6")] = -0.2
-    # A turn of the frame is no deformation.
+    # A rotation of the frame is not a deformation.
     q[:, names.index("beam.theta")] += 2.0
     deflection, rotation, strain = equations.ranges[0].largest_deformation(q)
     assert (deflection, rotation) == pytest.approx((0.3, 0.2))

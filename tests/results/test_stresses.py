@@ -1,4 +1,4 @@
-"""Section forces of runs: at their ends, tables, stresses, envelopes, safety, diagrams."""
+"""Section forces of runs: end values, tables, stresses, envelopes, safety, diagrams."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0, yield_stress=235e6)
 
 @pytest.fixture(scope="module")
 def swinging():
-    """A damped, dragged arc with a tip mass, on a hinge, in motion."""
+    """Run of a hinged arc with a tip mass, material damping and air drag."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     arc = bd.Arc(radius=0.85, length=0.8, angle=-0.6)
     strip = bd.Section.rectangle(STEEL, width=0.03, height=0.0025, damping=1e-4)
@@ -30,38 +30,38 @@ def swinging():
     return bd.simulate(mech, bd.Radau(1e-6), t_end=0.2, output_step=0.01)
 
 
-def test_at_its_ends_they_balance_reactions_and_masses(swinging):
+def test_end_values_balance_reactions_and_masses(swinging):
     forces = swinging.section_forces("beam", s=[0.0, 0.8])
     columns, tip = swinging.columns, np.s_[1:-1]
     n = {}
     beam = forces.beam
     for k, (place, at) in enumerate({"root": beam.start, "tip": beam.end}.items()):
-        # Observed is the angle of the element, the section stands across the curve.
+        # The observed angle is that of the element; the section is normal to the curve.
         across = beam.curve.tangent_angle(forces.s[k]) - at.inclination
         angle = columns[f"{place}.angle [rad]"] + across
         c, w = np.cos(angle), np.sin(angle)
         N, Q = forces.N[:, k], forces.Q[:, k]
         n[place] = np.stack([c * N - w * Q, w * N + c * Q])
     size = np.max(np.abs(n["root"]))
-    # The reaction on the beam is what the part before its start exerts on it.
+    # The reaction is the force on the start of the beam.
     reaction = np.stack([columns[f"hinge.{x} [N]"] for x in ("Fx", "Fy")])
     np.testing.assert_allclose(n["root"], -reaction, rtol=0.0, atol=1e-9 * size)
     np.testing.assert_allclose(forces.M, 0.0, atol=1e-9 * size)
-    # What moves the tip mass, by central differences of its velocity over 20 ms.
-    moved = np.stack([np.gradient(columns[f"tip.{x}_dot [m/s]"], 0.01) for x in "xy"])
-    weighed = 0.06 * (moved + np.array([[0.0], [9.81]]))
-    np.testing.assert_allclose(n["tip"][:, tip], -weighed[:, tip], rtol=0.0, atol=0.05 * size)
+    # Force on the tip mass, by central differences of its velocity over 20 ms.
+    acceleration = np.stack([np.gradient(columns[f"tip.{x}_dot [m/s]"], 0.01) for x in "xy"])
+    force = 0.06 * (acceleration + np.array([[0.0], [9.81]]))
+    np.testing.assert_allclose(n["tip"][:, tip], -force[:, tip], rtol=0.0, atol=0.05 * size)
 
 
-def test_between_they_agree_with_the_strains(swinging):
+def test_values_inside_agree_with_the_strains(swinging):
     forces = swinging.section_forces("beam", s=0.5)
     for k, name in enumerate(("N [N]", "Q [N]", "M [N m]")):
         observed = swinging.columns[f"inside.{name}"]
         np.testing.assert_allclose(forces.strained[k, :, 0], observed, rtol=1e-9, atol=1e-9)
-        found = (forces.N, forces.Q, forces.M)[k][:, 0]
-        size = np.max(np.abs(found))
-        # Three elements, and a spring inside one of them.
-        np.testing.assert_allclose(found, observed, rtol=0.0, atol=0.1 * size)
+        balanced = (forces.N, forces.Q, forces.M)[k][:, 0]
+        size = np.max(np.abs(balanced))
+        # The mesh is coarse: three elements, and a spring inside one of them.
+        np.testing.assert_allclose(balanced, observed, rtol=0.0, atol=0.1 * size)
 
 
 def test_tables_envelopes_and_safety(swinging):
@@ -87,28 +87,29 @@ def test_tables_envelopes_and_safety(swinging):
 
 
 def test_shear_peaks_of_shapes():
-    # A thin pipe has twice the mean, a thick one that of a solid circle; a web bears nearly all.
+    # Limits: a thin pipe has twice the mean, a thick pipe the value of a solid circle, and an
+    # I profile with a full web that of a rectangle.
     assert bd.Section.pipe(STEEL, 0.1, 1e-5).shear_peak == pytest.approx(2.0, rel=1e-3)
     assert bd.Section.pipe(STEEL, 0.1, 0.0499).shear_peak == pytest.approx(4.0 / 3.0, rel=3e-3)
     solid = bd.Section.i_profile(STEEL, width=0.02, height=0.1, flange=0.02, web=0.0199999)
     assert solid.shear_peak == pytest.approx(1.5, rel=1e-4)
 
 
-def test_a_diagram_is_a_picture(swinging, tmp_path):
+def test_diagrams_are_saved_as_figures(swinging, tmp_path):
     plot = swinging.diagram("beam", "M", t=0.1)
     assert plot.save(tmp_path / "M.png").stat().st_size > 5000
     (axes,) = plot.figure.axes
     assert axes.get_ylabel() == "M [N m]"
-    # The whole run: largest and least.
+    # Envelope of the whole run.
     envelope = swinging.diagram("beam", "Q")
     assert "0 to 0.2 s" in envelope.figure.axes[0].get_title()
 
 
 @pytest.mark.parametrize(
-    ("ask", "why"),
+    ("call", "message"),
     [
-        (lambda x: x.section_forces("rod"), "beam must be one of .*'beam', got 'rod'"),
-        (lambda x: x.section_forces("hinge"), "beam must be one of"),
+        (lambda x: x.section_forces("rod"), "beam must be a beam of .*'beam'.*, got 'rod'"),
+        (lambda x: x.section_forces("hinge"), "beam must be a beam of"),
         (lambda x: x.section_forces("beam", t=0.3), "t must be times of the run"),
         (lambda x: x.section_forces("beam", t=[0.1, 0.1]), "t must be times of the run"),
         (lambda x: x.section_forces("beam", t=[]), "t must be a number or a list"),
@@ -120,9 +121,9 @@ def test_a_diagram_is_a_picture(swinging, tmp_path):
         (lambda x: x.section_forces("beam").stress(1.0), "offset must lie within half the height"),
     ],
 )
-def test_what_is_asked_wrongly_is_refused(swinging, ask, why):
-    with pytest.raises(bd.BeamdaeError, match=why):
-        ask(swinging)
+def test_invalid_arguments_are_rejected(swinging, call, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        call(swinging)
 
 
 def test_safety_needs_a_yield_stress():

@@ -1,4 +1,4 @@
-"""What lies between the steps."""
+"""Dense output between the steps of a run."""
 
 import numpy as np
 import pytest
@@ -12,13 +12,13 @@ from beamdae.integrators.run_plan import plan_run
 from beamdae.results.trajectory import Interval, Trajectory
 
 STEPS = np.array([0.0, 0.1, 0.15, 0.4, 0.9, 1.0])
-# Three nodes a step, as Radau has them.
+# Three nodes per step, as for Radau IIA.
 STAGES = np.append((STEPS[:-1, None] + np.append(0.0, C[:-1]) * np.diff(STEPS)[:, None]).ravel(), 1)
 BETWEEN = np.linspace(0.0, 1.0, 137)
 
 
-def interval(nodes, functions, branch=0.5, per_step=1):
-    """Interval of functions q, v, a and lam of time."""
+def make_interval(nodes, functions, branch=0.5, per_step=1):
+    """Return an interval of functions q, v, a and lam of time."""
     rows = State(*(np.stack([f(nodes)], axis=-1) for f in functions))
     return Interval(nodes, rows, branch, per_step)
 
@@ -27,27 +27,27 @@ def polynomial(degree, seed=0):
     return Polynomial(np.random.default_rng(seed).normal(size=degree + 1))
 
 
-def missed(found, functions, t):
-    """Largest error of each of q, v, a and lam."""
-    return np.array([np.max(np.abs(x[:, 0] - f(t))) for x, f in zip(found, functions, strict=True)])
+def largest_errors(state, functions, t):
+    """Return the largest error of each of q, v, a and lam."""
+    return np.array([np.max(np.abs(x[:, 0] - f(t))) for x, f in zip(state, functions, strict=True)])
 
 
-def test_polynomials_of_degree_four_and_of_degree_three_are_reproduced():
+def test_polynomials_of_degree_four_and_three_are_reproduced():
     smooth, rough = [polynomial(4, k) for k in (0, 1)], [polynomial(3, k) for k in (2, 3)]
-    found = interval(STEPS, (*smooth, *rough)).at(BETWEEN)
-    assert_allclose(missed(found, (*smooth, *rough), BETWEEN), 0.0, rtol=0.0, atol=1e-13)
+    state = make_interval(STEPS, (*smooth, *rough)).at(BETWEEN)
+    assert_allclose(largest_errors(state, (*smooth, *rough), BETWEEN), 0.0, rtol=0.0, atol=1e-13)
     higher = [p * Polynomial([0.0, 1.0]) for p in (*smooth, *rough)]
-    assert (missed(interval(STEPS, higher).at(BETWEEN), higher, BETWEEN) > 1e-3).all()
+    assert (largest_errors(make_interval(STEPS, higher).at(BETWEEN), higher, BETWEEN) > 1e-3).all()
 
 
-def test_stages_carry_a_cubic_and_what_its_integral_is():
+def test_stages_reproduce_a_cubic_and_its_integral():
     v = polynomial(3)
     functions = v.integ(), v, polynomial(3, 1), polynomial(3, 2)
-    found = interval(STAGES, functions, per_step=3).at(BETWEEN)
-    assert_allclose(missed(found, functions, BETWEEN), 0.0, rtol=0.0, atol=1e-13)
+    state = make_interval(STAGES, functions, per_step=3).at(BETWEEN)
+    assert_allclose(largest_errors(state, functions, BETWEEN), 0.0, rtol=0.0, atol=1e-13)
     higher = [p * Polynomial([0.0, 1.0]) for p in functions]
-    found = interval(STAGES, higher, per_step=3).at(BETWEEN)
-    assert (missed(found, higher, BETWEEN) > 1e-5).all()
+    state = make_interval(STAGES, higher, per_step=3).at(BETWEEN)
+    assert (largest_errors(state, higher, BETWEEN) > 1e-5).all()
 
 
 @pytest.mark.parametrize(("per_step", "orders"), [(1, [5, 5, 4, 4]), (3, [5, 4, 4, 4])])
@@ -59,97 +59,104 @@ def test_orders_of_the_dense_output(per_step, orders):
         ends = np.linspace(0.0, 4.0, steps + 1)
         inside = np.append(0.0, C[:-1])[:per_step]
         nodes = np.append((ends[:-1, None] + inside * (ends[1] - ends[0])).ravel(), 4.0)
-        errors.append(missed(interval(nodes, functions, per_step=per_step).at(at), functions, at))
+        errors.append(
+            largest_errors(make_interval(nodes, functions, per_step=per_step).at(at), functions, at)
+        )
     assert_allclose(np.log2(np.divide(*errors)), orders, rtol=0.0, atol=0.2)
 
 
 @pytest.mark.parametrize(("nodes", "per_step"), [(STEPS, 1), (STAGES, 3)])
-def test_steps_themselves_are_returned_unchanged(nodes, per_step):
-    given = interval(nodes, [polynomial(7, k) for k in range(4)], per_step=per_step)
-    assert_allclose(given.t, STEPS, rtol=0.0, atol=1e-15)
-    for found, row in zip(given.at(STEPS), given.state, strict=True):
-        # The integral of v is moved onto q, up to rounding.
-        assert_allclose(found, row, rtol=0.0, atol=1e-14)
+def test_states_at_steps_are_returned_unchanged(nodes, per_step):
+    interval = make_interval(nodes, [polynomial(7, k) for k in range(4)], per_step=per_step)
+    assert_allclose(interval.t, STEPS, rtol=0.0, atol=1e-15)
+    for column, row in zip(interval.at(STEPS), interval.state, strict=True):
+        # The integral of v is corrected to meet q, up to rounding.
+        assert_allclose(column, row, rtol=0.0, atol=1e-14)
 
 
-def test_a_run_stopped_at_its_start_has_its_first_state():
-    given = interval(np.array([0.2]), [polynomial(2, k) for k in range(4)])
-    for found, row in zip(given.at(np.array([0.2])), given.state, strict=True):
-        assert_allclose(found, row, rtol=0.0, atol=0.0)
-    assert_allclose(given.integrate_to_steps(given.rows.v), 0.0, rtol=0.0, atol=0.0)
+def test_a_run_that_stops_at_its_start_has_its_first_state():
+    interval = make_interval(np.array([0.2]), [polynomial(2, k) for k in range(4)])
+    for column, row in zip(interval.at(np.array([0.2])), interval.state, strict=True):
+        assert_allclose(column, row, rtol=0.0, atol=0.0)
+    assert_allclose(interval.integrate_to_steps(interval.rows.v), 0.0, rtol=0.0, atol=0.0)
 
 
 @pytest.mark.parametrize("steps", [2, 3, 4])
-def test_few_steps_have_the_polynomial_through_all(steps):
+def test_few_steps_use_the_polynomial_through_all_of_them(steps):
     functions = [polynomial(steps - 1, k) for k in range(4)]
-    given = interval(np.linspace(0.0, 1.0, steps), functions)
-    assert_allclose(missed(given.at(BETWEEN), functions, BETWEEN), 0.0, rtol=0.0, atol=1e-13)
+    interval = make_interval(np.linspace(0.0, 1.0, steps), functions)
+    assert_allclose(
+        largest_errors(interval.at(BETWEEN), functions, BETWEEN), 0.0, rtol=0.0, atol=1e-13
+    )
 
 
-def test_no_columns_stay_no_columns():
+def test_states_without_columns():
     nothing = np.zeros((6, 0))
-    given = Interval(STEPS, State(nothing, nothing, nothing, nothing), 0.5)
-    assert given.at(BETWEEN).lam.shape == (137, 0)
-    assert given.integrate_to(BETWEEN, nothing, given.integrate_to_steps(nothing)).shape == (137, 0)
+    interval = Interval(STEPS, State(nothing, nothing, nothing, nothing), 0.5)
+    assert interval.at(BETWEEN).lam.shape == (137, 0)
+    assert interval.integrate_to(BETWEEN, nothing, interval.integrate_to_steps(nothing)).shape == (
+        137,
+        0,
+    )
 
 
 @pytest.mark.parametrize(("nodes", "per_step"), [(STEPS, 1), (STAGES, 3)])
 def test_integrals_of_cubics_are_exact(nodes, per_step):
     rate = polynomial(3)
-    given = interval(nodes, [rate] * 4, per_step=per_step)
-    to_steps = given.integrate_to_steps(given.rows.q)
-    found = given.integrate_to(BETWEEN, given.rows.q, to_steps)
-    assert_allclose(found[:, 0], rate.integ()(BETWEEN), rtol=0.0, atol=1e-14)
+    interval = make_interval(nodes, [rate] * 4, per_step=per_step)
+    to_steps = interval.integrate_to_steps(interval.rows.q)
+    integrals = interval.integrate_to(BETWEEN, interval.rows.q, to_steps)
+    assert_allclose(integrals[:, 0], rate.integ()(BETWEEN), rtol=0.0, atol=1e-14)
 
 
 def test_integrals_through_stages_are_the_quadrature_of_radau():
-    """Exact to degree 4, and the start of a step has no weight, whatever happens there."""
+    """It is exact to degree 4, and the start of a step has weight 0."""
     rates = np.random.default_rng(0).normal(size=(4, 1))
-    given = Interval(STAGES[:4], State(rates, rates, rates, rates), 0.05, per_step=3)
+    interval = Interval(STAGES[:4], State(rates, rates, rates, rates), 0.05, per_step=3)
     weights = np.array([16.0 - np.sqrt(6.0), 16.0 + np.sqrt(6.0), 4.0]) / 36.0
     expected = 0.1 * weights @ rates[1:, 0]
-    assert_allclose(given.integrate_to_steps(rates)[-1, 0], expected, rtol=1e-13)
+    assert_allclose(interval.integrate_to_steps(rates)[-1, 0], expected, rtol=1e-13)
 
 
 @pytest.mark.parametrize("per_step", [1, 3])
-def test_regression_vibrations_too_fast_for_the_steps_stay_as_small_as_at_the_steps(per_step):
-    """Output made 4500 N between steps with 0.1 N out of h v and h^2 a of an axial vibration."""
+def test_regression_vibrations_too_fast_for_the_steps_are_not_amplified(per_step):
+    """Interpolating h v and h^2 a of an axial vibration gave 4500 N between steps with 0.1 N."""
     nodes = np.linspace(0.0, 1.0, 31)
     signs = np.resize([1.0, -1.0, -1.0, 1.0, 1.0], 31)[:, None]
     amplitude, rate = 1e-9, 1e6
     rows = State(*(amplitude * rate**k * signs for k in (0, 1, 2)), signs)
-    found = Interval(nodes, rows, 0.5, per_step).at(BETWEEN)
+    state = Interval(nodes, rows, 0.5, per_step).at(BETWEEN)
     if per_step == 1:
         # The Lebesgue constant of a polynomial of degree 4 over its last step is 2.2.
-        assert np.max(np.abs(found.q)) < 2.3 * amplitude
-    assert np.max(np.abs(found.v)) < 2.3 * amplitude * rate
+        assert np.max(np.abs(state.q)) < 2.3 * amplitude
+    assert np.max(np.abs(state.v)) < 2.3 * amplitude * rate
 
 
 @pytest.mark.parametrize(("nodes", "per_step"), [(STEPS, 1), (STAGES, 3)])
-def test_regression_what_jumps_at_the_start_does_not_ring(nodes, per_step):
+def test_regression_a_jump_at_the_start_does_not_cause_oscillations(nodes, per_step):
     """Reactions overshot in the steps after a start or breakpoint where sections are damped."""
     values = np.linspace(1.0, 2.0, len(nodes))[:, None]
     values[0] = -1e3
-    found = Interval(nodes, State(values, values, values, values), 0.5, per_step).at(BETWEEN)
+    state = Interval(nodes, State(values, values, values, values), 0.5, per_step).at(BETWEEN)
     count = np.searchsorted(BETWEEN, nodes[1], side="right")
-    for x in (found.a, found.lam):
+    for x in (state.a, state.lam):
         assert (np.diff(x[:count, 0]) > 0.0).all()
-        # Uneven nodes bend a straight row of values a little.
+        # With uneven nodes, linear values by index are not exactly a line.
         assert x[count:].min() > 0.9
         assert x[count:].max() < 2.1
 
 
-def test_a_trajectory_takes_each_time_from_its_interval():
+def test_a_trajectory_evaluates_each_time_in_its_interval():
     rising, falling = Polynomial([0.0, 1.0]), Polynomial([2.0, -1.0])
     still = Polynomial([0.0])
     t = np.linspace(0.0, 1.0, 5)
-    first = interval(t, (rising, rising.deriv(), still, still), branch=0.5)
+    first = make_interval(t, (rising, rising.deriv(), still, still), branch=0.5)
     # The reaction jumps at t = 1.
-    second = interval(t + 1.0, (falling, falling.deriv(), still, still + 7.0), branch=1.5)
+    second = make_interval(t + 1.0, (falling, falling.deriv(), still, still + 7.0), branch=1.5)
     times = np.array([0.0, 0.5, 1.0, 1.25, 2.0])
     rows, state = Trajectory((first, second)).at(times)
     assert_allclose(rows[:, 0], times, rtol=0.0, atol=0.0)
-    # A breakpoint still belongs to what came before it.
+    # A breakpoint belongs to the interval that it ends.
     assert_allclose(rows[:, 1], [0.5, 0.5, 0.5, 1.5, 1.5], rtol=0.0, atol=0.0)
     assert_allclose(state.q[:, 0], [0.0, 0.5, 1.0, 0.75, 0.0], rtol=0.0, atol=1e-14)
     assert_allclose(state.lam[:, 0], [0.0, 0.0, 0.0, 7.0, 7.0], rtol=0.0, atol=1e-14)
