@@ -38,7 +38,7 @@ _SURFACE_CORNERS = 90
 def draw_spring_damper(part: SpringDamper, builder: SceneBuilder) -> None:
     """Draw a coil, a dashpot or both side by side; a spiral if the points always coincide."""
     draw_supports(part, builder)
-    a, b, size = builder.attach(part.a), builder.attach(part.b), builder.size
+    a, b, size = builder.add_attachment(part.a), builder.add_attachment(part.b), builder.size
     distances = np.hypot(*builder.relative_position(a, b).T)
     longest = float(np.max(distances))
     shortest = max(float(np.min(distances)), 0.2 * longest)
@@ -99,7 +99,7 @@ def _spiral(size: float) -> Array:
 def draw_torsion_spring(part: TorsionSpring, builder: SceneBuilder) -> None:
     """Draw a spiral, and a line between the points if they are apart."""
     draw_supports(part, builder)
-    a, b = builder.attach(part.a), builder.attach(part.b)
+    a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
     # The spring acts between the angles of the bodies at any points; it is drawn at the first.
     inner = np.column_stack([builder.pose(a)[:, :2], builder.pose(b)[:, 2]])
     builder.add_between("spring", a, builder.add_pose(inner), _spiral(builder.size))
@@ -111,7 +111,7 @@ def draw_torsion_spring(part: TorsionSpring, builder: SceneBuilder) -> None:
 def draw_bushing(part: Bushing, builder: SceneBuilder) -> None:
     """Draw a ring on the first body around a pin on the second, with four spokes between them."""
     draw_supports(part, builder)
-    a, b, size = builder.attach(part.a), builder.attach(part.b), builder.size
+    a, b, size = builder.add_attachment(part.a), builder.add_attachment(part.b), builder.size
     center = np.subtract(part.b.point, part.a.point)
     builder.add_rigid("spring", a, circle(_BUSHING_RADIUS * size, 40) + center)
     for angle in np.arange(4) * math.pi / 2.0 + math.pi / 4.0:
@@ -125,8 +125,8 @@ def draw_bushing(part: Bushing, builder: SceneBuilder) -> None:
 
 def draw_contact(part: Contact, builder: SceneBuilder) -> None:
     """Draw the surface with hatches on its inaccessible side, and the contact point."""
-    surface, point = part.surface, builder.attach(part.point)
-    on = builder.attach(surface.on)
+    surface, point = part.surface, builder.add_attachment(part.point)
+    on = builder.add_attachment(surface.on)
     if isinstance(surface, CircleSurface):
         builder.add_rigid("surface", on, _hatched_circle(surface, builder.size))
     else:

@@ -53,7 +53,7 @@ _END_TOLERANCE = 1e-6
 
 def draw_markers(part: Part, builder: SceneBuilder) -> None:
     """Draw a diamond at each attachment and the name: the symbol of parts without their own."""
-    rows = [builder.attach(attachment) for attachment in part.attachments]
+    rows = [builder.add_attachment(attachment) for attachment in part.attachments]
     for row in rows:
         diamond = circle(_MARKER_RADIUS * builder.size, 4)
         builder.add_rigid("load" if part.is_load else "joint", row, diamond)
@@ -74,7 +74,7 @@ def _draw_pin(builder: SceneBuilder, row: int) -> None:
 def draw_joint(part: Joint, builder: SceneBuilder) -> None:
     """Draw a diamond at the second attachment: the symbol of joints without their own."""
     draw_supports(part, builder)
-    row = builder.attach(part.b)
+    row = builder.add_attachment(part.b)
     builder.add_rigid("joint", row, circle(_MARKER_RADIUS * builder.size, 4))
     builder.add_name(row)
 
@@ -82,14 +82,14 @@ def draw_joint(part: Joint, builder: SceneBuilder) -> None:
 def draw_revolute(part: Revolute, builder: SceneBuilder) -> None:
     """Draw a pin at the common point."""
     draw_supports(part, builder)
-    row = builder.attach(part.b)
+    row = builder.add_attachment(part.b)
     _draw_pin(builder, row)
     builder.add_name(row)
 
 
 def draw_weld(part: Weld, builder: SceneBuilder) -> None:
     """Draw a square, and a wall across the end of a beam that is clamped to the ground."""
-    row = builder.attach(part.b)
+    row = builder.add_attachment(part.b)
     for fixed, clamped in ((part.a, part.b), (part.b, part.a)):
         if isinstance(fixed.body, Ground):
             _draw_clamp(fixed, clamped, builder)
@@ -107,13 +107,13 @@ def _draw_clamp(fixed: Attachment, clamped: Attachment, builder: SceneBuilder) -
     along = side * np.array([math.cos(clamped.inclination), math.sin(clamped.inclination)])
     half = _WALL_HALF_LENGTH * builder.size
     wall = rotate_points(hatched_line(-half, half, builder.size), left_normal(-along))
-    builder.add_rigid("ground", builder.attach(fixed), wall)
+    builder.add_rigid("ground", builder.add_attachment(fixed), wall)
 
 
 def draw_point_on_line(part: PointOnLine, builder: SceneBuilder) -> None:
     """Draw a slot along the travel of a pin."""
     _draw_slot(part, builder, 0.0)
-    row = builder.attach(part.b)
+    row = builder.add_attachment(part.b)
     _draw_pin(builder, row)
     builder.add_name(row)
 
@@ -122,7 +122,7 @@ def draw_prismatic(part: Prismatic, builder: SceneBuilder) -> None:
     """Draw a slot along the travel of a block."""
     a, b = np.array(part.a.point), np.array(part.b.point)
     _draw_slot(part, builder, float(left_normal(unit_vector(part.direction)) @ (b - a)))
-    row = builder.attach(part.b)
+    row = builder.add_attachment(part.b)
     block = box(1.5 * builder.size, 2.0 * _SLOT_HALF_WIDTH * builder.size)
     builder.add_rigid("joint", row, rotate_points(block, part.direction))
     builder.add_name(row)
@@ -138,14 +138,14 @@ def _draw_slot(part: Any, builder: SceneBuilder, offset: float) -> None:
     else:
         walls.append(np.subtract(walls[0], (0.0, 2.0 * half)))
     slot = rotate_points(join_lines(*walls), part.direction)
-    builder.add_rigid("guide", builder.attach(part.a), slot)
+    builder.add_rigid("guide", builder.add_attachment(part.a), slot)
 
 
 def find_travel(
     a: Attachment, b: Attachment, direction: Any, builder: SceneBuilder, margin: float = 0.0
 ) -> tuple[float, float]:
     """Return the range of point b along a direction of the body of a, with an overhang [m]."""
-    position = builder.relative_position(builder.attach(a), builder.attach(b))
+    position = builder.relative_position(builder.add_attachment(a), builder.add_attachment(b))
     x = position @ unit_vector(direction)
     overhang = _GUIDE_OVERHANG * builder.size + margin
     return float(np.min(x)) - overhang, float(np.max(x)) + overhang
@@ -153,7 +153,7 @@ def find_travel(
 
 def draw_translational_driver(part: TranslationalDriver, builder: SceneBuilder) -> None:
     """Draw an arrow in the direction of the driver."""
-    a, b = builder.attach(part.a), builder.attach(part.b)
+    a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
     pose = np.column_stack([builder.pose(b)[:, :2], builder.pose(a)[:, 2]])
     row, length = builder.add_pose(pose), _SHAFT_LENGTH * builder.size
     shaft = np.array([(0.0, 0.0), (0.8 * length, 0.0)])
@@ -166,7 +166,7 @@ def draw_translational_driver(part: TranslationalDriver, builder: SceneBuilder) 
 def draw_distance(part: Distance, builder: SceneBuilder) -> None:
     """Draw a link between two pins."""
     draw_supports(part, builder)
-    a, b = builder.attach(part.a), builder.attach(part.b)
+    a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
     builder.add_link("link", a, b)
     _draw_pin(builder, a)
     _draw_pin(builder, b)
@@ -176,7 +176,7 @@ def draw_distance(part: Distance, builder: SceneBuilder) -> None:
 def draw_driver(part: Driver, builder: SceneBuilder) -> None:
     """Draw an arrow around the joint."""
     draw_supports(part, builder)
-    row = builder.attach(part.b)
+    row = builder.add_attachment(part.b)
     angle = np.linspace(-0.25 * math.pi, 1.05 * math.pi, 24)
     arc = _DRIVER_RADIUS * builder.size * np.column_stack([np.cos(angle), np.sin(angle)])
     builder.add_rigid("driver", row, arc)
@@ -187,7 +187,7 @@ def draw_driver(part: Driver, builder: SceneBuilder) -> None:
 
 def draw_gear(part: Gear, builder: SceneBuilder) -> None:
     """Draw the line between the points, and the pitch circles of two meshing wheels."""
-    a, b = builder.attach(part.a), builder.attach(part.b)
+    a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
     builder.add_link("gear", a, b)
     distance = math.dist(part.a.point, part.b.point)
     share = abs(1.0 - part.ratio)
@@ -209,7 +209,7 @@ def _is_center(attachment: Attachment) -> bool:
 
 def draw_rack_and_pinion(part: RackAndPinion, builder: SceneBuilder) -> None:
     """Draw the pinion as a wheel and the rack as a line."""
-    a, b = builder.attach(part.a), builder.attach(part.b)
+    a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
     builder.add_rigid("wheel", a, wheel(abs(part.radius)))
     direction = unit_vector(part.direction)
     # The rack passes the pinion on its left.
@@ -225,7 +225,9 @@ def draw_rolling_on_line(part: RollingOnLine, builder: SceneBuilder) -> None:
     low, high = find_travel(part.a, part.b, part.direction, builder, part.radius)
     side = np.subtract(part.b.point, part.a.point) @ left_normal(unit_vector(part.direction))
     line = hatched_line(low, high, builder.size) * (1.0, 1.0 if side > 0.0 else -1.0)
-    builder.add_rigid("surface", builder.attach(part.a), rotate_points(line, part.direction))
+    builder.add_rigid(
+        "surface", builder.add_attachment(part.a), rotate_points(line, part.direction)
+    )
     _draw_wheel(part.b, part.radius, builder)
 
 
@@ -233,26 +235,26 @@ def draw_rolling_on_circle(part: RollingOnCircle, builder: SceneBuilder) -> None
     """Draw a wheel and the circle on which it rolls, with a spoke if it rotates."""
     turns = not isinstance(part.a.body, Ground)
     track = wheel(part.radii[0]) if turns else circle(part.radii[0], _TRACK_CORNERS)
-    builder.add_rigid("wheel" if turns else "surface", builder.attach(part.a), track)
+    builder.add_rigid("wheel" if turns else "surface", builder.add_attachment(part.a), track)
     _draw_wheel(part.b, part.radii[1], builder)
 
 
 def _draw_wheel(center: Attachment, radius: float, builder: SceneBuilder) -> None:
-    row = builder.attach(center)
+    row = builder.add_attachment(center)
     builder.add_rigid("wheel", row, wheel(radius))
     builder.add_name(row)
 
 
 def draw_skate(part: Skate, builder: SceneBuilder) -> None:
     """Draw the blade in its direction."""
-    row, half = builder.attach(part.on), builder.size
+    row, half = builder.add_attachment(part.on), builder.size
     builder.add_rigid("skate", row, rotate_points([(-half, 0.0), (half, 0.0)], part.direction))
     builder.add_name(row)
 
 
 def draw_sliding_on_beam(part: SlidingOnBeam, builder: SceneBuilder) -> None:
     """Draw a sleeve around the beam, parallel to the section nearest to the point."""
-    row, beam = builder.attach(part.a), part.beam
+    row, beam = builder.add_attachment(part.a), part.beam
     sections = [beam.at(s) for s in np.linspace(0.0, beam.length, _SLIDER_SECTIONS)]
     axis, position = builder.positions(sections), builder.pose(row)[:, :2]
     nearest = np.argmin(np.sum((axis - position[:, None]) ** 2, axis=-1), axis=1)

@@ -36,7 +36,7 @@ _LATER_TIMES = (1e-3, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 
 def draw_force(part: Force, builder: SceneBuilder) -> None:
     """Draw an arrow that ends at the point of the force."""
-    row = builder.attach(part.on)
+    row = builder.add_attachment(part.on)
     load = _evaluate_laws(part.laws, builder)
     if part.axes == "body":
         load = _rotate_to_inertial(load, row, builder)
@@ -55,14 +55,14 @@ def _rotate_to_inertial(
 
 def draw_moment(part: Moment, builder: SceneBuilder) -> None:
     """Draw an arrow around the point of the moment."""
-    row = builder.attach(part.on)
+    row = builder.add_attachment(part.on)
     _draw_moment_arrow(builder, row, _evaluate_laws(part.laws, builder)[:, 0])
     builder.add_name(row)
 
 
 def draw_force_law(part: ForceLaw, builder: SceneBuilder) -> None:
     """Draw arrows if velocities are known, markers in a drawing."""
-    rows = [builder.attach(attachment) for attachment in part.on]
+    rows = [builder.add_attachment(attachment) for attachment in part.on]
     if builder.measure is None:
         draw_markers(part, builder)
         return
@@ -76,7 +76,7 @@ def draw_force_law(part: ForceLaw, builder: SceneBuilder) -> None:
 def draw_distributed_force(part: DistributedForce, builder: SceneBuilder) -> None:
     """Draw arrows of half length along the beam and a line through their tails."""
     sections = [part.beam.at(s) for s in np.linspace(0.0, part.beam.length, _DISTRIBUTED_ARROWS)]
-    rows = [builder.attach(section) for section in sections]
+    rows = [builder.add_attachment(section) for section in sections]
     middle = _DISTRIBUTED_ARROWS // 2
     if not part.laws:
         # A load that depends on the section has no common direction: only heads are drawn.

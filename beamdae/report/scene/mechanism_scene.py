@@ -64,7 +64,7 @@ def build_scene(
     lines = [builder.positions(drawing.places) for _, drawing in bodies]
     attachments = [a for part in mechanism.parts.values() for a in part.attachments]
     points = [line.reshape(-1, 2) for line in lines]
-    points += [builder.pose(builder.attach(a))[:, :2] for a in attachments]
+    points += [builder.pose(builder.add_attachment(a))[:, :2] for a in attachments]
     if not points:
         raise BeamdaeError(f"{name}: the mechanism has no parts that can be drawn; add a body.")
     low, high = bounding_box(np.concatenate(points))
@@ -110,17 +110,17 @@ def _draw_body(drawing: Drawing, line: Array, builder: SceneBuilder) -> None:
     if drawing.kind == "rigid" and len({id(a.body) for a in attachments}) == 1:
         _draw_rigid_body(attachments, builder)
     elif drawing.kind == "point":
-        row = builder.attach(attachments[0])
+        row = builder.add_attachment(attachments[0])
         builder.add_rigid("point", row, circle(_PARTICLE_RADIUS * builder.size))
         builder.add_name(row)
     else:
         builder.add_curve(drawing.kind, line)
-        builder.add_name(builder.attach(attachments[len(attachments) // 2]))
+        builder.add_name(builder.add_attachment(attachments[len(attachments) // 2]))
 
 
 def _draw_rigid_body(attachments: Sequence[Attachment], builder: SceneBuilder) -> None:
     """Draw a closed outline through the attachments, fixed to the pose of the first one."""
-    row, points = builder.attach(attachments[0]), np.array([a.point for a in attachments])
+    row, points = builder.add_attachment(attachments[0]), np.array([a.point for a in attachments])
     points = points - points[0]
     if len(points) > 1:
         closed = points[[*range(len(points)), *([0] if len(points) > 2 else [])]]

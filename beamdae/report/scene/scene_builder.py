@@ -51,8 +51,8 @@ class SceneBuilder:
         self._glyphs, self._names = list[Glyph](), list[tuple[int, str]]()
         self._supported: set[tuple[float, float]] = set()
 
-    def attach(self, attachment: Attachment) -> int:
-        """Return the index of the pose of an attachment, which is added at the first call."""
+    def add_attachment(self, attachment: Attachment) -> int:
+        """Add the pose of an attachment unless it exists; return its index."""
         key = (id(attachment.body), attachment.point, attachment.s)
         if key not in self._rows:
             self._rows[key] = self.add_pose(self._attachment_poses([attachment])[:, 0])
@@ -131,7 +131,9 @@ class SceneBuilder:
         cone = np.array([(-0.7 * half, below), (0.0, 0.0), (0.7 * half, below)])
         # The support belongs to the ground: it stays visible while the part is inactive.
         support = join_lines(cone, base, *hatches)
-        self._add_symbol("ground", self.attach(attachment), support, part=attachment.body.name)
+        self._add_symbol(
+            "ground", self.add_attachment(attachment), support, part=attachment.body.name
+        )
 
     def build(self) -> Scene:
         """Return the scene of all parts added so far."""
