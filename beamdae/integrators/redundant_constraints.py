@@ -38,7 +38,7 @@ def restore_reactions(solution: Solution, reduced: ReducedEquations) -> Solution
 
     return replace(
         solution,
-        equations=reduced.whole,
+        equations=reduced.full,
         trajectory=Trajectory(tuple(map(restore, solution.trajectory.intervals))),
-        integrator={**solution.integrator, "redundant": reduced.told},
+        integrator={**solution.integrator, "redundant": reduced.description},
     )
