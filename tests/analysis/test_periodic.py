@@ -109,7 +109,7 @@ def test_failed_search_is_a_result_with_a_reason():
         motion = bd.periodic(resonant, 2.0 * np.pi / 3.0, bd.Radau(1e-4), settle=0)
     assert motion.status.kind == "failed"
     assert not motion.stable
-    assert motion.stability.startswith("not expected: after")
+    assert motion.stability.startswith("not known: after")
     with pytest.warns(bd.BeamdaeWarning, match="run to settle was not finished"):
         motion = bd.periodic(oscillator(bd.sine(1.0, 0.5)), 2.0, bd.Radau(1e-8, max_steps=5))
     assert not motion.multipliers.size
