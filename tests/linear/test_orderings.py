@@ -1,4 +1,4 @@
-"""Fill and accuracy of the factorize of beams and chains."""
+"""Fill and accuracy of the factors of beams and chains."""
 
 import numpy as np
 import pytest
@@ -47,11 +47,11 @@ def test_fill_is_small_and_solutions_are_accurate(name):
     for step in STEPS:
         for form, (pattern, nonzeros) in integrator_matrices(equations, step).items():
             solver = factorize(pattern, nonzeros)
-            # Measured: 1.1 to 1.8, and 2.02 on index 2, whose matrix contains factorize of products.
+            # Measured: 1.1 to 1.8, and 2.02 on index 2, whose matrix has the factors of a product.
             # The default order of SuperLU fills a hundredfold, and more for longer beams.
             assert solver.fill < (2.2 if form == "index 2" else 2.0)
             right = compute_balanced_right_side(pattern, nonzeros)
-            # Measured: at most 5e-10. By default, SuperLU leaves up to 3e-7 with the largest pivots,
+            # Measured: at most 5e-10. By default SuperLU leaves up to 3e-7 with the largest pivots,
             # and no correct digit on welded chains with diagonal pivots.
             assert backward_error(pattern, nonzeros, solver.solve(right), right) < 1e-8
 

@@ -1,4 +1,4 @@
-"""Loops that call C functions, and are called back by them."""
+"""Loops that call C functions and are called back by them."""
 
 import ctypes
 import threading
@@ -19,20 +19,20 @@ from beamdae.native.loop_functions import (
 from beamdae.native.loops import CompiledLoop
 from beamdae.native.object_code import is_native_enabled
 
-compiled = pytest.mark.skipif(not is_native_enabled(), reason="without machine code")
+compiled = pytest.mark.skipif(not is_native_enabled(), reason="requires machine code")
 
-_C = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_void_p, ctypes.c_int)
-_P = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)
-_NOTHING = ctypes.CFUNCTYPE(ctypes.c_int)
+_THREE_ARGUMENTS = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_void_p, ctypes.c_int)
+_POINTER = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)
+_WITHOUT_ARGUMENTS = ctypes.CFUNCTYPE(ctypes.c_int)
 
 
 @dataclass(slots=True)
 class Work:
     numbers: np.ndarray
     weights: np.ndarray
-    given: int
-    place: int
-    none: int
+    three_arguments: int
+    pointer: int
+    without_arguments: int
     numbers_at: int
     largest: int = 0
     answer: int = 0
@@ -40,14 +40,14 @@ class Work:
 
 
 def calls(work):
-    numbers = array_at(call_for_pointer(work.place, (work.numbers_at,)), 2)
+    numbers = array_at(call_for_pointer(work.pointer, (work.numbers_at,)), 2)
     fill(numbers, 7.0)
-    work.answer = call_for_int(work.given, (2.5, work.numbers_at, -3))
+    work.answer = call_for_int(work.three_arguments, (2.5, work.numbers_at, -3))
     work.largest = locate_largest(work.numbers, work.weights)
-    return call_for_int(work.none, ())
+    return call_for_int(work.without_arguments, ())
 
 
-def called_back(work, first, second):
+def count_call(work, first, second):
     work.called += 1
     fill(array_at(second, 1), first)
     return work.called
@@ -58,18 +58,20 @@ def address(function):
 
 
 @pytest.mark.parametrize("native", [False, pytest.param(True, marks=compiled)])
-def test_c_functions_are_called_with_what_they_are_given(native):
-    seen = []
+def test_c_functions_receive_their_arguments(native):
+    received = []
     functions = (
-        _C(lambda number, pointer, integer: seen.append((number, pointer, integer)) or -4),
-        _P(lambda pointer: pointer + 8),
-        _NOTHING(lambda: 11),
+        _THREE_ARGUMENTS(
+            lambda number, pointer, integer: received.append((number, pointer, integer)) or -4
+        ),
+        _POINTER(lambda pointer: pointer + 8),
+        _WITHOUT_ARGUMENTS(lambda: 11),
     )
     numbers = np.arange(4.0)
     at = numbers.ctypes.data
     work = Work(numbers, np.array([1.0, 1.0, -2.0, 1.0]), *map(address, functions), at)
     assert (CompiledLoop(calls, work)() if native else calls(work)) == 11
-    assert seen == [(2.5, at, -3)]
+    assert received == [(2.5, at, -3)]
     assert work.answer == -4
     assert work.largest == 2
     assert numbers.tolist() == [0.0, 7.0, 7.0, 3.0]
@@ -79,9 +81,9 @@ def test_c_functions_are_called_with_what_they_are_given(native):
 def test_callbacks_share_the_table_of_the_loop():
     numbers, out = np.zeros(4), np.zeros(1)
     work = Work(numbers, np.ones(4), 0, 0, 0, 0)
-    loop = CompiledLoop(calls, work, called_back=(called_back, "dp@"))
+    loop = CompiledLoop(calls, work, count_call=(count_call, "dp@"))
     kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
-    function = kind(loop.addresses["called_back"])
+    function = kind(loop.addresses["count_call"])
     loop.load()
     table = loop.table.ctypes.data
     assert [function(x, out.ctypes.data, table) for x in (1.5, 2.5)] == [1, 2]
@@ -90,7 +92,7 @@ def test_callbacks_share_the_table_of_the_loop():
 
 
 @compiled
-def test_other_arrays_are_bound_to_the_same_table():
+def test_bind_replaces_arrays_in_the_same_table():
     work = Work(np.arange(4.0), np.ones(4), 0, 0, 0, 0)
     loop = CompiledLoop(calls, work)
     table, words = loop.table.ctypes.data, loop.table.copy()
@@ -104,21 +106,21 @@ def test_other_arrays_are_bound_to_the_same_table():
 
 
 @compiled
-def test_regression_two_threads_load_one_object(monkeypatch):
-    """The second took the place of the first, whose code was freed while it ran."""
-    loaded, real = [], loops.load_object
+def test_regression_threads_share_one_loaded_object(monkeypatch):
+    """Regression: the second object replaced the first, whose code was freed while it ran."""
+    loads, real = [], loops.load_object
 
-    def slowly(*arguments):
-        loaded.append(None)
+    def load_slowly(*arguments):
+        loads.append(None)
         time.sleep(0.1)
         return real(*arguments)
 
-    monkeypatch.setattr(loops, "load_object", slowly)
+    monkeypatch.setattr(loops, "load_object", load_slowly)
     monkeypatch.setattr(loops, "_loaded_objects", {})
-    found = []
+    addresses_of_threads = []
 
     def make():
-        found.append(
+        addresses_of_threads.append(
             CompiledLoop(calls, Work(np.zeros(4), np.ones(4), 0, 0, 0, 0)).addresses["loop"]
         )
 
@@ -127,5 +129,5 @@ def test_regression_two_threads_load_one_object(monkeypatch):
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(loaded) == 1
-    assert len(set(found)) == 1
+    assert len(loads) == 1
+    assert len(set(addresses_of_threads)) == 1

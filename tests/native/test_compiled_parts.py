@@ -1,4 +1,4 @@
-"""Kernels and elimination within loops are the same in machine code as in plain Python."""
+"""Kernels and elimination within loops agree in machine code and in plain Python."""
 
 import copy
 import warnings
@@ -19,10 +19,10 @@ from beamdae.native.loops import CompiledLoop
 from beamdae.native.object_code import is_native_enabled
 from beamdae.native.return_codes import DONE, NEW_PIVOTS, SINGULAR
 
-pytestmark = pytest.mark.skipif(not is_native_enabled(), reason="without machine code")
+pytestmark = pytest.mark.skipif(not is_native_enabled(), reason="requires machine code")
 
 
-def in_silence(function, work):
+def compile_without_warnings(function, work):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         return CompiledLoop(function, work)
@@ -38,20 +38,20 @@ class Kernels:
     shared: np.ndarray
     local: np.ndarray
     out: np.ndarray
-    found: np.ndarray
-    alive: tuple = ()
+    values: np.ndarray
+    code_owners: tuple = ()
 
 
 def evaluate_all(work):
     for k in range(work.starts.shape[0]):
         start, lanes = work.starts[k, 0], work.starts[k, 1]
         call_kernel(work.kernels, k, work.shared, work.local, start, work.out, lanes)
-        combine(work.found[k], (1.0,), (work.out,))
+        combine(work.values[k], (1.0,), (work.out,))
     return 0
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])
-def test_kernels_are_called_with_their_own_numbers(count):
+def test_kernels_are_called_with_their_inputs(count):
     s, x = ca.SX.sym("s", 2), ca.SX.sym("x", 3)
     functions = [
         ca.Function("first_of_test", [s, x], [ca.vertcat(s[0] * ca.sin(x), x[0] / s[1])]),
@@ -61,24 +61,24 @@ def test_kernels_are_called_with_their_own_numbers(count):
     random = np.random.default_rng(0)
     shared, local = random.normal(size=2), random.normal(size=9 * LANE_WIDTH)
     starts = np.array([(0, 2 * LANE_WIDTH), (6 * LANE_WIDTH, LANE_WIDTH)], np.int64)[:count]
-    room = np.zeros(8 * LANE_WIDTH), np.zeros((count, 8 * LANE_WIDTH))
+    buffers = np.zeros(8 * LANE_WIDTH), np.zeros((count, 8 * LANE_WIDTH))
 
-    def by_hand(kernel, start, copies):
+    def bind_kernel(kernel, start, copies):
         def call(shared, local, out):
-            own = local[start : start + 3 * copies].reshape(3, copies)
-            out[: kernel.n_out * copies] = kernel(shared, own).ravel()
+            inputs = local[start : start + 3 * copies].reshape(3, copies)
+            out[: kernel.n_out * copies] = kernel(shared, inputs).ravel()
 
         return call
 
-    made = [by_hand(k, *start) for k, start in zip(lanes, starts, strict=True)]
+    python_kernels = [bind_kernel(k, *start) for k, start in zip(lanes, starts, strict=True)]
     addresses = np.array([kernel.address for kernel in lanes], np.int64)
-    plain = Kernels(made, starts, shared, local, *(x.copy() for x in room))
-    compiled = Kernels(addresses, starts, shared, local.copy(), *room, tuple(lanes))
+    plain = Kernels(python_kernels, starts, shared, local, *(x.copy() for x in buffers))
+    compiled = Kernels(addresses, starts, shared, local.copy(), *buffers, tuple(lanes))
     evaluate_all(plain)
-    in_silence(evaluate_all, compiled)()
-    assert_array_equal(compiled.found, plain.found)
+    compile_without_warnings(evaluate_all, compiled)()
+    assert_array_equal(compiled.values, plain.values)
     assert_array_equal(compiled.local, local)
-    assert np.count_nonzero(plain.found[:1]) == (0, 8, 8)[count] * LANE_WIDTH
+    assert np.count_nonzero(plain.values[:1]) == (0, 8, 8)[count] * LANE_WIDTH
 
 
 # Elimination.
@@ -98,7 +98,7 @@ def solve_system(work):
     return code
 
 
-def solve_plainly(work):
+def solve_in_python(work):
     code = factorize_linear(work.linear, work.nonzeros)
     if code == DONE:
         solve_linear(work.linear, work.right)
@@ -106,7 +106,7 @@ def solve_plainly(work):
 
 
 def system(kind, size, seed):
-    """A matrix with a band and a border, and a plan for it."""
+    """Return a matrix with a band and a border, with a plan, and its pattern."""
     random = np.random.default_rng(seed)
     row, column = np.indices((size, size))
     dense = (np.abs(row - column) < 3) | (np.minimum(row, column) < 2)
@@ -131,15 +131,15 @@ def assert_same_system(one, other, rtol):
     assert_allclose(one.right, other.right, rtol=0.0, atol=rtol * np.abs(other.right).max())
 
 
-# Complex numbers are divided in another way.
+# Division of complex numbers differs.
 @pytest.mark.parametrize(("kind", "rtol"), [(float, 0.0), (complex, 1e-14)])
 @pytest.mark.parametrize("size", [1, 2, 12, 40])
-def test_elimination_is_the_same_compiled(kind, rtol, size):
+def test_compiled_elimination_agrees(kind, rtol, size):
     plain, pattern = system(kind, size, size)
     compiled = copy.deepcopy(plain)
-    loop = in_silence(solve_system, compiled)
+    loop = compile_without_warnings(solve_system, compiled)
     right = plain.right.copy()
-    assert loop() == solve_plainly(plain) == DONE
+    assert loop() == solve_in_python(plain) == DONE
     assert_same_system(compiled, plain, rtol)
     pattern = sp.csc_array((plain.nonzeros, pattern.indices, pattern.indptr))
     assert_allclose(pattern @ compiled.right, right, rtol=1e-9, atol=1e-9)
@@ -147,20 +147,20 @@ def test_elimination_is_the_same_compiled(kind, rtol, size):
 
 @pytest.mark.parametrize("kind", [float, complex])
 @pytest.mark.parametrize("number", [0.0, np.nan, np.inf])
-def test_what_cannot_be_eliminated_is_the_same_compiled(kind, number):
+def test_compiled_elimination_refuses_the_same_pivots(kind, number):
     plain, _ = system(kind, 12, 0)
     plain.nonzeros[:] = number
     compiled = copy.deepcopy(plain)
     with np.errstate(all="ignore"):
-        expected = solve_plainly(plain)
-    assert in_silence(solve_system, compiled)() == expected == NEW_PIVOTS
+        expected = solve_in_python(plain)
+    assert compile_without_warnings(solve_system, compiled)() == expected == NEW_PIVOTS
     assert compiled.linear.needs_pivots == plain.linear.needs_pivots == 1
     assert compiled.linear.factorizations == compiled.linear.solves == 0
 
 
-def test_without_a_plan_it_asks_for_one_and_what_has_none_is_singular():
-    own = System(LinearSolver.empty(float), np.ones(1), np.ones(1))
-    assert in_silence(solve_system, own)() == NEW_PIVOTS
-    own.linear.needs_pivots, own.linear.singular = 0, 1
-    assert in_silence(solve_system, own)() == SINGULAR
-    assert own.linear.needs_pivots == 0
+def test_missing_plan_is_requested_and_singular_matrix_is_reported():
+    problem = System(LinearSolver.empty(float), np.ones(1), np.ones(1))
+    assert compile_without_warnings(solve_system, problem)() == NEW_PIVOTS
+    problem.linear.needs_pivots, problem.linear.singular = 0, 1
+    assert compile_without_warnings(solve_system, problem)() == SINGULAR
+    assert problem.linear.needs_pivots == 0

@@ -1,4 +1,4 @@
-"""Every public part runs in machine code: its kernels are compiled, and so are the loops."""
+"""Every public part runs in machine code: its kernels and the loops are compiled."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from beamdae.native.object_code import is_native_enabled
 from beamdae.parts.part import Part
 
 
-def rubbing(m, d, b):
+def friction_in_guide(m, d, b):
     joint = m.add(bd.Prismatic("guide", m.ground.at(0.0, 0.0), d.at(0.5, 0.4)))
     return bd.Friction("j", joint, 0.3, regularization=1e-2, radius=0.1)
 
 
-PARTS = JOINTS | NONHOLONOMIC | LOADS | {"friction": rubbing}
+PARTS = JOINTS | NONHOLONOMIC | LOADS | {"friction": friction_in_guide}
 
 
 def with_part(make):
@@ -53,25 +53,25 @@ MODELS = {
     **{name: partial(with_part, make) for name, make in PARTS.items()},
     **{name: partial(with_beam, kinematics) for name, kinematics in KINEMATICS.items()},
 }
-# Kernels are shared; those of the beam are long.
-TRIED: set = set()
-# These have the kernels of others, with other numbers.
-LATER = {name for name in KINEMATICS if "section by a law" in name or "free shape" in name}
+# Kernels are shared between models; those of the beam take long.
+CHECKED_FUNCTIONS: set = set()
+# They have the kernels of others, with other numbers.
+SHARED_KERNELS = {name for name in KINEMATICS if "section by a law" in name or "free shape" in name}
 every_model = pytest.mark.parametrize(
     "model",
     [
-        pytest.param(model, id=name, marks=[pytest.mark.slow] if name in LATER else [])
+        pytest.param(model, id=name, marks=[pytest.mark.slow] if name in SHARED_KERNELS else [])
         for name, model in MODELS.items()
     ],
 )
 
 
-def test_every_public_part_is_among_them():
-    tried = {type(part) for make in PARTS.values() for part in with_part(make).parts.values()}
+def test_every_public_part_is_tested():
+    tested = {type(part) for make in PARTS.values() for part in with_part(make).parts.values()}
     public = [getattr(bd, name) for name in bd.__all__]
     parts = {x for x in public if isinstance(x, type) and issubclass(x, Part)}
     base_classes = {Part, bd.Joint}
-    assert parts - base_classes <= tried
+    assert parts - base_classes <= tested
 
 
 @every_model
@@ -82,15 +82,15 @@ def test_all_kernels_can_be_compiled(model):
         formulate_first_order(equations, "stabilized-index1"),
     ):
         functions = {call.kernel.function for total in form.sums for call in total.batches}
-        for function in functions - TRIED:
-            # It raises where there is an operation that cannot.
+        for function in functions - CHECKED_FUNCTIONS:
+            # Raises if an operation is not supported.
             assert write_lane_module(function)
-        TRIED.update(functions)
+        CHECKED_FUNCTIONS.update(functions)
 
 
-@pytest.mark.skipif(not is_native_enabled(), reason="without machine code")
-def test_off_holds_no_longer_than_it_is_said(monkeypatch):
-    """Kernels stay with the structure of the equations, which all models like it share."""
+@pytest.mark.skipif(not is_native_enabled(), reason="requires machine code")
+def test_native_off_applies_only_while_it_is_set(monkeypatch):
+    """Kernels belong to the structure of the equations, which similar models share."""
     form = formulate_first_order(bd.equations_of_motion(with_part(JOINTS["Revolute"])), "index3")
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
     assert not form.is_native
@@ -99,25 +99,25 @@ def test_off_holds_no_longer_than_it_is_said(monkeypatch):
 
 
 @pytest.mark.slow(reason="kernels of all parts for all integrators are compiled")
-@pytest.mark.skipif(not is_native_enabled(), reason="without machine code")
+@pytest.mark.skipif(not is_native_enabled(), reason="requires machine code")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 @pytest.mark.parametrize("model", [*MODELS.values(), with_switch], ids=[*MODELS, "switched"])
-def test_a_run_is_compiled_loops_alone(model, monkeypatch):
+def test_runs_consist_of_compiled_loops(model, monkeypatch):
     runs, begin = [], StepLoop.__init__
 
-    def seen(self, *arguments):
+    def record(self, *arguments):
         begin(self, *arguments)
         runs.append(self.is_native)
 
-    def refused(self, *_):
+    def refuse(self, *_):
         raise AssertionError("IDA calls Python")
 
-    monkeypatch.setattr(StepLoop, "__init__", seen)
-    monkeypatch.setattr(SksundaeIda, "__init__", refused)
+    monkeypatch.setattr(StepLoop, "__init__", record)
+    monkeypatch.setattr(SksundaeIda, "__init__", refuse)
     equations = bd.equations_of_motion(model())
     for integrator in (bd.GeneralizedAlpha(1e-3), bd.Radau(), bd.Ida()):
         solution = bd.simulate(equations, integrator, 2e-3, output_step=1e-3)
         assert solution.status.success
-    # Of generalized-alpha and Radau; of Ida it would have been said.
+    # Generalized-alpha and Radau; Ida would have warned.
     assert len(runs) >= 2
     assert all(runs)

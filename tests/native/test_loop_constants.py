@@ -1,4 +1,4 @@
-"""The recipe of a loop: whatever its machine code depends on is in it."""
+"""The recipe of a loop contains everything that its machine code depends on."""
 
 import numpy as np
 import pytest
@@ -9,16 +9,16 @@ FACTOR, SHIFT = 2.0, 1.0 + 2.0j
 WEIGHTS = np.array([[1.0, 2.0], [3.0, 0.1]])
 
 
-def scaled(work):
+def scale(work):
     return FACTOR * work.x
 
 
-def shifted(work):
-    return scaled(work) + SHIFT.real + WEIGHTS[0, 1]
+def shift(work):
+    return scale(work) + SHIFT.real + WEIGHTS[0, 1]
 
 
 def recipe():
-    return "\n".join(_iterate_code(shifted, {}))
+    return "\n".join(_iterate_code(shift, {}))
 
 
 @pytest.mark.parametrize(
@@ -31,14 +31,14 @@ def recipe():
         ("WEIGHTS", WEIGHTS.astype(np.float32)),
     ],
 )
-def test_a_constant_of_a_loop_or_of_what_it_calls_is_part_of_its_recipe(name, other, monkeypatch):
+def test_constants_of_called_functions_are_part_of_the_recipe(name, other, monkeypatch):
     before = recipe()
     assert recipe() == before
     monkeypatch.setitem(globals(), name, other)
     assert recipe() != before
 
 
-def test_large_arrays_are_told_in_full(monkeypatch):
+def test_all_entries_of_large_arrays_are_part_of_the_recipe(monkeypatch):
     monkeypatch.setitem(globals(), "WEIGHTS", np.zeros((100, 100)))
     before = recipe()
     WEIGHTS[50, 50] = 1e-300

@@ -1,4 +1,4 @@
-"""Loops in machine code do what they do in plain Python."""
+"""Compiled loops agree with plain Python."""
 
 import copy
 import ctypes
@@ -13,8 +13,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from beamdae.errors import KernelWarning
-from beamdae.native import loops
-from beamdae.native import object_code as objects
+from beamdae.native import loops, object_code
 from beamdae.native.llvm import MachineCodeError
 from beamdae.native.loop_functions import combine
 from beamdae.native.loops import CompiledLoop
@@ -26,10 +25,10 @@ TABLE = np.array([[1.0, 2.0], [3.0, 4.0]])
 
 @pytest.fixture(autouse=True)
 def cache(tmp_path, monkeypatch):
-    """A cache of its own for each test, and a process in which nothing went wrong yet."""
+    """A new cache for each test, and a process that has not warned yet."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
-    monkeypatch.setattr(objects, "_issued_messages", set())
+    monkeypatch.setattr(object_code, "_issued_messages", set())
     monkeypatch.setattr(loops, "_loaded_objects", {})
     return tmp_path / "cache" / "beamdae"
 
@@ -56,7 +55,7 @@ class Work:
     whole_rows: np.ndarray
     inner: Inner
     pair: Pair
-    alive: tuple = ()
+    code_owners: tuple = ()
     last: float = 0.0
 
 
@@ -76,15 +75,15 @@ def work(size=7):
     )
 
 
-def everything(work):
-    """Reads and sets every kind of field there is."""
+def use_all_fields(work):
+    """Read and set fields of every type."""
     inner, pair = work.inner, work.pair
     for i in range(work.numbers.size):
         place = pair.unsigned[i]
         work.numbers[i] += work.rate * inner.numbers[place] - pair.plane[1, i]
         work.complexes[i] *= 1j * work.complexes[place].real + OFFSETS[0]
         work.whole[i] = 2**40 + work.whole[i] // FACTOR - work.whole_rows[i, 2]
-        pair.plane[0, i] = shifted(work.rows[i], work.whole_rows.shape[1])
+        pair.plane[0, i] = evaluate_polynomial(work.rows[i], work.whole_rows.shape[1])
         pair.unsigned[i] = (place + FACTOR) % work.numbers.size
     combine(inner.numbers, (2.0, OFFSETS[1]), (inner.numbers, work.numbers))
     work.rows[0] = TABLE[1, 0]
@@ -95,7 +94,7 @@ def everything(work):
     return work.count
 
 
-def shifted(row, count):
+def evaluate_polynomial(row, count):
     total = 0.0
     for number in row:
         total = total * count + number
@@ -104,7 +103,7 @@ def shifted(row, count):
 
 def leaves(work):
     names = getattr(work, "_fields", None) or [field.name for field in fields(work)]
-    for value in (getattr(work, name) for name in names if name != "alive"):
+    for value in (getattr(work, name) for name in names if name != "code_owners"):
         yield from [value] if isinstance(value, (int, float, np.ndarray)) else leaves(value)
 
 
@@ -115,71 +114,71 @@ def assert_same(one, other):
         assert_array_equal(x, y)
 
 
-def in_silence(function, work, **callbacks):
+def compile_without_warnings(function, work, **callbacks):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         return CompiledLoop(function, work, **callbacks)
 
 
 @pytest.mark.parametrize("size", [1, 4, 7])
-def test_numbers_go_in_and_come_out_as_in_plain_python(size):
+def test_compiled_loop_agrees_with_plain_python(size):
     plain, compiled = work(size), work(size)
-    loop = in_silence(everything, compiled)
+    loop = compile_without_warnings(use_all_fields, compiled)
     for _ in range(3):
-        assert loop() == everything(plain)
+        assert loop() == use_all_fields(plain)
         assert_same(compiled, plain)
         compiled.rate = plain.rate = 0.75
         compiled.numbers[:] = plain.numbers[:] = 1.0
 
 
-def test_loops_of_one_function_work_on_objects_of_their_own(cache):
+def test_loops_of_one_function_have_separate_objects(cache):
     works = [work(size) for size in (2, 5)]
     plain = copy.deepcopy(works)
-    bound = [in_silence(everything, own) for own in works]
-    assert [loop() for loop in bound] == [everything(own) for own in plain]
+    bound = [compile_without_warnings(use_all_fields, own) for own in works]
+    assert [loop() for loop in bound] == [use_all_fields(own) for own in plain]
     for one, other in zip(works, plain, strict=True):
         assert_same(one, other)
     assert len(list(cache.iterdir())) == 1
 
 
-def weighed(work, factor, table):
+def multiply(work, factor, table):
     work.rate = factor * table
     return DONE
 
 
-def test_the_c_function_has_the_arguments_asked_for():
+def test_callbacks_have_the_stated_arguments():
     own = work()
-    loop = in_silence(everything, own, weighed=(weighed, "d@p"))
+    loop = compile_without_warnings(use_all_fields, own, multiply=(multiply, "d@p"))
     kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
     loop.load()
-    assert kind(loop.addresses["weighed"])(2.5, loop.table.ctypes.data, 40) == DONE
+    assert kind(loop.addresses["multiply"])(2.5, loop.table.ctypes.data, 40) == DONE
     loop.unload()
     assert own.rate == 100.0
 
 
-# The interpreter.
+# Release of the interpreter lock.
 
 
 @dataclass(slots=True)
 class Waiting:
     flag: np.ndarray
-    seen: np.ndarray
-    most: int
+    count: np.ndarray
+    max_count: int
 
 
 def wait(work):
-    """Until somebody sets the flag."""
-    for _ in range(work.most):
-        work.seen[0] += 1.0
+    """Wait until another thread sets the flag."""
+    for _ in range(work.max_count):
+        work.count[0] += 1.0
         if work.flag[0] != 0:
             return DONE
     return FULL
 
 
-def test_other_threads_go_on_while_a_loop_runs():
-    # Without them it takes seconds, and comes back FULL.
+def test_other_threads_run_during_a_loop():
+    # If other threads were blocked, the loop would take seconds and return FULL.
     waiting = Waiting(np.zeros(1, np.int64), np.zeros(1), 5_000_000_000)
-    loop = in_silence(wait, waiting)
+    loop = compile_without_warnings(wait, waiting)
 
     def set_flag():
         time.sleep(0.02)
@@ -189,34 +188,36 @@ def test_other_threads_go_on_while_a_loop_runs():
     thread.start()
     assert loop() == DONE
     thread.join()
-    assert waiting.seen[0] > 1.0
+    assert waiting.count[0] > 1.0
 
 
-# What cannot be had.
+# Unavailable machine code.
 
 
-def test_off_holds_no_longer_than_it_is_said(monkeypatch):
+def test_native_off_applies_only_while_it_is_set(monkeypatch):
     own = work()
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
     with pytest.raises(MachineCodeError, match="switched off"):
-        CompiledLoop(everything, own)
+        CompiledLoop(use_all_fields, own)
     monkeypatch.delenv("BEAMDAE_NATIVE")
-    assert in_silence(everything, own)() == 8
+    assert compile_without_warnings(use_all_fields, own)() == 8
 
 
-def unknown(work):
+def read_missing_field(work):
     return work.nothing
 
 
-def test_a_loop_that_numba_does_not_compile_is_told_once(cache):
+def test_loop_that_numba_cannot_compile_warns_once(cache):
     own = work()
     with (
-        pytest.warns(KernelWarning, match=r"numba cannot compile loops \(.+\); runs take") as told,
-        pytest.raises(MachineCodeError, match="unknown: it cannot be compiled"),
+        pytest.warns(
+            KernelWarning, match=r"numba cannot compile loops \(.+\); runs take"
+        ) as warned,
+        pytest.raises(MachineCodeError, match="read_missing_field: it cannot be compiled"),
     ):
-        CompiledLoop(unknown, own)
-    assert len(told) == 1
-    assert "\n" not in str(told[0].message)
+        CompiledLoop(read_missing_field, own)
+    assert len(warned) == 1
+    assert "\n" not in str(warned[0].message)
     with pytest.raises(MachineCodeError):
-        in_silence(unknown, own)
+        compile_without_warnings(read_missing_field, own)
     assert list(cache.iterdir()) == []

@@ -1,4 +1,4 @@
-"""What loops do with whole arrays is the same in machine code as by numpy."""
+"""Array operations of loops agree in machine code and in numpy."""
 
 import copy
 import warnings
@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from beamdae.native import loop_functions as vectors
+from beamdae.native import loop_functions
 from beamdae.native.loop_functions import (
     add,
     add_weighted,
@@ -28,7 +28,7 @@ from beamdae.native.loop_functions import (
 from beamdae.native.loops import CompiledLoop
 from beamdae.native.object_code import is_native_enabled
 
-pytestmark = pytest.mark.skipif(not is_native_enabled(), reason="without machine code")
+pytestmark = pytest.mark.skipif(not is_native_enabled(), reason="requires machine code")
 
 SPECIAL = np.array([np.nan, np.inf, -np.inf, 0.0, -0.0, 1e308, 5e-324])
 
@@ -79,22 +79,22 @@ def fill_all(o):
     return 0
 
 
-def largest_of(o):
+def compute_max_norm(o):
     o.answer = max_norm(o.x, o.y)
     return 0
 
 
-def norm_of(o):
+def compute_euclidean_norm(o):
     o.answer = euclidean_norm(o.x, o.y)
     return 0
 
 
-def where_largest_of(o):
+def locate_largest_entry(o):
     o.answer = float(locate_largest(o.x, o.y)) if o.x.size > 0 else 0.0
     return 0
 
 
-def minimum_of(o):
+def compute_minimum(o):
     minimum(o.out, o.x, o.factor, o.y)
     return 0
 
@@ -125,14 +125,14 @@ def scatter_some(o):
 
 
 def operands(size, count, specials, seed):
-    """Random ones, some of them special; `at` has each index once, `of` has some again."""
+    """Random operands, some of them special; `at` has distinct indices, `of` repeats some."""
     random = np.random.default_rng(seed)
 
     def numbers(length):
-        found = random.normal(size=length) * 10.0 ** random.integers(-8, 8, length)
-        chosen = random.random(length) < specials
-        found[chosen] = random.choice(SPECIAL, length)[chosen]
-        return found
+        values = random.normal(size=length) * 10.0 ** random.integers(-8, 8, length)
+        is_special = random.random(length) < specials
+        values[is_special] = random.choice(SPECIAL, length)[is_special]
+        return values
 
     return Operands(
         *(numbers(size) for _ in range(5)),
@@ -152,10 +152,10 @@ def operands(size, count, specials, seed):
         combine_four,
         combine_in_place,
         fill_all,
-        largest_of,
-        norm_of,
-        where_largest_of,
-        minimum_of,
+        compute_max_norm,
+        compute_euclidean_norm,
+        locate_largest_entry,
+        compute_minimum,
         pick_some,
         gather_some,
         add_some,
@@ -172,20 +172,20 @@ def operands(size, count, specials, seed):
 @example(size=0, count=0, specials=0.0, seed=0)
 @example(size=9, count=0, specials=0.1, seed=0)
 @settings(max_examples=50, deadline=None)
-def test_vectors_are_the_same_compiled(function, size, count, specials, seed):
+def test_compiled_array_operations_agree(function, size, count, specials, seed):
     plain = operands(size, count, specials, seed)
     compiled = copy.deepcopy(plain)
-    in_silence(function, compiled)()
+    compile_without_warnings(function, compiled)()
     with np.errstate(all="ignore"):
         function(plain)
     for name in ("x", "y", "z", "w", "out", "at", "of", "weights"):
         assert_array_equal(getattr(compiled, name), getattr(plain, name))
-    # BLAS sums in another order.
-    rtol = 1e-14 if function is norm_of else 0.0
+    # BLAS adds in another order.
+    rtol = 1e-14 if function is compute_euclidean_norm else 0.0
     assert_allclose(compiled.answer, plain.answer, rtol=rtol, atol=0.0)
 
 
-def in_silence(function, work):
+def compile_without_warnings(function, work):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         return CompiledLoop(function, work)
@@ -198,32 +198,32 @@ class Parts:
     imaginary: np.ndarray
 
 
-def parts_of(o):
+def split_parts(o):
     split_complex(o.real, o.imaginary, o.vector)
     combine(o.vector, (2.0 - 1.0j, 1.0j), (o.vector, o.real))
     return 0
 
 
 @pytest.mark.parametrize("size", [0, 1, 9])
-def test_complex_vectors_are_the_same_compiled(size):
+def test_compiled_complex_operations_agree(size):
     random = np.random.default_rng(size)
     vector = random.normal(size=size) + 1j * random.normal(size=size)
     plain = Parts(vector, np.zeros(size), np.zeros(size))
     compiled = copy.deepcopy(plain)
-    in_silence(parts_of, compiled)()
-    parts_of(plain)
+    compile_without_warnings(split_parts, compiled)()
+    split_parts(plain)
     assert_array_equal(compiled.real, plain.real)
     assert_array_equal(compiled.imaginary, plain.imaginary)
     assert_allclose(compiled.vector, plain.vector, rtol=1e-14)
 
 
-def test_every_overload_is_tried():
-    """A new function of `vectors` has a test here, or is named as having one elsewhere."""
-    named = {
+def test_every_overload_is_tested():
+    """A new function of `loop_functions` needs a test here or an entry in the list below."""
+    public = {
         name
-        for name, value in vars(vectors).items()
-        if getattr(value, "__module__", "") == vectors.__name__ and not name.startswith("_")
+        for name, value in vars(loop_functions).items()
+        if getattr(value, "__module__", "") == loop_functions.__name__ and not name.startswith("_")
     }
     elsewhere = {"array_at", "call_for_int", "call_for_pointer"}
     elsewhere |= {"call_kernel", "factorize", "solve"}
-    assert named - elsewhere <= set(globals())
+    assert public - elsewhere <= set(globals())
