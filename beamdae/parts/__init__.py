@@ -1,5 +1,5 @@
-"""Parts of a mechanism: bodies, joints, loads, laws of time, and what is observed of them.
+"""Parts of a mechanism: bodies, joints, forces, laws of time, observables and events.
 
-May import: curves, symbolic. States mechanics in local symbols, knows no global coordinates.
-Next: a joint in `joints` (a `Joint`), a load in `forces` (a `Part` that states `forces`).
+May import: curves, symbolic. Parts are stated in local symbols, without global coordinates.
+Next: a joint goes to `joints`, a force to `forces`, a body to `bodies`; each is one class.
 """

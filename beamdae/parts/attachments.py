@@ -140,18 +140,15 @@ def rotate(angle: Any, vector: Any) -> SX:
     return ca.vertcat(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1])
 
 
-Array = np.ndarray
-
-
-def largest_distance(points: Array) -> float:
-    """The largest distance between two of the points (k, 2); 0 of none."""
+def largest_distance(points: np.ndarray) -> float:
+    """Return the largest distance [m] between two of the points, shape (k, 2); 0 without points."""
     if not len(points):
         return 0.0
-    # Those far from the middle first: beyond the first ones nothing is as far from anything.
-    far = np.hypot(*(points - points.mean(axis=0)).T)
-    found = 0.0
-    for k in np.argsort(-far):
-        if far[k] + far.max() <= found:
+    # Points far from the center first: the search ends once no remaining pair can be farther apart.
+    radius = np.hypot(*(points - points.mean(axis=0)).T)
+    largest = 0.0
+    for k in np.argsort(-radius):
+        if radius[k] + radius.max() <= largest:
             break
-        found = max(found, float(np.max(np.hypot(*(points - points[k]).T))))
-    return found
+        largest = max(largest, float(np.max(np.hypot(*(points - points[k]).T))))
+    return largest

@@ -1,4 +1,4 @@
-"""Base class of parts: the questions that a mechanism asks of each of them."""
+"""Base class of parts: coordinates, forces, constraints, events and drawing of each."""
 
 from __future__ import annotations
 

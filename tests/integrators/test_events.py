@@ -272,7 +272,7 @@ def test_the_table_ends_at_the_event(tmp_path):
     ("arguments", "sentence"),
     [
         ({"what": "ball.z"}, "no column 'ball.z' is observed .did you mean"),
-        ({"what": 3}, "event: it must watch an observed column"),
+        ({"what": 3}, "event: the first argument must be the name of an observed column"),
         ({"what": "ball.y", "direction": "left"}, "direction must be"),
         ({"what": "ball.y", "do": "jump"}, "do must be"),
         ({"what": "ball.y", "crosses": np.nan}, "crosses must be"),

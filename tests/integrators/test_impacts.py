@@ -172,8 +172,11 @@ def test_impacts_that_make_no_sense_are_refused():
     for arguments, sentence in (
         ((gap, 1.5), r"restitution must lie in \[0, 1\], got 1.5"),
         ((gap, "a"), "impact: restitution must be"),
-        ((mech.part("ball"), 0.5), "it must be on a gap, such as surface.gap"),
-        ((bd.parts.observables.motion(mech.part("ball").point), 0.5), "a quantity of one column"),
+        ((mech.part("ball"), 0.5), "impact: on must be a gap, such as surface.gap"),
+        (
+            (bd.parts.observables.motion_quantity(mech.part("ball").point), 0.5),
+            "a quantity of one column",
+        ),
     ):
         with pytest.raises(bd.BeamdaeError, match=sentence):
             bd.impact(*arguments)

@@ -360,7 +360,7 @@ def test_a_checkpoint_holds_what_was_found(tmp_path):
     clock = mech.add(bd.PointMass("clock", 1.0, at=(0.0, 0.0)))
     push = mech.add(bd.Force("brake", clock.point, (1.0, 0.0)))
     mech.when("bar.angle", 9.0, "up", bd.deactivate(push), "released")
-    with pytest.raises(bd.BeamdaeError, match="brake: an event before the start had it hold"):
+    with pytest.raises(bd.BeamdaeError, match="brake: an event before the start froze it with"):
         bd.simulate(mech, bd.Radau(), 3.0, start=path, accept_changes=True)
 
 
@@ -387,7 +387,7 @@ def test_what_an_event_could_not_do_is_due_when_the_run_goes_on(tmp_path):
 def test_what_cannot_hold_what_it_finds_is_refused():
     mech, bar = spinning()
     push = mech.add(bd.Moment("push", bar.at(0.0, 0.0), 0.9))
-    with pytest.raises(bd.BeamdaeError, match="push: it cannot hold what it finds"):
+    with pytest.raises(bd.BeamdaeError, match="push: as_is=True is for joints with a gap"):
         bd.activate(push, as_is=True)
     with pytest.raises(bd.BeamdaeError, match="as_is must be one of True, False"):
         bd.activate(mech.part("hinge"), as_is=1)
@@ -467,7 +467,9 @@ def test_laws_that_cannot_be_changed_to_are_refused():
     ends = mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)
     drive = mech.add(bd.Driver("drive", *ends, law=lambda t: SPEED * t))
     for driver in ("drive", mech.part("hinge")):
-        with pytest.raises(bd.BeamdaeError, match="change_law: it is for a Driver or a Transl"):
+        with pytest.raises(
+            bd.BeamdaeError, match="change_law: driver must be a Driver or a Transl"
+        ):
             bd.change_law(driver, 0.0)
     with pytest.raises(bd.BeamdaeError, match="change_law of drive"):
         bd.change_law(drive, "fast")

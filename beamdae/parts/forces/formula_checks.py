@@ -74,8 +74,8 @@ def require_continuous_formula(
     part: str, what: str, value: SX, symbols: Sequence[SX], arguments: str = "its arguments"
 ) -> None:
     """Raise an error if an expression jumps or depends on other symbols than its arguments."""
-    known = {x.element_hash() for symbol in symbols for x in ca.symvar(SX(symbol))}
-    other_symbols = [x.name() for x in ca.symvar(value) if x.element_hash() not in known]
+    symbol_hashes = {x.element_hash() for symbol in symbols for x in ca.symvar(SX(symbol))}
+    other_symbols = [x.name() for x in ca.symvar(value) if x.element_hash() not in symbol_hashes]
     if other_symbols:
         raise BeamdaeError(
             f"{part}: {what} must depend on {arguments} alone, not on "

@@ -326,7 +326,7 @@ class KinematicConstraint(Part):
 
     @property
     def _reads_self(self) -> bool:
-        """Whether gap or slip read `self`, so that kernels cannot be shared between models."""
+        """True if gap or slip are methods that read `self`: their kernels are not shared."""
         return isinstance(self.gap, MethodType) or isinstance(self.slip, MethodType)
 
     @property
