@@ -1,4 +1,4 @@
-"""Loads along a beam: weight, pressure, a load that moves, one that follows."""
+"""Loads along a beam: dead loads, pressure, formulas of position, moving forces."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ STRIP = bd.Section.rectangle(bd.Material(E=2e11, nu=0.3, rho=7800.0), width=0.02
 
 @pytest.mark.parametrize(
     ("curve", "share"),
-    # Of the curved beam both integrate over axes that differ by the error of the mesh.
+    # On the curved beam, weight and load are integrated along axes that differ by the mesh error.
     [(bd.Line((0.1, 0.2), (1.3, 1.0)), 1e-13), (ARC, 1e-3)],
 )
 def test_uniform_dead_load_is_the_weight(curve, share):
@@ -44,7 +44,7 @@ def free(curve):
     return mech
 
 
-def test_pressure_on_a_ring_has_no_resultant_and_that_on_an_arch_that_of_its_chord():
+def test_resultant_of_pressure_on_a_ring_and_on_an_arch():
     def resultant(angle):
         mech = bd.Mechanism()
         arc = bd.Arc(radius=0.4, length=0.4 * angle, start=(0.3, 0.1), angle=0.2)
@@ -53,14 +53,14 @@ def test_pressure_on_a_ring_has_no_resultant_and_that_on_an_arch_that_of_its_cho
         x, y = arc.point(arc.length) - np.asarray(arc.point(0.0))
         return -NumericEquations(mech).force()[:2], 700.0 * np.array([-y, x])
 
-    found, _ = resultant(2.0 * np.pi)
-    assert_allclose(found, 0.0, atol=1e-9)
-    found, expected = resultant(2.0)
-    assert_allclose(found, expected, rtol=1e-6)  # the mesh
+    force, _ = resultant(2.0 * np.pi)
+    assert_allclose(force, 0.0, atol=1e-9)
+    force, expected = resultant(2.0)
+    assert_allclose(force, expected, rtol=1e-6)  # the mesh
 
 
-def test_a_law_of_place_sees_where_the_axis_is():
-    """A bed of springs under a rigidly moved beam: its force and moment by hand."""
+def test_elastic_foundation_by_a_formula_of_position():
+    """Elastic foundation under a rigidly displaced beam: exact force and moment."""
     mech = bd.Mechanism()
     line = bd.Line((0.0, 0.0), (2.0, 0.0))
     beam = mech.add(bd.Beam("beam", line, STRIP, elements=3, frame="tangent"))
@@ -75,14 +75,14 @@ def test_a_law_of_place_sees_where_the_axis_is():
     assert_allclose(numeric.force(q)[:3], [0.0, force, moment], rtol=1e-12, atol=1e-10)
 
 
-def test_a_moving_load_is_nowhere_before_and_after():
+def test_moving_force_acts_on_the_beam_only():
     mech = free(bd.Line((0.0, 0.0), (1.0, 0.0)))
     mech.add(bd.MovingForce("load", mech.part("beam"), (3.0, -2.0), speed=2.0, start=-1.0))
     for t, acting in ((0.25, 0.0), (0.5, 1.0), (0.7, 1.0), (1.0, 1.0), (1.3, 0.0)):
-        # Of two pieces that meet the one after, as everywhere.
+        # Where two pieces of a law meet, the later one applies.
         numeric = NumericEquations(mech, time=(t, t - 1e-9 if t == 1.0 else t))
         assert_allclose(-numeric.force()[:2], acting * np.array([3.0, -2.0]), atol=1e-12)
-        # At the place of the force: its moment about the start.
+        # Moment about the start of the beam.
         assert_allclose(-numeric.force()[2], acting * -2.0 * (2.0 * t - 1.0), atol=1e-12)
 
 
@@ -111,7 +111,7 @@ BEAM = VARIANTS[0].beam(ARC)
         (lambda: bd.MovingForce("p", BEAM, (0, 1), 1.0, np.nan), "p: start must be finite"),
     ],
 )
-def test_refusals(make, message):
+def test_invalid_loads_are_rejected(make, message):
     with pytest.raises(bd.BeamdaeError, match=f"^{message}") as refused:
         make()
     assert str(refused.value).endswith(".")

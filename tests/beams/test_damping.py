@@ -41,7 +41,7 @@ every_law = pytest.mark.parametrize("law", LAWS)
 BARE = list(dict.fromkeys(v._replace(damping=0.0) for v in VARIANTS))
 # The element and its tangents are tested over all variants; here the rest in the slow run.
 every_variant = parametrize_variants(
-    BARE, later=set(BARE) - {v._replace(damping=0.0) for v in REPRESENTATIVE_VARIANTS}
+    BARE, slow=set(BARE) - {v._replace(damping=0.0) for v in REPRESENTATIVE_VARIANTS}
 )
 # Drag is the air's on the moving axis and knows nothing of strains.
 every_motion = pytest.mark.parametrize(
@@ -54,7 +54,7 @@ every_motion = pytest.mark.parametrize(
 
 @cache
 def free(variant, law=None, curve=ARC):
-    """A beam that no joint holds, under no law but this one."""
+    """Return the equations of a free beam with this damping law only."""
     if law == "Kelvin-Voigt":
         variant = variant._replace(damping=RETARDATION)
     mech = free_beam(variant, curve)
@@ -63,20 +63,20 @@ def free(variant, law=None, curve=ARC):
     return NumericEquations(mech)
 
 
-def axis_points(beam, q):
-    """Positions (k, 2) of the points of inertia, angles of their sections, weights [m]."""
+def inertia_points_on_axis(beam, q):
+    """Return positions (k, 2) of the inertia points, section angles and weights [m]."""
     mesh, n = beam.kinematics.mesh_in_frame, beam.mesh.nodes
     xi, weight = np.polynomial.legendre.leggauss(n)
     at, angle, _, ds = mesh.axis(np.repeat(np.arange(mesh.elements), n), np.tile(xi, mesh.elements))
     row = np.vander(xi, n) @ np.linalg.inv(np.vander(np.linspace(-1.0, 1.0, n), n))
     nodal = (beam.kinematics.operator @ q).reshape(mesh.elements, -1)[:, 3:].reshape(-1, n, 3)
     u, v, phi = np.moveaxis(row @ nodal, -1, 0).reshape(3, -1)
-    mesh_in_frame = at + np.stack(turned(angle, u, v), axis=-1)
-    place = q[:2] + np.stack(turned(q[2], *mesh_in_frame.T), axis=-1)
+    mesh_in_frame = at + np.stack(rotate(angle, u, v), axis=-1)
+    place = q[:2] + np.stack(rotate(q[2], *mesh_in_frame.T), axis=-1)
     return place, q[2] + angle + phi, np.tile(weight, mesh.elements) * ds
 
 
-def turned(angle, x, y):
+def rotate(angle, x, y):
     return np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y
 
 
@@ -92,14 +92,14 @@ def test_rayleigh_forces_are_mass_and_undeformed_stiffness_times_the_velocities(
 
 
 @every_motion
-def test_drag_works_on_the_motion_of_the_axis_along_the_normals_of_its_sections(variant):
+def test_drag_is_the_work_along_section_normals(variant):
     damped, bare = free(variant, "drag"), free(variant)
     beam = damped.mechanism.part("beam")
     for seed in range(3):
         q, v, a = random_state(damped, seed)
-        _, angle, weight = axis_points(beam, q)
+        _, angle, weight = inertia_points_on_axis(beam, q)
         normal = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
-        motion = finite_differences(lambda x: axis_points(beam, x)[0], q)
+        motion = finite_differences(lambda x: inertia_points_on_axis(beam, x)[0], q)
         across = np.einsum("kc,kcn->kn", normal, motion)
         speed = across @ v
         expected = (DRAG * weight * np.abs(speed) * speed) @ across
@@ -111,7 +111,7 @@ def test_drag_works_on_the_motion_of_the_axis_along_the_normals_of_its_sections(
 
 @every_law
 @every_variant
-def test_dissipated_power_is_that_of_the_forces_and_never_negative(variant, law):
+def test_dissipated_power_matches_the_forces_and_is_never_negative(variant, law):
     damped, bare = free(variant, law), free(variant)
     for seed in range(3):
         q, v, a = random_state(damped, seed)
@@ -135,16 +135,18 @@ def test_tangents_are_derivatives(variant, law):
     # the arc from one side keeps all points away from that.
     for wind in (-15.0, 15.0):
         q, v, a = random_state(numeric, seed=1, size=0.05)
-        v[:2] += turned(0.4 + 0.5 * ARC.length / ARC.radius, 0.0, wind)
-        assert np.min(across_sections(numeric, q, v) * np.sign(wind)) > 1.0
+        v[:2] += rotate(0.4 + 0.5 * ARC.length / ARC.radius, 0.0, wind)
+        assert np.min(normal_velocities(numeric, q, v) * np.sign(wind)) > 1.0
         assert_tangents(numeric, q, v, a)
 
 
-def across_sections(numeric, q, v):
-    """Velocities of the points of inertia along the normals of their sections."""
+def normal_velocities(numeric, q, v):
+    """Return the velocities of the inertia points along the normals of their sections."""
     beam = numeric.mechanism.part("beam")
-    velocity = directional_derivative(lambda t: axis_points(beam, q + t * v)[0], 0.0, 1.0)
-    return turned(-axis_points(beam, q)[1], *velocity.T)[1]
+    velocity = directional_derivative(
+        lambda t: inertia_points_on_axis(beam, q + t * v)[0], 0.0, 1.0
+    )
+    return rotate(-inertia_points_on_axis(beam, q)[1], *velocity.T)[1]
 
 
 def assert_tangents(numeric, q, v, a):
@@ -153,7 +155,7 @@ def assert_tangents(numeric, q, v, a):
 
 
 @every_motion
-def test_drag_and_its_tangents_vanish_at_rest(variant):
+def test_drag_and_its_tangents_are_zero_at_rest(variant):
     numeric, bare = free(variant, "drag"), free(variant)
     q, _, a = random_state(numeric, seed=2)
     # |v_n| v_n has the derivative zero there, and no corner: exactly, or rounding.
@@ -172,7 +174,7 @@ def test_drag_of_a_straight_strip_in_rigid_motion(variant):
         v = np.concatenate([v, np.zeros(damped.n - 3)])
         return -(damped.force(v=v) - bare.force(v=v))[:3], damped.energies(v=v)[4]
 
-    normal, along = np.array(turned(angle, 0.0, 1.0)), np.array(turned(angle, 1.0, 0.0))
+    normal, along = np.array(rotate(angle, 0.0, 1.0)), np.array(rotate(angle, 1.0, 0.0))
     total = -DRAG * abs(w) * w * length
     # Polynomials of degree three at most, which two points integrate: rounding.
     force, power = drag([*(w * normal), 0.0])
@@ -214,29 +216,29 @@ STRIP = bd.Section(
 )
 
 
-def resisted(v0, mass, drag):
-    """Speed under v' = -mass v - drag v^2."""
+def speed_under_drag(v0, mass, drag):
+    """Return the speed as a function of time for v' = -mass v - drag v^2."""
     if mass == 0.0:
         return lambda t: v0 / (1.0 + drag * v0 * t)
     return lambda t: mass * v0 * np.exp(-mass * t) / (mass + drag * v0 * (1.0 - np.exp(-mass * t)))
 
 
 @pytest.mark.parametrize(("mass", "drag"), [(0.8, 0.0), (0.0, 1.5), (0.8, 1.5)])
-def test_a_strip_in_free_flight_slows_down_along_and_across_itself(mass, drag):
+def test_free_strip_decelerates_along_and_across_its_axis(mass, drag):
     angle, along, across = 0.4, 0.7, 1.3
-    line = bd.Line((0.0, 0.0), turned(angle, LENGTH, 0.0))
+    line = bd.Line((0.0, 0.0), rotate(angle, LENGTH, 0.0))
     mech = bd.Mechanism()
-    velocity = turned(angle, along, across)
+    velocity = rotate(angle, along, across)
     beam = mech.add(bd.Beam("strip", line, STRIP, elements=2, velocity=velocity))
     mech.add(bd.RayleighDamping("Rayleigh", beam, mass=mass, stiffness=0.1))
     mech.add(bd.AirDrag("air", beam, coefficient=drag))
     solution = bd.simulate(mech, bd.GeneralizedAlpha(step=2e-3), t_end=3.0, output_step=0.1)
     assert solution.status.success, solution.status.sentence
-    found = turned(-angle, *solution.v[:, :2].T)
+    velocities = rotate(-angle, *solution.v[:, :2].T)
     # Second order in steps of 1/500 of the time in which it slows down: 2.4e-6 at most. The loads
     # are spread like the mass, so nothing bends.
-    exact = [resisted(along, mass, 0.0), resisted(across, mass, drag / STRIP.rhoA)]
-    assert_allclose(found, [speed(solution.t) for speed in exact], rtol=0.0, atol=1e-5)
+    exact = [speed_under_drag(along, mass, 0.0), speed_under_drag(across, mass, drag / STRIP.rhoA)]
+    assert_allclose(velocities, [speed(solution.t) for speed in exact], rtol=0.0, atol=1e-5)
     assert_allclose(solution.v[:, 2:], 0.0, atol=1e-11)
 
 
@@ -255,7 +257,7 @@ def test_a_falling_strip_reaches_its_terminal_velocity():
 
 
 @pytest.mark.parametrize("frame", ["tangent", "chord"])
-def test_momenta_of_a_free_flexible_arc_decay_with_the_mass_coefficient_alone(frame):
+def test_momenta_of_a_free_arc_decay_with_the_mass_coefficient(frame):
     """Internal damping has no resultant; -mass v everywhere has -mass times each momentum."""
     variant = Variant("nonlinear", "curved", "reduced", frame, RETARDATION)
     mech = free_beam(variant)
@@ -273,7 +275,7 @@ def test_momenta_of_a_free_flexible_arc_decay_with_the_mass_coefficient_alone(fr
     # Momenta of order one by rtol; 3.5e-7 measured.
     expected = np.outer(np.exp(-MASS * solution.t), momenta[0])
     assert_allclose(momenta, expected, rtol=0.0, atol=2e-6)
-    # It does bend, a twentieth of the energy goes through strains.
+    # The arc deforms: a twentieth of the energy is exchanged with strains.
     assert solution.ledger["energy.strain [J]"].max() > 0.05 * solution.ledger.iloc[0, 0]
 
 
@@ -281,7 +283,7 @@ def test_momenta_of_a_free_flexible_arc_decay_with_the_mass_coefficient_alone(fr
 
 
 class Modes(NamedTuple):
-    """Natural frequencies [rad/s] and shapes (columns, v = 1 at the tip), and their covectors."""
+    """Natural frequencies [rad/s], mode shapes (columns, v = 1 at the tip) and their covectors."""
 
     frequency: np.ndarray
     shapes: np.ndarray
@@ -289,7 +291,7 @@ class Modes(NamedTuple):
 
 
 def cantilever(strain="linear", parts=(), retardation=0.0):
-    """A strip clamped at its start, straight: the floating frame stands still."""
+    """Return a straight strip clamped at its start; its floating frame is at rest."""
     mech = bd.Mechanism()
     section = replace(STRIP, damping=retardation)
     line = bd.Line((0.0, 0.0), (LENGTH, 0.0))
@@ -311,7 +313,7 @@ def modes():
     return Modes(np.sqrt(squares), shapes, project)
 
 
-def decay(start, periods, steps, **model):
+def simulate_release(start, periods, steps, **model):
     """Times, modal coordinates and their rates (a row a time) of a release from `start`.
 
     `steps` a period of the first mode; numerical damping falls with the third power of the step.
@@ -333,20 +335,20 @@ def decay(start, periods, steps, **model):
 
 
 def envelope(eta, rate, frequency, ratio):
-    """Amplitude of a damped oscillation, exp(-ratio frequency t) at all times."""
+    """Return the amplitude of a damped oscillation, exp(-ratio frequency t)."""
     damped = frequency * np.sqrt(1.0 - ratio**2)
     return np.hypot(eta, (rate + ratio * frequency * eta) / damped)
 
 
-def test_mass_proportional_damping_slows_every_mode_at_the_same_rate():
+def test_mass_proportional_damping_decays_all_modes_at_the_same_rate():
     frequency = modes().frequency[:3]
     mass = 0.3 * frequency[0]
     parts = [(bd.RayleighDamping, {"mass": mass})]
-    t, eta, rate = decay([0.1, -0.03, 0.01], periods=1, steps=4000, parts=parts)
+    t, eta, rate = simulate_release([0.1, -0.03, 0.01], periods=1, steps=4000, parts=parts)
     for k in range(3):
-        found = envelope(eta[:, k], rate[:, k], frequency[k], 0.5 * mass / frequency[k])
+        amplitude = envelope(eta[:, k], rate[:, k], frequency[k], 0.5 * mass / frequency[k])
         # Second order in w h, 0.03 for the third mode: 6e-7, 2.3e-5 and 1.9e-4 measured.
-        assert_allclose(found / found[0], np.exp(-0.5 * mass * t), rtol=3e-4)
+        assert_allclose(amplitude / amplitude[0], np.exp(-0.5 * mass * t), rtol=3e-4)
 
 
 RATIO = 0.02
@@ -354,8 +356,8 @@ SMALL = 0.01 * STRIP_RADIUS
 
 
 @cache
-def internally_damped(law, start, strain):
-    """First modal coordinate, its envelope and time: eight periods at RATIO of critical damping."""
+def release_with_internal_damping(law, start, strain):
+    """Return time, first modal coordinate and envelope of eight periods at damping RATIO."""
     frequency = modes().frequency[0]
     coefficient = 2.0 * RATIO / frequency
     model = (
@@ -363,17 +365,17 @@ def internally_damped(law, start, strain):
         if law == "Rayleigh"
         else {"retardation": coefficient}
     )
-    t, eta, rate = decay([start], periods=8, steps=200, strain=strain, **model)
+    t, eta, rate = simulate_release([start], periods=8, steps=200, strain=strain, **model)
     return t, eta[:, 0], envelope(eta[:, 0], rate[:, 0], frequency, RATIO)
 
 
 @pytest.mark.parametrize("strain", ["linear", "nonlinear"])
 @pytest.mark.parametrize("law", ["Rayleigh", "Kelvin-Voigt"])
 def test_internal_damping_ratio_is_half_the_coefficient_times_the_frequency(law, strain):
-    t, eta, found = internally_damped(law, SMALL, strain)
+    t, eta, amplitude = release_with_internal_damping(law, SMALL, strain)
     frequency = modes().frequency[0]
     # Second order in w h: 2.5e-4 measured, as for the exponents of the mass-proportional decay.
-    assert_allclose(found / found[0], np.exp(-RATIO * frequency * t), rtol=4e-4)
+    assert_allclose(amplitude / amplitude[0], np.exp(-RATIO * frequency * t), rtol=4e-4)
     # The same as logarithmic decrement: rows miss the maxima by less than the 1e-3 allowed.
     maxima = eta[1:-1][(eta[1:-1] > eta[:-2]) & (eta[1:-1] >= eta[2:])]
     decrement = 2.0 * np.pi * RATIO / np.sqrt(1.0 - RATIO**2)
@@ -384,11 +386,13 @@ def test_internal_damping_ratio_is_half_the_coefficient_times_the_frequency(law,
 @pytest.mark.parametrize(("strain", "share"), [("linear", 1e-12), ("nonlinear", 5e-6)])
 def test_both_internal_dampings_agree_for_small_deformations(strain, share):
     # One matrix for linear strains, rounding of 1600 steps; apart by 0.03 (A / r)^2 for nonlinear.
-    one, other = (internally_damped(law, SMALL, strain)[1] for law in ("Rayleigh", "Kelvin-Voigt"))
+    one, other = (
+        release_with_internal_damping(law, SMALL, strain)[1] for law in ("Rayleigh", "Kelvin-Voigt")
+    )
     assert_allclose(one, other, rtol=0.0, atol=share * SMALL)
 
 
-def test_rayleigh_damping_grows_with_the_square_of_the_amplitude_where_strains_are_nonlinear():
+def test_rayleigh_damping_grows_with_the_square_of_the_amplitude():
     """Linear strains see v'^2 / 2 of the shortening of a bent beam as a strain of its axis.
 
     With v = A phi(s) cos(w t) its rate dissipates beta A^2 of what the bending does, averaged over
@@ -397,15 +401,15 @@ def test_rayleigh_damping_grows_with_the_square_of_the_amplitude_where_strains_a
     """
     start, frequency = STRIP_RADIUS, modes().frequency[0]
     beta = mean(first_mode(1) ** 4) / mean(first_mode(2) ** 2) / (4.0 * STRIP_RADIUS**2)
-    t, _, found = internally_damped("Rayleigh", start, "nonlinear")
+    t, _, amplitude = release_with_internal_damping("Rayleigh", start, "nonlinear")
     growth = np.exp(2.0 * RATIO * frequency * t)
     expected = 1.0 / np.sqrt((1.0 / start**2 + beta) * growth - beta)
     linear = start * np.exp(-RATIO * frequency * t)
     assert np.max(linear / expected) > 1.05
     # At whole periods; 1e-3 measured: averaging leaves out ratio^2 and the step (w h)^2.
-    assert_allclose(found[::20], expected[::20], rtol=2e-3)
-    t, _, found = internally_damped("Kelvin-Voigt", start, "nonlinear")
-    assert_allclose(found, linear, rtol=1e-3)
+    assert_allclose(amplitude[::20], expected[::20], rtol=2e-3)
+    t, _, amplitude = release_with_internal_damping("Kelvin-Voigt", start, "nonlinear")
+    assert_allclose(amplitude, linear, rtol=1e-3)
 
 
 # Euler and Bernoulli's first mode of a cantilever, 1 at the tip, at (s / length) in [0, 1].
@@ -414,7 +418,7 @@ POINTS, WEIGHTS = np.polynomial.legendre.leggauss(20)
 
 
 def first_mode(derivative):
-    """The mode or a derivative to s, at Gauss points of the length."""
+    """Return the first mode, or a derivative by s, at Gauss points of the length."""
     x = 0.5 * ROOT * (POINTS + 1.0)
     share = (np.cosh(ROOT) + np.cos(ROOT)) / (np.sinh(ROOT) + np.sin(ROOT))
     forms = (
@@ -439,7 +443,7 @@ def test_drag_decrement_of_a_cantilever_is_proportional_to_its_amplitude(start):
     frequency = ROOT**2 * np.sqrt(STRIP.EI / STRIP.rhoA) / LENGTH**2
     effective = drag * mean(np.abs(first_mode(0)) ** 3) / mean(first_mode(0) ** 2) / STRIP.rhoA
     parts = [(bd.AirDrag, {"coefficient": drag})]
-    t, eta, rate = decay([start], periods=10, steps=200, parts=parts)
+    t, eta, rate = simulate_release([start], periods=10, steps=200, parts=parts)
     # At the maxima, where the velocity and with it the drag vanishes; the true frequency is lower
     # by 2.4e-4, shear and rotary inertia take that.
     amplitude = np.hypot(eta[:, 0], rate[:, 0] / modes().frequency[0])[::20]
@@ -457,7 +461,7 @@ GRAVITY = 9.81
 
 
 def pendulum(E, drag, frame="chord", retardation=0.0):
-    """A bar released level, its hinge at the origin."""
+    """Return a horizontal bar hinged at the origin."""
     section = bd.Section(
         bd.Material(E=E, nu=0.3, rho=1.3),
         area=0.9,
@@ -472,7 +476,7 @@ def pendulum(E, drag, frame="chord", retardation=0.0):
     return mech, bar
 
 
-def test_energy_that_drag_takes_from_a_stiff_pendulum():
+def test_energy_dissipated_by_drag_on_a_stiff_pendulum():
     """I psi'' = m g L/2 cos(psi) - c L^4/4 psi'^2, linear in psi'^2 as a function of psi."""
     stiff, ratio = 6e8, 1.0
     section = pendulum(stiff, 0.0)[1].section
@@ -503,17 +507,17 @@ def test_energy_that_drag_takes_from_a_stiff_pendulum():
     ],
     ids=["Ida", "GeneralizedAlpha", "Radau"],
 )
-def test_books_of_a_flexible_pendulum_under_all_dampings_close(integrator, bound, frame):
+def test_energy_balance_of_a_flexible_pendulum_with_all_dampings(integrator, bound, frame):
     mech, bar = pendulum(6e3, drag=0.2, frame=frame, retardation=0.01)
     mech.add(bd.RayleighDamping("Rayleigh", bar, mass=0.2, stiffness=0.01))
     solution = bd.simulate(mech, integrator, t_end=2.0)
     assert solution.status.success, solution.status.sentence
     assert solution.quality.energy_imbalance < bound
     first, last = solution.ledger.iloc[0], solution.ledger.iloc[-1]
-    stored = [f"energy.{name} [J]" for name in ("kinetic", "strain", "gravity")]
-    lost = first[stored].sum() - last[stored].sum()
-    assert lost > 10.0
-    assert_allclose(last["energy.dissipated [J]"], lost, rtol=10.0 * bound)
+    energies = [f"energy.{name} [J]" for name in ("kinetic", "strain", "gravity")]
+    dissipated = first[energies].sum() - last[energies].sum()
+    assert dissipated > 10.0
+    assert_allclose(last["energy.dissipated [J]"], dissipated, rtol=10.0 * bound)
 
 
 # Refusals --------------------------------------------------------------------------------------
@@ -555,7 +559,7 @@ BODY = bd.RigidBody("body", mass=1.0, inertia=1.0)
         ),
     ],
 )
-def test_refusals(make, message):
+def test_invalid_damping_is_rejected(make, message):
     with pytest.raises(bd.BeamdaeError, match=rf"^{message}") as refused:
         make()
     assert str(refused.value).endswith(".")

@@ -1,4 +1,4 @@
-"""Laws every element variant obeys."""
+"""Properties of every element variant."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from beamdae.equations.starts.consistent_start import ConsistencySolver
 
 every_variant = parametrize_variants(VARIANTS)
 few_variants = pytest.mark.parametrize("variant", REPRESENTATIVE_VARIANTS, ids=str)
-# The inertia has points of its own and knows nothing of strains.
+# The inertia has separate quadrature points and does not depend on strains.
 every_motion = pytest.mark.parametrize("variant", MOTION_VARIANTS, ids=str)
 # Nodes and Gauss points: of each element the reduced and the full quadrature.
 POINTS = [(2, 1), (2, 2), (3, 2), (3, 3), (4, 3), (4, 4)]
@@ -59,12 +59,12 @@ EA = SOFT_MATERIAL.E * 0.9
 
 
 @cache
-def alone(variant, elements=2, gravity=(0.0, 0.0)):
+def create_numeric(variant, elements=2, gravity=(0.0, 0.0)):
     return NumericEquations(free_beam(variant, elements=elements, gravity=gravity))
 
 
 def element_data(kind, elements, shape, section, gravity):
-    """Numbers of the elements on ARC in a tangent frame, with these values of the section."""
+    """Return the data of elements on ARC in a tangent frame, with these section values."""
     quadrature = "full" if kind.quadrature == kind.nodes else "reduced"
     mesh = Mesh(ARC, elements, kind.nodes, shape)
     any_section = bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05)
@@ -74,17 +74,18 @@ def element_data(kind, elements, shape, section, gravity):
     return data
 
 
-def own_quadrature(curve, elements, shape, nodes):
-    """Points, tangents and weights [m] of the elements' axis, without the library's mesh."""
+def independent_quadrature(curve, elements, shape, nodes):
+    """Return points, tangents and weights [m] of the axis, independently of the mesh."""
     xi, weight = np.polynomial.legendre.leggauss(nodes)
     at, step = np.linspace(-1.0, 1.0, nodes), nodes - 1
-    drawn = curve.point(np.linspace(0.0, curve.length, step * elements + 1))
+    node_points = curve.point(np.linspace(0.0, curve.length, step * elements + 1))
     places, tangents, weights = [], [], []
     for e in range(elements):
-        mine = drawn[step * e : step * e + nodes]
+        element_points = node_points[step * e : step * e + nodes]
         if shape == "straight":
-            mine = mine[0] + np.outer((at + 1.0) / 2.0, mine[-1] - mine[0])
-        x, y = (np.polynomial.Polynomial.fit(at, c, step, domain=[-1, 1]) for c in mine.T)
+            chord = element_points[-1] - element_points[0]
+            element_points = element_points[0] + np.outer((at + 1.0) / 2.0, chord)
+        x, y = (np.polynomial.Polynomial.fit(at, c, step, domain=[-1, 1]) for c in element_points.T)
         slope = np.stack([x.deriv()(xi), y.deriv()(xi)], axis=-1)
         speed = np.linalg.norm(slope, axis=-1, keepdims=True)
         places.append(np.stack([x(xi), y(xi)], axis=-1))
@@ -97,14 +98,14 @@ def own_quadrature(curve, elements, shape, nodes):
 
 
 @every_variant
-def test_no_force_at_rest_in_the_reference_shape(variant):
+def test_reference_drawing_is_in_equilibrium(variant):
     # Nothing but rounding.
-    assert_allclose(alone(variant).force(), 0.0, atol=1e-14 * EA)
+    assert_allclose(create_numeric(variant).force(), 0.0, atol=1e-14 * EA)
 
 
 @every_variant
-def test_a_full_turn_of_the_floating_frame_costs_no_elastic_force(variant):
-    numeric = alone(variant)
+def test_full_turn_of_the_frame_causes_no_elastic_force(variant):
+    numeric = create_numeric(variant)
     for turn in np.linspace(0.0, 2.0 * np.pi, 9):
         q = numeric.equations.q0.copy()
         q[:3] += (3.0 * turn, -7.0 * turn, turn)
@@ -113,11 +114,11 @@ def test_a_full_turn_of_the_floating_frame_costs_no_elastic_force(variant):
 
 
 @every_variant
-def test_steady_rotation_about_the_origin_leaves_centrifugal_forces_alone(variant):
+def test_steady_rotation_about_the_origin_gives_centrifugal_forces(variant):
     # At zero deformation the elastic and viscous forces vanish, what remains is the inertia of
     # points on circles: its sum is mass times the acceleration of the center of mass.
-    numeric = alone(variant)
-    place, _, weight = own_quadrature(ARC, 2, variant.shape, variant.nodes)
+    numeric = create_numeric(variant)
+    place, _, weight = independent_quadrature(ARC, 2, variant.shape, variant.nodes)
     omega = 1.7
     q, v = numeric.equations.q0, np.zeros(numeric.n)
     v[:3] = omega * np.array([-q[1], q[0], 1.0])
@@ -130,7 +131,7 @@ def test_steady_rotation_about_the_origin_leaves_centrifugal_forces_alone(varian
 
 @every_variant
 def test_static_forces_are_the_gradient_of_strain_and_gravity_energy(variant):
-    numeric = alone(variant, gravity=(0.7, -3.0))
+    numeric = create_numeric(variant, gravity=(0.7, -3.0))
     q, _, _ = random_state(numeric, seed=1)
     gradient = finite_differences(lambda x: numeric.energies(x)[1] + numeric.energies(x)[2], q)
     # Rounding of energies of order 100 over a step of 1e-3.
@@ -139,7 +140,7 @@ def test_static_forces_are_the_gradient_of_strain_and_gravity_energy(variant):
 
 @cache
 def energies_of(kind):
-    """(time, q, v, data) of one element -> (kinetic, strain, gravity) energy."""
+    """Return a function of (time, q, v, data) of one element: its three energies."""
     kernel = floating_frame_kernel(kind)
     x = kernel.local
     return ca.Function("energies", [x.time, x.q, x.v, x.data], [ca.densify(kernel.energies)])
@@ -148,7 +149,7 @@ def energies_of(kind):
 @pytest.mark.parametrize(("nodes", "quadrature"), POINTS)
 @every_shape
 def test_translation_in_nodal_coordinates_is_strainless_in_the_limit(shape, nodes, quadrature):
-    """Polynomials of (u, v) on a curve do not hold a rigid translation, those on a line do."""
+    """Polynomials of (u, v) contain rigid translations exactly on a line only."""
     kind = FloatingFrameElement(nodes, quadrature, strain="linear")
     energies = []
     for elements in (1, 2, 4):
@@ -175,9 +176,9 @@ def test_translation_in_nodal_coordinates_is_strainless_in_the_limit(shape, node
 
 
 @parametrize_variants(v for v in VARIANTS if v.damping > 0.0)
-def test_dissipated_power_is_that_of_the_damping_forces_and_never_negative(variant):
-    damped = alone(variant)
-    undamped = alone(variant._replace(damping=0.0))
+def test_dissipated_power_matches_the_damping_forces_and_is_never_negative(variant):
+    damped = create_numeric(variant)
+    undamped = create_numeric(variant._replace(damping=0.0))
     for seed in range(5):
         q, v, a = random_state(damped, seed)
         dissipated = damped.energies(q, v)[4]
@@ -189,14 +190,14 @@ def test_dissipated_power_is_that_of_the_damping_forces_and_never_negative(varia
 
 @parametrize_variants(v for v in VARIANTS if v.damping == 0.0)
 def test_without_damping_nothing_is_dissipated(variant):
-    numeric = alone(variant)
+    numeric = create_numeric(variant)
     q, v, _ = random_state(numeric, seed=0)
     assert numeric.energies(q, v)[4] == 0.0
 
 
 @parametrize_variants(v for v in VARIANTS if v.damping > 0.0)
 def test_rigid_motion_is_not_damped(variant):
-    numeric = alone(variant)
+    numeric = create_numeric(variant)
     q, v, _ = random_state(numeric, seed=3)
     v[3:] = 0.0
     assert numeric.energies(q, v)[4] == 0.0
@@ -207,7 +208,7 @@ def test_rigid_motion_is_not_damped(variant):
 
 @every_motion
 def test_mass_matrix_is_symmetric_positive_definite_and_free_of_velocity(variant):
-    numeric = alone(variant)
+    numeric = create_numeric(variant)
     q, v, a = random_state(numeric, seed=4)
     mass = numeric.mass(q, v, a)
     # Rounding of sums of order one.
@@ -218,9 +219,9 @@ def test_mass_matrix_is_symmetric_positive_definite_and_free_of_velocity(variant
 
 @every_motion
 def test_total_mass_and_first_moments(variant):
-    numeric = alone(variant, elements=4)
+    numeric = create_numeric(variant, elements=4)
     mass = numeric.mass()
-    place, _, weight = own_quadrature(ARC, 4, variant.shape, variant.nodes)
+    place, _, weight = independent_quadrature(ARC, 4, variant.shape, variant.nodes)
     center = RHO_A * weight @ (place - ARC.point(0.0))
     # The same quadrature on both sides: rounding.
     assert_allclose(mass[:2, :2], RHO_A * weight.sum() * np.eye(2), rtol=1e-13, atol=1e-14)
@@ -233,7 +234,7 @@ def test_total_mass_and_first_moments(variant):
 def test_total_mass_is_that_of_the_curve(variant):
     # The interpolated axis of eight elements is longer than the arc by 9.2e-8 of its length,
     # with 3 nodes shorter by 6.2e-7.
-    mass = alone(variant, elements=8).mass()
+    mass = create_numeric(variant, elements=8).mass()
     assert_allclose(mass[0, 0], RHO_A * ARC.length, rtol=1e-7 if variant.nodes == 4 else 7e-7)
     s = np.linspace(0.0, ARC.length, 20001)
     arm = (ARC.point(s) - ARC.point(0.0)).mean(axis=0)
@@ -261,20 +262,20 @@ def test_kernel_is_lagranges_equation_of_its_energies(kind, shape):
     rng = np.random.default_rng(5)
     for e in range(2):
         q, v, a = rng.standard_normal((3, kind.size))
-        got, wanted = (np.array(z).ravel() for z in both([0, 0], q, v, a, data[:, e]))
+        force, exact = (np.array(z).ravel() for z in both([0, 0], q, v, a, data[:, e]))
         # Two orders of the same sums: rounding of forces up to some hundreds.
-        assert_allclose(got, wanted, atol=1e-12 * np.abs(wanted).max())
+        assert_allclose(force, exact, atol=1e-12 * np.abs(exact).max())
 
 
 @every_kind
 @every_shape
 def test_kinetic_energy_is_that_of_the_moving_material_points(kind, shape):
-    """Velocities by differencing the positions of points, r = r0 + A (s0 + A_alpha u)."""
+    """Velocities are differences of the positions r = r0 + A (s0 + A_alpha u)."""
     rhoA, rhoI = 1.2, 0.1
     data = element_data(kind, 1, shape, [54.0, 17.0, 3.0, rhoA, rhoI, 0.0], np.zeros(2))
-    place, tangent, weight = own_quadrature(ARC, 1, shape, kind.nodes)
-    turned = _rotation(-ARC.angle)
-    place, tangent = (place - ARC.start) @ turned.T, tangent @ turned.T
+    place, tangent, weight = independent_quadrature(ARC, 1, shape, kind.nodes)
+    to_frame = _rotation(-ARC.angle)
+    place, tangent = (place - ARC.start) @ to_frame.T, tangent @ to_frame.T
     rng = np.random.default_rng(6)
     q, v = rng.standard_normal((2, kind.size))
     xi, _ = np.polynomial.legendre.leggauss(kind.nodes)
@@ -291,8 +292,8 @@ def test_kinetic_energy_is_that_of_the_moving_material_points(kind, shape):
     speed2 = (((r1 - r0) / (2 * h)) ** 2).sum(axis=1)
     spin2 = ((w1 - w0) / (2 * h)) ** 2
     expected = 0.5 * weight @ (rhoA * speed2 + rhoI * spin2)
-    got = energies_of(kind)([0, 0], q, v, data[:, 0])[0]
-    assert_allclose(float(got), expected, rtol=1e-8)  # step^2 times order one
+    kinetic = energies_of(kind)([0, 0], q, v, data[:, 0])[0]
+    assert_allclose(float(kinetic), expected, rtol=1e-8)  # step^2 times order one
 
 
 def _rotation(angle):
@@ -301,7 +302,7 @@ def _rotation(angle):
 
 
 def _lagrange(xi, nodes):
-    """Lagrange functions from a Vandermonde matrix, shape (len(xi), nodes)."""
+    """Return Lagrange functions from a Vandermonde matrix, shape (len(xi), nodes)."""
     at = np.linspace(-1.0, 1.0, nodes)
     return np.vander(xi, nodes) @ np.linalg.inv(np.vander(at, nodes))
 
@@ -309,19 +310,19 @@ def _lagrange(xi, nodes):
 @pytest.mark.parametrize("nodes", [2, 3, 4])
 def test_shape_functions_interpolate_polynomials_and_their_slopes(nodes):
     xi = np.array([-0.9, -0.2, 0.4, 1.0])
-    at = np.linspace(-1.0, 1.0, nodes)
-    given = np.poly1d([0.7, -1.1, 0.4, 2.0][-nodes:])
+    nodes_xi = np.linspace(-1.0, 1.0, nodes)
+    polynomial = np.poly1d([0.7, -1.1, 0.4, 2.0][-nodes:])
     for k in range(nodes):
         # Polynomials of degree nodes - 1 are reproduced to rounding.
-        found = shape_functions(nodes, xi, k) @ given(at)
-        assert_allclose(found, np.polyder(given, k)(xi), atol=1e-12)
+        interpolated = shape_functions(nodes, xi, k) @ polynomial(nodes_xi)
+        assert_allclose(interpolated, np.polyder(polynomial, k)(xi), atol=1e-12)
 
 
 # The published matrices ------------------------------------------------------------------------
 
 
 def published_inertia(place, tangent, weight, rhoA, q, v, a):
-    """M q'' + Q of the appendix of Pan & Liu 2012 for I = 0, summed over the points."""
+    """Return M, Q and M q'' of the appendix of Pan & Liu 2012 for I = 0."""
     quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
     A = _rotation(q[2])
     p, dp, omega = q[3:], v[3:], v[2]
@@ -353,7 +354,7 @@ def published_inertia(place, tangent, weight, rhoA, q, v, a):
     return matrix, np.concatenate([q_r, [q_t], q_p]), matrix @ a
 
 
-# Strains and damping have no part in the inertia; that they leave it alone is seen in the slow run.
+# The inertia does not depend on strains and damping; the slow run checks that.
 @pytest.mark.parametrize(
     "kind",
     [
@@ -366,23 +367,23 @@ def published_inertia(place, tangent, weight, rhoA, q, v, a):
     ids=kind_name,
 )
 @every_shape
-def test_inertia_without_rotary_part_is_the_published_one(kind, shape):
+def test_inertia_without_rotary_part_equals_the_published_matrices(kind, shape):
     """Appendix of Pan & Liu, Theor. Appl. Mech. Lett. 2 (2012) 063006, for I = 0."""
     rhoA = 1.2
     data = element_data(kind, 1, shape, [0.0, 0.0, 0.0, rhoA, 0.0, 0.0], np.zeros(2))[:, 0]
-    place, tangent, weight = own_quadrature(ARC, 1, shape, kind.nodes)
-    back = _rotation(-ARC.angle)
-    place, tangent = (place - ARC.start) @ back.T, tangent @ back.T
+    place, tangent, weight = independent_quadrature(ARC, 1, shape, kind.nodes)
+    to_frame = _rotation(-ARC.angle)
+    place, tangent = (place - ARC.start) @ to_frame.T, tangent @ to_frame.T
     rng = np.random.default_rng(7)
     for _ in range(3):
         q, v, a = rng.standard_normal((3, kind.size))
         matrix, quadratic, inertia = published_inertia(place, tangent, weight, rhoA, q, v, a)
         kernel = floating_frame_kernel(kind)
         local = np.concatenate([q, v, a, data])
-        got = np.array(kernel.force_kernel.function([0, 0], local)).ravel()
+        force = np.array(kernel.force_kernel.function([0, 0], local)).ravel()
         expected = inertia + quadratic
         # Two evaluations of one sum: rounding.
-        assert_allclose(got, expected, atol=1e-10 * np.abs(expected).max())
+        assert_allclose(force, expected, atol=1e-10 * np.abs(expected).max())
         # Of c_q dF/dq, c_v dF/dv and c_a dF/da the last one alone.
         tangents = kernel.tangent_kernel(((0,), (1,), (2,)))
         entries = tangents.function([0, 0, 0, 0, 1, 0, 0, 0], local)
@@ -396,7 +397,7 @@ def test_inertia_without_rotary_part_is_the_published_one(kind, shape):
 
 @every_variant
 def test_tangent_is_the_derivative_of_the_force(variant):
-    numeric = alone(variant, gravity=(0.7, -3.0))
+    numeric = create_numeric(variant, gravity=(0.7, -3.0))
     q, v, a = random_state(numeric, seed=8)
     assert_derivative(numeric.stiffness(q, v, a), lambda x: numeric.force(x, v, a), q)
     assert_derivative(numeric.damping(q, v, a), lambda x: numeric.force(q, x, a), v)
@@ -405,7 +406,7 @@ def test_tangent_is_the_derivative_of_the_force(variant):
 
 @cache
 def driven_mechanism(variant: Variant):
-    """Every kind of statement at once: bodies, joints, a driver, loads that follow."""
+    """Return equations with bodies, joints, a driver and follower loads."""
     mech = bd.Mechanism(gravity=(0.3, -2.0))
     crank = mech.add(bd.RigidBody("crank", mass=1.1, inertia=0.4, center=(0.1, 0.0)))
     beam = mech.add(variant.beam(ARC))
@@ -457,7 +458,7 @@ def test_jacobian_of_step_equations(variant, stabilized):
     v_p, a_p = rng.standard_normal((2, n))
     time, at = np.array([0.3, 0.4]), StepPrediction(q_p, v_p, a_p, q_n, np.array([3.0, 5.0, 0.7]))
     whole = _full(step.pattern, step.jacobian(time, at, x))
-    # Corrections of positions, r = -G^T eta, stand in the matrix as unknowns of their own.
+    # Corrections of positions, r = -G^T eta, are separate unknowns of the matrix: eliminate them.
     own, r = slice(step.size), slice(step.size, None)
     jacobian = whole[own, own] - whole[own, r] @ whole[r, own]
     assert_derivative(jacobian, lambda z: step.residual(time, at, z), x)
@@ -473,15 +474,15 @@ def test_packed_states_solve_the_first_order_form(form):
     # Closing the joints stops at 1e-12 of the mechanism's size; forces are of order ten.
     residual = system.residual(time, y, yp)
     assert_allclose(residual, 0.0, atol=1e-10)
-    for got, put in zip(system.unpack(y, yp), state, strict=True):
-        assert_allclose(got, put, rtol=0.0, atol=0.0)
+    for unpacked, original in zip(system.unpack(y, yp), state, strict=True):
+        assert_allclose(unpacked, original, rtol=0.0, atol=0.0)
 
 
 # What a beam reports ---------------------------------------------------------------------------
 
 
 def _cantilever(variant, curve, elements=3, displacements=False):
-    """A beam that tells its section forces at three places, and if asked to how it lies there."""
+    """Return a beam with observed section forces, and displacements if asked, at three places."""
     mech = bd.Mechanism()
     beam = mech.add(variant.beam(curve, elements))
     for s in (0.0, 0.35, 1.0):
@@ -496,7 +497,7 @@ def _cantilever(variant, curve, elements=3, displacements=False):
 
 
 def _set_nodes(numeric, field):
-    """Nodal coordinates u, v, phi of `field`(s) at the beam's free nodes."""
+    """Return coordinates with (u, v, phi) = `field`(s) at the free nodes of the beam."""
     q = numeric.equations.q0.copy()
     beam = numeric.mechanism.part("beam")
     for i, s in enumerate(beam.mesh.node_arc_lengths):
@@ -510,7 +511,7 @@ tangent_variants = parametrize_variants(v for v in VARIANTS if v.frame == "tange
 
 
 @parametrize_variants(v for v in VARIANTS if v.frame == "tangent" and v.strain == "linear")
-def test_bent_cantilever_reports_its_exact_forces(variant):
+def test_section_forces_of_a_bent_cantilever_are_exact(variant):
     """Tip loads H, P and M on a straight Timoshenko cantilever: cubic for P, quadratic for M.
 
     An element holds degree nodes - 1. At its reduced points slopes are exact for one degree more:
@@ -572,7 +573,7 @@ def test_uniform_stretch_and_twist_of_a_straight_beam(variant):
 
 
 @parametrize_variants(v for v in VARIANTS if v.frame == "tangent" and v.shape == "curved")
-def test_blown_up_arc_shrinks_along_its_axis(variant):
+def test_inflated_arc_has_uniform_axial_strain(variant):
     """v = w (towards the center) all along an arc: eps11 = -w/R (Green's: + (w/R)^2/2) alone."""
     numeric = _cantilever(variant, ARC, elements=6)
     w = 0.04
@@ -596,13 +597,13 @@ def test_deformation_axes_differ_by_the_rotation_of_the_frame(variant):
         assert_allclose(_rotation(q[2]) @ frame[:2], inertial[:2], atol=1e-13)
         assert_allclose(np.linalg.norm(local[:2]), np.linalg.norm(frame[:2]), atol=1e-13)
         assert local[2] == frame[2] == inertial[2]
-        # Deformation is where the point is, less where the rigid beam would have it.
+        # Deformation is the position minus that on the rigid beam.
         rigid = q[:2] + _rotation(q[2] - ARC.angle) @ (ARC.point(share * 2.0) - ARC.start)
         assert_allclose(numeric.observed(f"at {share}", q=q)[:2], rigid + inertial[:2], atol=1e-13)
 
 
-def test_greens_strain_of_a_rigid_rotation_is_zero_and_that_of_eq_5_is_not():
-    """Of a parabola: on an arc turned about its start what eq. (5) leaves out cancels."""
+def test_rigid_rotation_has_no_green_strain_but_one_by_eq_5():
+    """A parabola is used because on an arc the terms missing in eq. (5) cancel."""
     turn, curve = 0.3, bd.Parabola(span=2.0, rise=0.5, start=ARC.start)
     stretch = {}
     for strain in ("nonlinear", "green", "linear"):
@@ -611,20 +612,20 @@ def test_greens_strain_of_a_rigid_rotation_is_zero_and_that_of_eq_5_is_not():
         mech.observe("axial", beam.strain(1.8, 0.0))
         numeric = NumericEquations(mech)
         s = np.linspace(0.0, curve.length, beam.mesh.node_count)[1:]
-        moved = (curve.point(s) - ARC.start) @ (_rotation(turn) - np.eye(2)).T
+        displacement = (curve.point(s) - ARC.start) @ (_rotation(turn) - np.eye(2)).T
         angle = curve.tangent_angle(s)
-        along = np.cos(angle) * moved[:, 0] + np.sin(angle) * moved[:, 1]
-        across = -np.sin(angle) * moved[:, 0] + np.cos(angle) * moved[:, 1]
+        along = np.cos(angle) * displacement[:, 0] + np.sin(angle) * displacement[:, 1]
+        across = -np.sin(angle) * displacement[:, 0] + np.cos(angle) * displacement[:, 1]
         q = numeric.equations.q0.copy()
         q[3:] = np.stack([along, across, 0.0 * s + turn], axis=-1).ravel()
         stretch[strain] = numeric.observed("axial", q=q)[0]
-    # Interpolation leaves 2e-6; without the quadratic part cos - 1.
+    # Interpolation error 2e-6; without quadratic terms the strain is cos - 1.
     assert abs(stretch["green"]) < 1e-5
     assert_allclose(stretch["linear"], np.cos(turn) - 1.0, atol=1e-5)
     assert abs(stretch["nonlinear"]) > 1e-3
 
 
-def test_beam_refuses_what_it_cannot_use():
+def test_invalid_beam_settings_are_rejected():
     section = VARIANTS[0].section
     with pytest.raises(bd.BeamdaeError, match=r"rod: curve must be a Line, Arc.*got 'circle'"):
         bd.Beam("rod", "circle", section)

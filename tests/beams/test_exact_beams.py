@@ -1,4 +1,4 @@
-"""Laws of the geometrically exact beam beyond those of every kinematics."""
+"""Properties of the geometrically exact beam beyond those of every kinematics."""
 
 from __future__ import annotations
 
@@ -39,35 +39,35 @@ def beam(curve=ARC, elements=3, name="beam", **settings):
     return bd.Beam(name, curve, section, elements, formulation="exact", **settings)
 
 
-def free(gravity=(0.0, 0.0), **settings):
+def free_beam(gravity=(0.0, 0.0), **settings):
     mech = bd.Mechanism(gravity=gravity)
-    own = mech.add(beam(**settings))
+    body = mech.add(beam(**settings))
     for s in (0.0, 0.4, 1.0):
-        mech.observe(f"forces {s}", own.section_forces(s * own.length))
-        mech.observe(f"at {s}", own.at(s * own.length))
+        mech.observe(f"forces {s}", body.section_forces(s * body.length))
+        mech.observe(f"at {s}", body.at(s * body.length))
     return NumericEquations(mech)
 
 
-def turned(q, angle, shift=(0.0, 0.0)):
-    """Coordinates of the nodes after a rigid motion."""
+def rotate_coordinates(q, angle, shift=(0.0, 0.0)):
+    """Return the nodal coordinates after a rigid motion."""
     nodes = q.reshape(-1, 3)
     c, s = np.cos(angle), np.sin(angle)
     place = nodes[:, :2] @ np.array([[c, s], [-s, c]]) + shift
     return np.column_stack([place, nodes[:, 2] + angle]).ravel()
 
 
-def bent(numeric, seed=0, size=0.4):
-    """Coordinates far from the drawing."""
+def deformed_coordinates(numeric, seed=0, size=0.4):
+    """Return random coordinates far from the reference drawing."""
     rng = np.random.default_rng(seed)
     return numeric.equations.q0 + size * rng.standard_normal(numeric.n)
 
 
 @every_setting
-def test_a_rigid_motion_strains_nothing(settings):
-    numeric = free(**settings)
+def test_rigid_motion_causes_no_strain(settings):
+    numeric = free_beam(**settings)
     at_rest = numeric.energies()[1]
     for angle in (0.7, 3.0, -40.0):
-        q = turned(numeric.equations.q0, angle, (3.0, -1.0))
+        q = rotate_coordinates(numeric.equations.q0, angle, (3.0, -1.0))
         for s in (0.0, 0.4, 1.0):
             here, there = (numeric.observed(f"forces {s}", q=x) for x in (None, q))
             # Rounding of strains, times stiffnesses of order 50; places up to 40 rad around.
@@ -76,20 +76,22 @@ def test_a_rigid_motion_strains_nothing(settings):
 
 
 @every_setting
-def test_forces_turn_with_the_beam(settings):
-    numeric = free(**settings)
-    q, v = bent(numeric), np.random.default_rng(1).standard_normal(numeric.n)
-    spun = turned(v, 1.3) - np.tile([0.0, 0.0, 1.3], numeric.n // 3)
-    force = numeric.force(turned(q, 1.3, (2.0, 5.0)), spun)
-    expected = turned(numeric.force(q, v), 1.3) - np.tile([0.0, 0.0, 1.3], numeric.n // 3)
+def test_forces_rotate_with_the_beam(settings):
+    numeric = free_beam(**settings)
+    q, v = deformed_coordinates(numeric), np.random.default_rng(1).standard_normal(numeric.n)
+    rotated_velocities = rotate_coordinates(v, 1.3) - np.tile([0.0, 0.0, 1.3], numeric.n // 3)
+    force = numeric.force(rotate_coordinates(q, 1.3, (2.0, 5.0)), rotated_velocities)
+    expected = rotate_coordinates(numeric.force(q, v), 1.3) - np.tile(
+        [0.0, 0.0, 1.3], numeric.n // 3
+    )
     assert_allclose(force, expected, atol=1e-11 * np.abs(expected).max())
 
 
 @every_setting
 def test_tangents_are_derivatives_far_from_the_drawing(settings):
-    numeric = free(gravity=(0.3, -2.0), **settings)
+    numeric = free_beam(gravity=(0.3, -2.0), **settings)
     rng = np.random.default_rng(2)
-    q, (v, a) = bent(numeric), rng.standard_normal((2, numeric.n))
+    q, (v, a) = deformed_coordinates(numeric), rng.standard_normal((2, numeric.n))
     # Along whole directions: differences of sines truncate with their fifth derivative.
     for tangent, at, force in (
         (numeric.stiffness(q, v, a), q, lambda x: numeric.force(x, v, a)),
@@ -100,22 +102,22 @@ def test_tangents_are_derivatives_far_from_the_drawing(settings):
 
 
 def test_the_mass_matrix_is_constant_and_inertia_has_no_quadratic_terms():
-    numeric = free()
+    numeric = free_beam()
     rng = np.random.default_rng(3)
-    here, there = numeric.equations.q0, bent(numeric)
+    here, there = numeric.equations.q0, deformed_coordinates(numeric)
     v, a = rng.standard_normal((2, numeric.n))
     mass = numeric.mass(here)
     assert_allclose(numeric.mass(there, v, a), mass, atol=1e-15)
-    undamped = free(section=bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05))
+    undamped = free_beam(section=bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05))
     for q in (here, there):
-        moved = undamped.force(q, v, a) - undamped.force(q)
-        assert_allclose(moved, undamped.mass(q) @ a, atol=1e-12)
+        inertia = undamped.force(q, v, a) - undamped.force(q)
+        assert_allclose(inertia, undamped.mass(q) @ a, atol=1e-12)
 
 
-def test_it_strains_and_reports_as_reissner_says():
-    """Uniform stretch e, shear g and bending b of a straight beam turned by 2 rad."""
+def test_strains_and_section_forces_are_reissners():
+    """Uniform stretch e, shear g and curvature b of a straight beam rotated by 2 rad."""
     e, g, b, turn = 0.2, 0.1, 0.9, 2.0
-    numeric = free(curve=bd.Line((0.0, 0.0), (1.5, 0.0)), elements=8)
+    numeric = free_beam(curve=bd.Line((0.0, 0.0), (1.5, 0.0)), elements=8)
     s = np.linspace(0.0, 1.5, numeric.n // 3)
     psi = turn + b * s
     # Integrals of (1 + e) t + g n over s.
@@ -136,27 +138,31 @@ def test_joints_at_nodes_are_linear():
     mech.add(bd.Weld("clamp", mech.ground.at(*ARC.start), one.start))
     mech.add(bd.Weld("weld", one.end, other.end))
     numeric = NumericEquations(mech)
-    at_rest, bent_far = (numeric.constraint_matrix(q) for q in (None, bent(numeric)))
+    at_rest, bent_far = (
+        numeric.constraint_matrix(q) for q in (None, deformed_coordinates(numeric))
+    )
     assert np.array_equal(at_rest, bent_far)
     assert set(np.unique(np.abs(at_rest))) == {0.0, 1.0}
 
 
 @pytest.mark.parametrize("frame", ["tangent", "chord"])
-def test_deformations_are_those_seen_from_the_frame(frame):
-    """As the start section carries the drawing, or the line from end to end."""
+def test_deformation_is_relative_to_the_reference_frame(frame):
+    """The frame is on the start section, or on the line from end to end."""
     mech = bd.Mechanism()
-    own = mech.add(beam(frame=frame))
-    mech.observe("seen from", own.floating_frame)
+    body = mech.add(beam(frame=frame))
+    mech.observe("seen from", body.floating_frame)
     for axes in ("inertial", "frame", "local"):
-        mech.observe(axes, own.deformation(0.7, axes))
-    mech.observe("at", own.at(0.7))
-    mech.observe("root", bd.relative_displacement(of=own.at(0.7), on=own.start))
+        mech.observe(axes, body.deformation(0.7, axes))
+    mech.observe("at", body.at(0.7))
+    mech.observe("root", bd.relative_displacement(of=body.at(0.7), on=body.start))
     numeric = NumericEquations(mech)
-    q = turned(bent(numeric, size=0.1), 5.0, (1.0, -3.0))
+    q = rotate_coordinates(deformed_coordinates(numeric, size=0.1), 5.0, (1.0, -3.0))
     x, y, angle = numeric.observed("seen from", q=q)[:3]
     place, section = numeric.observed("at", q=q)[:2], numeric.observed("at", q=q)[2]
-    drawn = ARC.angle if frame == "tangent" else np.arctan2(*(ARC.point(2.0) - ARC.start)[::-1])
-    turn = angle - drawn
+    reference_angle = (
+        ARC.angle if frame == "tangent" else np.arctan2(*(ARC.point(2.0) - ARC.start)[::-1])
+    )
+    turn = angle - reference_angle
     c, s = np.cos(turn), np.sin(turn)
     rigid = (x, y) + np.array([[c, -s], [s, c]]) @ (ARC.point(0.7) - ARC.start)
     inertial = numeric.observed("inertial", q=q)
@@ -179,16 +185,16 @@ def test_deformations_are_those_seen_from_the_frame(frame):
 
 
 @cache
-def flown(integrator):
-    """A bent beam let go in free flight."""
+def simulate_flight(integrator):
+    """Simulate a bent beam that is released in free flight."""
     mech = bd.Mechanism()
     thin = bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05)
     straight = bd.Line((0.0, 0.0), (ARC.length, 0.0))
-    own = mech.add(
+    body = mech.add(
         beam(section=thin, free_curve=straight, velocity=(1.0, 0.5), angular_velocity=2.0)
     )
-    mech.observe("end", own.end)
-    return own, bd.simulate(mech, integrator, t_end=2.0, output_step=0.1)
+    mech.observe("end", body.end)
+    return body, bd.simulate(mech, integrator, t_end=2.0, output_step=0.1)
 
 
 @pytest.mark.parametrize(
@@ -196,9 +202,9 @@ def flown(integrator):
     [bd.Radau(1e-6), bd.Ida(1e-6), bd.GeneralizedAlpha(1e-3)],
     ids=lambda x: x.method,
 )
-def test_a_beam_in_flight_keeps_its_momentum(integrator):
-    own, solution = flown(integrator)
-    numeric = NumericEquations(_alone(own))
+def test_momentum_of_a_beam_in_free_flight_is_constant(integrator):
+    body, solution = simulate_flight(integrator)
+    numeric = NumericEquations(mechanism_of(body))
     mass = numeric.mass()
     x, y = (np.arange(numeric.n) % 3 == k for k in range(2))
     momentum = solution.v @ mass
@@ -206,14 +212,14 @@ def test_a_beam_in_flight_keeps_its_momentum(integrator):
     place = solution.q.copy()
     arm = momentum[:, 2::3].sum(axis=1)
     arm += (place[:, x] * momentum[:, y] - place[:, y] * momentum[:, x]).sum(axis=1)
-    for kept in (*first, arm):
-        assert_allclose(kept, kept[0], rtol=1e-5)
+    for quantity in (*first, arm):
+        assert_allclose(quantity, quantity[0], rtol=1e-5)
     assert solution.quality.energy_imbalance < 2e-3
 
 
-def _alone(own):
+def mechanism_of(body):
     mech = bd.Mechanism()
-    mech.add(own)
+    mech.add(body)
     return mech
 
 
@@ -230,6 +236,6 @@ def _alone(own):
         ({"formulation": "exact", "kinematics": print}, "formulation belong"),
     ],
 )
-def test_what_an_exact_beam_cannot_be_is_refused(words, match):
+def test_settings_of_other_formulations_are_rejected(words, match):
     with pytest.raises(bd.BeamdaeError, match=f"rod: .*{match}"):
         bd.Beam("rod", ARC, SECTION, **words)

@@ -1,4 +1,4 @@
-"""Laws every kinematics of a beam obeys, whatever its coordinates are."""
+"""Properties of every kinematics of a beam, independent of its coordinates."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ every_kinematics = pytest.mark.parametrize("kind", KINEMATICS)
 
 
 @cache
-def free(kind, gravity=(0.0, 0.0), added=None, **start):
-    """A beam that no joint holds, with its motion, strains and section forces observed."""
+def free_beam(kind, gravity=(0.0, 0.0), added=None, **start):
+    """Return a free beam whose motion, strains and section forces are observed."""
     mech = bd.Mechanism(gravity=gravity)
     beam = mech.add(
         bd.Beam("beam", ARC, SECTION, elements=3, kinematics=KINEMATICS[kind], **dict(start))
@@ -32,16 +32,16 @@ def free(kind, gravity=(0.0, 0.0), added=None, **start):
     return NumericEquations(mech)
 
 
-def moved(numeric, seed):
-    """Coordinates near the drawing, velocities and accelerations of order one."""
+def random_state(numeric, seed):
+    """Return coordinates near the drawing, velocities and accelerations of order one."""
     rng = np.random.default_rng(seed)
     q = numeric.equations.q0 + 0.05 * rng.standard_normal(numeric.n)
     return q, rng.standard_normal(numeric.n), rng.standard_normal(numeric.n)
 
 
 @every_kinematics
-def test_it_rests_as_drawn(kind):
-    numeric = free(kind)
+def test_the_reference_drawing_is_in_equilibrium(kind):
+    numeric = free_beam(kind)
     for s in (0.0, 0.4 * LENGTH, LENGTH):
         x, y, angle, *rates = numeric.observed(f"at {s}")
         # The axis interpolates the curve within an element: cubic, off by the fourth order.
@@ -54,8 +54,8 @@ def test_it_rests_as_drawn(kind):
 
 @every_kinematics
 def test_tangents_are_derivatives(kind):
-    numeric = free(kind, gravity=(0.3, -2.0))
-    q, v, a = moved(numeric, 0)
+    numeric = free_beam(kind, gravity=(0.3, -2.0))
+    q, v, a = random_state(numeric, 0)
     assert_derivative(numeric.stiffness(q, v, a), lambda x: numeric.force(x, v, a), q)
     assert_derivative(numeric.damping(q, v, a), lambda x: numeric.force(q, x, a), v)
     assert_derivative(numeric.mass(q, v, a), lambda x: numeric.force(q, v, x), a)
@@ -63,18 +63,18 @@ def test_tangents_are_derivatives(kind):
 
 @every_kinematics
 def test_forces_at_rest_are_the_gradient_of_the_energy(kind):
-    numeric = free(kind, gravity=(0.3, -2.0))
-    q, _, _ = moved(numeric, 1)
+    numeric = free_beam(kind, gravity=(0.3, -2.0))
+    q, _, _ = random_state(numeric, 1)
     gradient = finite_differences(lambda x: numeric.energies(x)[1] + numeric.energies(x)[2], q)
-    # Rounding of energies of order 100 over a step of 1e-3, and what differences truncate.
+    # Rounding of energies of order 100 over a step of 1e-3, and truncation of the differences.
     assert_allclose(numeric.force(q), gradient, rtol=1e-8, atol=1e-7)
 
 
 @every_kinematics
-def test_power_is_what_energies_change_by(kind):
+def test_power_is_the_rate_of_the_energies(kind):
     """F . v = d(kinetic + strain + gravity)/dt + dissipated power, along any motion."""
-    numeric = free(kind, gravity=(0.3, -2.0))
-    q, v, a = moved(numeric, 2)
+    numeric = free_beam(kind, gravity=(0.3, -2.0))
+    q, v, a = random_state(numeric, 2)
 
     def energy(t):
         return numeric.energies(q + t * v + 0.5 * t**2 * a, v + t * a)[:3].sum()
@@ -88,9 +88,9 @@ def test_power_is_what_energies_change_by(kind):
 
 
 @every_kinematics
-def test_it_starts_with_the_rigid_motion_asked_for(kind):
+def test_initial_velocity_is_the_given_rigid_motion(kind):
     speed, spin = (0.3, -0.2), 1.5
-    numeric = free(kind, velocity=speed, angular_velocity=spin)
+    numeric = free_beam(kind, velocity=speed, angular_velocity=spin)
     v = numeric.equations.v0
     kinetic, _, _, _, dissipated = numeric.energies(v=v)
     # Mass and inertia of the arc about its start, from many points of it.
@@ -100,13 +100,13 @@ def test_it_starts_with_the_rigid_motion_asked_for(kind):
     rho_a, rho_i = SECTION.rhoA, SECTION.rhoI
     line = rho_a * (velocity**2).sum(axis=1) + rho_i * spin**2
     assert_allclose(kinetic, 0.25 * LENGTH * weight @ line, rtol=1e-4)
-    # A rigid motion strains nothing, to the order of the interpolation.
+    # A rigid motion is free of strain, to the order of the interpolation.
     assert dissipated < 1e-4 * kinetic
 
 
 @every_kinematics
 def test_rayleigh_damping_of_a_rigid_motion_is_that_of_its_mass(kind):
-    numeric = free(
+    numeric = free_beam(
         kind,
         added=lambda beam: bd.RayleighDamping("oil", beam, mass=0.7, stiffness=0.02),
         velocity=(0.3, -0.2),
@@ -118,9 +118,11 @@ def test_rayleigh_damping_of_a_rigid_motion_is_that_of_its_mass(kind):
 
 @every_kinematics
 def test_air_drag_of_a_translation_is_that_of_its_normal_velocities(kind):
-    """Regression: drag on a beam of other kinematics than it was written for was another force."""
+    """Regression: drag was wrong for other kinematics than the floating frame."""
     velocity = np.array([0.8, -0.5])
-    numeric = free(kind, added=lambda beam: bd.AirDrag("air", beam, 1.4), velocity=tuple(velocity))
+    numeric = free_beam(
+        kind, added=lambda beam: bd.AirDrag("air", beam, 1.4), velocity=tuple(velocity)
+    )
     power = numeric.energies(v=numeric.equations.v0)[4]
     s, weight = np.polynomial.legendre.leggauss(40)
     angle = ARC.tangent_angle(0.5 * LENGTH * (s + 1.0))
@@ -130,8 +132,8 @@ def test_air_drag_of_a_translation_is_that_of_its_normal_velocities(kind):
 
 
 @every_kinematics
-def test_a_cantilever_sags_as_castigliano_says(kind):
-    """Tip of a quarter of a circle under a small dead force."""
+def test_deflection_of_a_cantilever_by_castigliano(kind):
+    """Tip of a quarter circle under a small dead force."""
     steel = bd.Section(bd.Material(E=1e6, nu=0.3, rho=1.0), area=0.1, second_moment=1e-3)
     load, radius = 1e-3, 1.0
     curve = bd.Arc(radius=radius, length=0.5 * np.pi * radius)

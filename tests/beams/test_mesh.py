@@ -1,4 +1,4 @@
-"""Meshes: nodes on the curve, measured errors, and the operators of the floating frames."""
+"""Meshes: nodes on the curve, errors of the axes, operators of the floating frame."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ every_frame = pytest.mark.parametrize("frame", ["tangent", "chord"])
 every_count = pytest.mark.parametrize("nodes", [2, 3, 4])
 
 
-def beam(
+def create_beam(
     curve,
     elements,
     shape="curved",
@@ -61,7 +61,7 @@ def rotation(angle):
 
 
 def mesh_errors(body):
-    """Largest relative error of arc length, largest error of curvature times length."""
+    """Return the largest relative error of arc length and error of curvature times length."""
     names = ("largest relative error of arc length", "largest error of curvature times length")
     return tuple(body.facts[name] for name in names)
 
@@ -74,7 +74,7 @@ def test_mesh_errors_of_curved_elements(curve, quadrature):
     Arc of 72 degrees, 2 to 32 elements: length 2.3e-5, 1.5e-6, 9.2e-8, 5.7e-9, 3.6e-10; curvature
     times length at 3 points 2.5e-2, 6.3e-3, 1.6e-3, 4.0e-4, 9.9e-5.
     """
-    errors = [mesh_errors(beam(curve, n, quadrature=quadrature)) for n in (16, 32, 64)]
+    errors = [mesh_errors(create_beam(curve, n, quadrature=quadrature)) for n in (16, 32, 64)]
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
     # Lengths are rounded at 1e-14, the last error is 1e-12 or more.
     assert_allclose(orders[:, 0], 4.0, atol=0.1)
@@ -92,7 +92,9 @@ def test_mesh_errors_of_quadratic_elements(curve, quadrature):
     64 elements at 2 points: length 3.2e-7, 2.0e-8, 1.3e-9, curvature times length 7.5e-2, 3.7e-2,
     1.9e-2.
     """
-    errors = [mesh_errors(beam(curve, n, quadrature=quadrature, nodes=3)) for n in (16, 32, 64)]
+    errors = [
+        mesh_errors(create_beam(curve, n, quadrature=quadrature, nodes=3)) for n in (16, 32, 64)
+    ]
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
     # Lengths are rounded at 1e-14, the last error is 5e-13 or more.
     assert_allclose(orders[:, 0], 4.0, atol=0.1)
@@ -102,34 +104,34 @@ def test_mesh_errors_of_quadratic_elements(curve, quadrature):
 @pytest.mark.parametrize("quadrature", ["reduced", "full"])
 @every_frame
 @every_curve
-def test_two_nodes_make_an_element_straight(curve, frame, quadrature):
+def test_elements_of_two_nodes_are_straight(curve, frame, quadrature):
     curved, straight = (
-        beam(curve, 5, shape, frame, quadrature, nodes=2) for shape in ("curved", "straight")
+        create_beam(curve, 5, shape, frame, quadrature, nodes=2) for shape in ("curved", "straight")
     )
     gravity = np.zeros(2)
-    # The end of a chord, or its start and the way to it: rounding.
-    for got, expected in [
+    # Rounding.
+    for actual, expected in [
         (curved.kinematics.operator.toarray(), straight.kinematics.operator.toarray()),
         (
             curved.kinematics.data(gravity),
             straight.kinematics.data(gravity),
         ),
         (mesh_errors(curved), mesh_errors(straight)),
-        (curved.mesh.length_error, beam(curve, 5, "straight", frame).mesh.length_error),
+        (curved.mesh.length_error, create_beam(curve, 5, "straight", frame).mesh.length_error),
     ]:
-        assert_allclose(got, expected, rtol=1e-12, atol=1e-13)
+        assert_allclose(actual, expected, rtol=1e-12, atol=1e-13)
 
 
 def test_elements_of_two_nodes_meet_at_kinks():
     match = "beam: straight elements meet at kinks; continuity must be 'cartesian'"
     with pytest.raises(bd.BeamdaeError, match=match):
-        beam(ARC, 2, continuity="local", nodes=2)
-    assert beam(ARC, 2, continuity="local", nodes=3).kinematics.continuity == "local"
+        create_beam(ARC, 2, continuity="local", nodes=2)
+    assert create_beam(ARC, 2, continuity="local", nodes=3).kinematics.continuity == "local"
 
 
 def test_mesh_errors_of_an_arc():
-    length_error, curvature_error = mesh_errors(beam(bd.Arc(radius=1.6, length=2.0), 8))
-    # Measured; a slip in the nodes or in the shape functions changes them by factors.
+    length_error, curvature_error = mesh_errors(create_beam(bd.Arc(radius=1.6, length=2.0), 8))
+    # Measured; errors in the nodes or shape functions change these by factors.
     assert_allclose(length_error, 9.19e-8, rtol=0.01)
     assert_allclose(curvature_error, 1.580e-3, rtol=0.01)
 
@@ -137,7 +139,9 @@ def test_mesh_errors_of_an_arc():
 @pytest.mark.parametrize("quadrature", ["reduced", "full"])
 def test_straight_elements_miss_the_curvature_of_the_curve(quadrature):
     for n in (2, 4, 8):
-        length_error, curvature_error = mesh_errors(beam(ARC, n, "straight", quadrature=quadrature))
+        length_error, curvature_error = mesh_errors(
+            create_beam(ARC, n, "straight", quadrature=quadrature)
+        )
         half = 0.5 * ARC.length / (n * ARC.radius)
         # Chord over arc, to rounding.
         assert_allclose(length_error, 1.0 - np.sin(half) / half, rtol=1e-9)
@@ -146,8 +150,10 @@ def test_straight_elements_miss_the_curvature_of_the_curve(quadrature):
 
 @pytest.mark.parametrize("quadrature", ["reduced", "full"])
 @every_shape
-def test_a_line_has_no_mesh_errors(shape, quadrature):
-    errors = mesh_errors(beam(bd.Line((0.0, 1.0), (3.0, 2.0)), 3, shape, quadrature=quadrature))
+def test_line_has_no_mesh_errors(shape, quadrature):
+    errors = mesh_errors(
+        create_beam(bd.Line((0.0, 1.0), (3.0, 2.0)), 3, shape, quadrature=quadrature)
+    )
     assert_allclose(errors, 0.0, atol=1e-13)  # rounding
 
 
@@ -155,31 +161,35 @@ def test_a_line_has_no_mesh_errors(shape, quadrature):
 @every_frame
 @every_curve
 def test_nodes_of_curved_elements_lie_on_the_curve(curve, frame, nodes):
-    frame = beam(curve, 3, "curved", frame, nodes=nodes).kinematics
-    found = frame.mesh_in_frame.node_points @ rotation(frame.frame_angle).T + frame.origin
+    frame = create_beam(curve, 3, "curved", frame, nodes=nodes).kinematics
+    nodes_in_drawing = (
+        frame.mesh_in_frame.node_points @ rotation(frame.frame_angle).T + frame.origin
+    )
     step = nodes - 1
     on_curve = curve.point(np.linspace(0.0, curve.length, 3 * step + 1))
     for e in range(3):
-        mine = on_curve[step * e : step * e + nodes]
-        assert_allclose(found[e], mine, atol=1e-14 * 10)  # rounding
+        expected = on_curve[step * e : step * e + nodes]
+        assert_allclose(nodes_in_drawing[e], expected, atol=1e-14 * 10)  # rounding
 
 
 @every_count
 @every_frame
 @every_curve
 def test_nodes_of_straight_elements_divide_the_chords_of_the_curve(curve, frame, nodes):
-    frame = beam(curve, 3, "straight", frame, nodes=nodes).kinematics
-    found = frame.mesh_in_frame.node_points @ rotation(frame.frame_angle).T + frame.origin
+    frame = create_beam(curve, 3, "straight", frame, nodes=nodes).kinematics
+    nodes_in_drawing = (
+        frame.mesh_in_frame.node_points @ rotation(frame.frame_angle).T + frame.origin
+    )
     ends = curve.point(np.linspace(0.0, curve.length, 4))
     for e in range(3):
         for i in range(nodes):
-            there = ends[e] + i / (nodes - 1) * (ends[e + 1] - ends[e])
-            assert_allclose(found[e, i], there, atol=1e-14 * 10)  # rounding
+            expected = ends[e] + i / (nodes - 1) * (ends[e + 1] - ends[e])
+            assert_allclose(nodes_in_drawing[e, i], expected, atol=1e-14 * 10)  # rounding
 
 
 @every_curve
 def test_axis_agrees_with_the_curve_where_it_interpolates_it(curve):
-    frame = beam(curve, 40).kinematics
+    frame = create_beam(curve, 40).kinematics
     element, xi = np.arange(40), np.linspace(-1.0, 1.0, 40)
     at, angle, _, ds = frame.mesh_in_frame.axis(element, xi)
     s = (element + 0.5 * (xi + 1.0)) * curve.length / 40
@@ -194,7 +204,7 @@ def test_axis_agrees_with_the_curve_where_it_interpolates_it(curve):
 def test_kinks_between_curved_elements_are_of_third_order(nodes):
     kinks = []
     for n in (4, 8, 16):
-        mesh = beam(ARC, n, nodes=nodes).mesh
+        mesh = create_beam(ARC, n, nodes=nodes).mesh
         element = np.arange(n)
         left, right = (mesh.axis(element, np.full(n, xi)).angle for xi in (1.0, -1.0))
         kinks.append(np.abs(left[:-1] - right[1:]).max())
@@ -207,20 +217,20 @@ def test_kinks_between_curved_elements_are_of_third_order(nodes):
 @every_frame
 @every_shape
 @every_curve
-def test_operator_has_a_column_for_every_named_coordinate(curve, shape, frame, nodes):
-    body = beam(curve, 3, shape, frame, nodes=nodes)
+def test_operator_has_one_column_per_coordinate(curve, shape, frame, nodes):
+    body = create_beam(curve, 3, shape, frame, nodes=nodes)
     operator, size = body.kinematics.operator, body.kinematics.element.size
     assert operator.shape == (3 * size, len(body.coordinates))
     assert len(set(body.coordinates)) == len(body.coordinates)
     assert len(body.initial_position) == len(body.coordinates)
-    # Three of the nodal ones are fixed: a rigid motion is that of the frame.
+    # Three nodal coordinates are fixed: the frame describes rigid motions.
     assert len(body.coordinates) == 3 + 3 * (3 * (nodes - 1) + 1) - 3
     frame_rows = operator.toarray().reshape(3, size, -1)[:, :FRAME_SIZE]
     assert_allclose(frame_rows, np.broadcast_to(np.eye(3, frame_rows.shape[2]), frame_rows.shape))
 
 
-def local_fields(body, q):
-    """(u, v, phi) of each element's nodes in the element's own frames, and their angles."""
+def displacements_in_elements(body, q):
+    """Return (u, v, phi) of each element's nodes in the axes of the element, and their angles."""
     mesh, frame = body.kinematics.mesh_in_frame, body.kinematics
     local = (frame.operator @ q).reshape(mesh.elements, frame.element.size)[:, FRAME_SIZE:]
     nodal = local.reshape(mesh.elements, mesh.nodes, NODE_SIZE)
@@ -237,10 +247,10 @@ def local_fields(body, q):
 def test_displacement_and_rotation_are_continuous_at_the_nodes(
     curve, shape, continuity, nodes, frame
 ):
-    body = beam(curve, 4, shape, frame, continuity=continuity, nodes=nodes)
+    body = create_beam(curve, 4, shape, frame, continuity=continuity, nodes=nodes)
     rng = np.random.default_rng(0)
     q = body.initial_position + rng.standard_normal(len(body.initial_position))
-    nodal, angles = local_fields(body, q)
+    nodal, angles = displacements_in_elements(body, q)
     for e in range(3):
         before = rotation(angles[e, -1]) @ nodal[e, -1, :2]
         after = rotation(angles[e + 1, 0]) @ nodal[e + 1, 0, :2]
@@ -258,11 +268,11 @@ def test_displacement_and_rotation_are_continuous_at_the_nodes(
 @every_shape
 def test_nodal_coordinates_are_components_along_the_curve(shape, nodes):
     """A field given by (u, v) along the curve's tangents becomes the same vectors in an element."""
-    body = beam(ARC, 3, shape, nodes=nodes)
+    body = create_beam(ARC, 3, shape, nodes=nodes)
     mesh = body.mesh
     rng = np.random.default_rng(3)
     q = body.initial_position + rng.standard_normal(len(body.initial_position))
-    nodal, angles = local_fields(body, q)
+    nodal, angles = displacements_in_elements(body, q)
     tangent = ARC.tangent_angle(mesh.node_arc_lengths) - body.kinematics.frame_angle
     coordinates = [coordinate.name for coordinate in body.coordinates]
     for e in range(3):
@@ -278,10 +288,10 @@ def test_nodal_coordinates_are_components_along_the_curve(shape, nodes):
 
 @every_shape
 @every_curve
-def test_tangent_frame_rides_on_the_start_section(curve, shape):
-    body = beam(curve, 2, shape, "tangent")
+def test_tangent_frame_moves_with_the_start_section(curve, shape):
+    body = create_beam(curve, 2, shape, "tangent")
     rng = np.random.default_rng(1)
-    nodal, _ = local_fields(body, rng.standard_normal(len(body.initial_position)))
+    nodal, _ = displacements_in_elements(body, rng.standard_normal(len(body.initial_position)))
     assert_allclose(nodal[0, 0], 0.0, atol=0.0)
     assert_allclose(body.initial_position[2], curve.tangent_angle(0.0), rtol=1e-15)
 
@@ -289,11 +299,11 @@ def test_tangent_frame_rides_on_the_start_section(curve, shape):
 @every_continuity
 @every_curve
 def test_chord_frame_keeps_both_ends_on_the_chord(curve, shape, continuity, nodes):
-    body = beam(curve, 2, shape, "chord", continuity=continuity, nodes=nodes)
+    body = create_beam(curve, 2, shape, "chord", continuity=continuity, nodes=nodes)
     frame_angle, mesh = body.kinematics.frame_angle, body.kinematics.mesh_in_frame
     rng = np.random.default_rng(2)
     q = rng.standard_normal(len(body.initial_position))
-    nodal, angles = local_fields(body, q)
+    nodal, angles = displacements_in_elements(body, q)
     tip = mesh.node_points[-1, -1] + rotation(angles[-1, -1]) @ nodal[-1, -1, :2]
     chord = np.linalg.norm(curve.point(curve.length) - curve.point(0.0))
     along = q[[coordinate.name for coordinate in body.coordinates].index("chord")]
@@ -311,7 +321,7 @@ def test_chord_frame_keeps_both_ends_on_the_chord(curve, shape, continuity, node
 @every_shape
 @every_curve
 def test_locate(curve, shape):
-    mesh = beam(curve, 5, shape).mesh
+    mesh = create_beam(curve, 5, shape).mesh
     assert mesh.locate(0.0) == (0, -1.0)
     assert mesh.locate(curve.length) == (4, 1.0)
     element, xi = mesh.locate(0.5 * curve.length)
@@ -319,18 +329,18 @@ def test_locate(curve, shape):
     assert_allclose(xi, 0.0, atol=1e-12)  # rounding
 
 
-def test_chord_frame_is_refused_for_a_ring():
+def test_chord_frame_of_a_ring_is_rejected():
     ring = bd.Arc(radius=0.5, length=np.pi)
     with pytest.raises(bd.BeamdaeError, match=r"hoop: frame 'chord' needs a curve whose ends lie"):
         bd.Beam("hoop", ring, SECTION, frame="chord")
-    # Fewer elements than the ring has turns to resolve are no excuse to fail otherwise.
-    assert beam(ring, 8, frame="tangent").kinematics.frame_angle == 0.0
+    # The error is the same if the elements are too few for the ring.
+    assert create_beam(ring, 8, frame="tangent").kinematics.frame_angle == 0.0
 
 
 @pytest.mark.parametrize(
     ("turn", "frame"), [(0.5 * np.pi, "chord"), (1.7 * np.pi, "chord"), (2.0 * np.pi, "tangent")]
 )
-def test_the_frame_is_the_chord_unless_the_ends_nearly_meet(turn, frame):
+def test_default_frame_is_the_chord_unless_the_ends_nearly_meet(turn, frame):
     beam = bd.Beam("hoop", bd.Arc(radius=1.0, length=turn), SECTION)
     assert beam.kinematics.frame == frame
     assert beam.kinematics.strain == "green"

@@ -42,11 +42,11 @@ def test_circle_has_the_second_moment_of_its_points(diameter):
 
 
 @given(outer=sizes, share=st.floats(0.01, 0.499))
-def test_a_pipe_is_a_circle_without_another(outer, share):
+def test_pipe_is_the_difference_of_two_circles(outer, share):
     pipe = bd.Section.pipe(ALLOY, outer, wall=share * outer)
     whole = bd.Section.circle(ALLOY, outer)
     hole = bd.Section.circle(ALLOY, outer * (1.0 - 2.0 * share))
-    # Of a wall of a hundredth 4 % are left of the differences.
+    # For a wall of a hundredth of the diameter, the differences cancel to 4 %.
     assert_allclose(pipe.area, whole.area - hole.area, rtol=1e-13)
     assert_allclose(pipe.second_moment, whole.second_moment - hole.second_moment, rtol=1e-13)
 
@@ -58,8 +58,8 @@ def test_shear_coefficient_of_a_pipe_between_circle_and_thin_wall():
     assert_allclose(thin, 2.6 / 4.9, rtol=1e-9)
 
 
-def test_an_i_profile_of_a_table():
-    """IPE 200 without its fillets of 12 mm, which add 123 mm^2 and 0.97e-6 m^4 to the table's."""
+def test_i_profile_of_a_steel_table():
+    """IPE 200: the table includes fillets of 12 mm, which add 123 mm^2 and 0.97e-6 m^4."""
     steel = bd.Material.of("steel")
     profile = bd.Section.i_profile(steel, width=0.1, height=0.2, flange=0.0085, web=0.0056)
     fillets = (4.0 - np.pi) * 0.012**2
@@ -70,10 +70,10 @@ def test_an_i_profile_of_a_table():
 
 
 def test_shear_coefficient_of_an_i_profile_by_the_energy_of_its_shear_flow():
-    """At nu = 0 Cowper's is that of the energy, 1 / k = A / I^2 int S^2 / t ds."""
+    """At nu = 0, Cowper's value follows from the energy, 1 / k = A / I^2 int S^2 / t ds."""
     b, h, flange, web = 0.1, 0.19, 0.0085, 0.0056
     x, w = np.polynomial.legendre.leggauss(4)
-    # Of walls as lines: static moments of the flange's outer part and of what is above a height.
+    # Walls as lines: static moments of the outer part of a flange and of the part above a height.
     out, up = 0.25 * b * (1.0 + x), 0.25 * h * (1.0 + x)
     in_flange, in_web = flange * out * h / 2.0, b * flange * h / 2.0 + web * (h**2 / 4 - up**2) / 2
     energy = 4.0 * 0.25 * b * (w @ in_flange**2) / flange + 2.0 * 0.25 * h * (w @ in_web**2) / web
@@ -83,13 +83,13 @@ def test_shear_coefficient_of_an_i_profile_by_the_energy_of_its_shear_flow():
     assert_allclose(profile.shear_coefficient, second**2 / (area * energy), rtol=1e-12)
 
 
-def test_an_i_profile_whose_web_is_all_is_the_thin_rectangle_of_cowper():
+def test_i_profile_without_flanges_is_cowpers_thin_rectangle():
     profile = bd.Section.i_profile(ALLOY, width=0.0101, height=1.0, flange=1e-6, web=0.01)
     # 10 (1 + nu) / (12 + 11 nu); flanges of 1e-6 of the height change 1e-5.
     assert_allclose(profile.shear_coefficient, 13.0 / 15.3, rtol=1e-4)
 
 
-def test_surfaces_are_named():
+def test_offsets_of_top_and_bottom():
     strip = bd.Section.rectangle(ALLOY, width=0.03, height=0.004)
     assert (strip.fiber_offset("b", "top"), strip.fiber_offset("b", "bottom")) == (0.002, -0.002)
     assert strip.at(0.3) is strip
@@ -122,19 +122,19 @@ def test_shear_modulus(nu):
     assert_allclose(2.0 * material.G * (1.0 + nu), 3.0, **ROUNDING)
 
 
-def test_mass_and_inertia_per_length_may_be_given():
-    """Simo & Vu-Quoc's spin-up beam: EA, GA, EI, rho A and rho I of no one material and shape."""
-    own = bd.Section(
+def test_mass_and_inertia_per_length_override_the_material():
+    """Simo & Vu-Quoc's spin-up beam: its rho A and rho I do not follow from one material."""
+    section = bd.Section(
         ALLOY, 1e-4, 1e-8, mass_per_length=1.2, rotary_inertia_per_length=6e-4, damping=0.1
     )
     plain = bd.Section(ALLOY, 1e-4, 1e-8, damping=0.1)
-    assert (own.rhoA, own.rhoI) == (1.2, 6e-4)
-    assert (own.EA, own.GA, own.EI) == (plain.EA, plain.GA, plain.EI)
+    assert (section.rhoA, section.rhoI) == (1.2, 6e-4)
+    assert (section.EA, section.GA, section.EI) == (plain.EA, plain.GA, plain.EI)
     mech = bd.Mechanism(gravity=(0.0, -9.81))
-    mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (10.0, 0.0)), own, angular_velocity=2.0))
+    mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (10.0, 0.0)), section, angular_velocity=2.0))
     numeric = NumericEquations(mech)
     kinetic = numeric.energies(v=numeric.equations.v0)[0]
-    # Of the rod about its start, and of its sections.
+    # Inertia of the rod about its start, and of its sections.
     assert_allclose(kinetic, 0.5 * (1.2 * 1000.0 / 3.0 + 6e-4 * 10.0) * 4.0, rtol=1e-12)
     assert_allclose(-numeric.force()[1], -9.81 * 12.0, rtol=1e-12)
 
@@ -196,6 +196,6 @@ def test_mass_and_inertia_per_length_may_be_given():
         (lambda: bd.Section.circle(3, 1.0), "Section.circle: material must be a Material, got 3"),
     ],
 )
-def test_refusals(make, message):
+def test_invalid_sections_and_materials_are_rejected(make, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         make()

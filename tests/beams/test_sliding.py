@@ -1,4 +1,4 @@
-"""Points that slide along deformed beams: the curve they follow, closed forms, balances."""
+"""Points that slide along deformed beams: interpolated track, exact solutions, balances."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from beamdae.beams.sliding import interpolate_track, nearest_arc_length
 CHORD = VARIANTS[2]
 
 
-def track(points):
-    """The curve through points, its slope and curvature, as a function of where."""
+def interpolated_curve(points):
+    """Return a function that evaluates the curve through points, its slope and curvature."""
     along = ca.SX.sym("along")
     at = interpolate_track(ca.SX(points), along)
     slope = ca.jacobian(at, along)
@@ -26,11 +26,11 @@ def track(points):
 
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 7, 25])
 def test_curve_is_exact_for_polynomials(count):
-    """Up to degree four, or less where there are fewer points: values and two derivatives."""
+    """Values and two derivatives are exact up to degree four, or less with fewer points."""
     degree = min(count - 1, 4)
     shape = np.polynomial.Polynomial([0.3, -0.2, 0.5, -0.1, 0.02][: degree + 1])
     k = np.arange(count, dtype=float)
-    curve = track(np.stack([k, shape(k)]))
+    curve = interpolated_curve(np.stack([k, shape(k)]))
     for at in np.linspace(0.0, count - 1.0, 41):
         values = curve(at)
         expected = [[at, shape(at)], [1.0, shape.deriv(1)(at)], [0.0, shape.deriv(2)(at)]]
@@ -40,7 +40,7 @@ def test_curve_is_exact_for_polynomials(count):
 
 def test_curve_is_smooth_at_its_points_and_straight_beyond_its_ends():
     points = np.random.default_rng(0).standard_normal((2, 9))
-    curve = track(points)
+    curve = interpolated_curve(points)
     for k in range(9):
         assert_allclose(curve(k)[0], points[:, k], atol=1e-14)
         below, above = (curve(k + side * 1e-9) for side in (-1, 1))
@@ -53,13 +53,13 @@ def test_curve_is_smooth_at_its_points_and_straight_beyond_its_ends():
     assert_allclose(curve(8.7)[0], end + 0.7 * slope, atol=1e-13)
 
 
-def test_nearest_point_is_found_anywhere():
+def test_nearest_arc_length_along_the_whole_curve():
     for s in (0.0, 1e-3, 0.731, ARC.length):
         assert_allclose(nearest_arc_length(ARC, tuple(ARC.point(s))), s, atol=1e-14)
 
 
-def rotating(E, elements=4):
-    """A bead on a rod that is turned at a constant rate."""
+def bead_on_rotating_rod(E, elements=4):
+    """Return a mechanism of a bead on a rod that rotates at a constant rate."""
     omega, distance = 2.0, 0.3
     mech = bd.Mechanism()
     section = bd.Section.rectangle(bd.Material(E=E, nu=0.3, rho=7800.0), width=0.02, height=0.02)
@@ -79,21 +79,21 @@ def rotating(E, elements=4):
 
 # Its flexible neighbor below is run by all.
 @integrators(rtol=1e-6, step=1e-3, slow=("ida", "alpha stabilized"))
-def test_a_bead_slides_out_on_a_stiff_rotating_rod(integrator):
-    """s = r0 cosh(omega t); the rod stretches and lags by a thousandth of what steel does."""
-    mech, distance, omega = rotating(2.1e14)
+def test_bead_on_a_stiff_rotating_rod(integrator):
+    """s = r0 cosh(omega t); the rod is a thousand times as stiff as steel."""
+    mech, distance, omega = bead_on_rotating_rod(2.1e14)
     solution = bd.simulate(mech, integrator, t_end=0.9)
-    found, t = solution.observed, np.asarray(solution.t)
+    columns, t = solution.observed, np.asarray(solution.t)
     # 100 rtol of a range of 1 m.
-    assert_allclose(found["s [m]"], distance * np.cosh(omega * t), atol=5e-5)
+    assert_allclose(columns["s [m]"], distance * np.cosh(omega * t), atol=5e-5)
     assert solution.quality.energy_imbalance < 1e-4
 
 
-def test_the_bead_differs_by_the_compliance_of_the_rod():
+def test_error_of_the_rigid_rod_is_proportional_to_the_compliance():
     """Ten times the stiffness, a tenth of the difference from the rigid rod."""
     off = []
     for E in (2.1e12, 2.1e13):
-        mech, distance, omega = rotating(E)
+        mech, distance, omega = bead_on_rotating_rod(E)
         solution = bd.simulate(mech, bd.Radau(rtol=1e-7), t_end=0.9)
         exact = distance * np.cosh(omega * np.asarray(solution.t))
         off.append(np.abs(solution.observed["s [m]"] - exact).max())
@@ -101,16 +101,16 @@ def test_the_bead_differs_by_the_compliance_of_the_rod():
     assert_allclose(off[0] / off[1], 10.0, rtol=0.02)
 
 
-def hanging(elements, turn=0.0, place=(0.0, 0.0), damping=1e-4):
-    """A bead on a flexible arc that hangs between two pins, the drawing turned and moved."""
+def bead_on_hanging_arc(elements, turn=0.0, place=(0.0, 0.0), damping=1e-4):
+    """Return a bead on a flexible arc between two pins, the drawing rotated and displaced."""
 
-    def moved(x, y):
+    def transform(x, y):
         c, s = np.cos(turn), np.sin(turn)
         return (float(c * x - s * y + place[0]), float(s * x + c * y + place[1]))
 
-    gravity = np.subtract(moved(0.0, -9.81), place)
+    gravity = np.subtract(transform(0.0, -9.81), place)
     mech = bd.Mechanism(gravity=tuple(gravity.tolist()))
-    start = moved(-np.sin(1.2), -np.cos(1.2))
+    start = transform(-np.sin(1.2), -np.cos(1.2))
     arc = bd.Arc(radius=1.0, length=2.4, start=start, angle=-1.2 + turn)
     steel = bd.Material(E=2.1e11, nu=0.3, rho=7800.0)
     section = bd.Section.rectangle(steel, width=0.03, height=0.004, damping=damping)
@@ -127,8 +127,8 @@ def hanging(elements, turn=0.0, place=(0.0, 0.0), damping=1e-4):
 @pytest.mark.slow(reason="half a second and more")
 @integrators(rtol=1e-5, step=5e-4, slow=("alpha stabilized",))
 def test_energies_of_a_bead_on_a_flexible_arc_are_in_balance(integrator):
-    """Across all boundaries of elements, there and back."""
-    solution = bd.simulate(hanging(4), integrator, t_end=1.0)
+    """The bead crosses all element boundaries in both directions."""
+    solution = bd.simulate(bead_on_hanging_arc(4), integrator, t_end=1.0)
     assert solution.status.kind == "ok"
     assert solution.observed["s [m]"].max() > 1.9
     # Measured: 6e-7 at most.
@@ -137,10 +137,11 @@ def test_energies_of_a_bead_on_a_flexible_arc_are_in_balance(integrator):
 
 
 @pytest.mark.slow(reason="half a second and more")
-def test_boundaries_of_elements_cost_no_steps():
-    """Eight elements have four times the boundaries of two, on the same motion."""
+def test_element_boundaries_cost_no_steps():
+    """Compare eight elements with two in the same motion."""
     few, many = (
-        bd.simulate(hanging(elements), bd.Radau(rtol=1e-5), t_end=1.0) for elements in (2, 8)
+        bd.simulate(bead_on_hanging_arc(elements), bd.Radau(rtol=1e-5), t_end=1.0)
+        for elements in (2, 8)
     )
     # Measured: 487 and 518 steps.
     assert many.statistics.steps < 1.2 * few.statistics.steps
@@ -149,9 +150,9 @@ def test_boundaries_of_elements_cost_no_steps():
 
 
 @pytest.mark.slow(reason="half a second and more")
-def test_turning_and_moving_the_drawing_changes_nothing():
+def test_results_do_not_depend_on_position_and_orientation():
     here, there = (
-        bd.simulate(hanging(2, *how), bd.Radau(rtol=1e-7), t_end=0.3)
+        bd.simulate(bead_on_hanging_arc(2, *how), bd.Radau(rtol=1e-7), t_end=0.3)
         for how in ((), (0.7, (3.0, -2.0)))
     )
     assert_allclose(here.observed["s [m]"], there.observed["s [m]"], atol=1e-8)
@@ -161,7 +162,7 @@ def test_turning_and_moving_the_drawing_changes_nothing():
     assert_allclose(*forces, atol=1e-4 * np.max(forces))
 
 
-def test_the_reaction_is_on_the_point_and_along_the_axis_works_on_s():
+def test_reaction_is_normal_to_the_axis_in_equilibrium():
     mech = bd.Mechanism()
     section = bd.Section(bd.Material(E=60.0, nu=0.3, rho=1.3), area=0.9, second_moment=0.05)
     beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=2))
@@ -173,13 +174,13 @@ def test_the_reaction_is_on_the_point_and_along_the_axis_works_on_s():
     assert_allclose(numeric.observed("slide", q=q, lam=lam), -lam, rtol=1e-15)
     on_bead = numeric.reaction(q, lam=lam)[numeric.index("bead.x") :][:2]
     assert_allclose(on_bead, lam, rtol=1e-14)
-    # In equilibrium that of s is zero: without friction nothing is held along the axis.
+    # In equilibrium the generalized force of s is zero, as there is no friction.
     on_s = numeric.reaction(q, lam=lam)[numeric.index("slide.s")]
     assert_allclose(on_s, -lam[0], rtol=1e-12)
 
 
-def test_loads_of_the_size_reported_do_what_the_slider_does():
-    """At a node of the beam, where the curve is its axis."""
+def test_reported_reactions_replace_the_slider():
+    """Checked at a node of the beam, where the track coincides with the axis."""
     mech, loaded = bd.Mechanism(), bd.Mechanism()
     beam = CHORD.beam(ARC)
     disk = bd.RigidBody("disk", 1.0, 0.1, center=(0.5, 0.4))
@@ -204,17 +205,17 @@ def test_loads_of_the_size_reported_do_what_the_slider_does():
     assert_allclose(by_loads, numeric.reaction(q, lam=lam)[:-1], atol=1e-12)  # rounding
 
 
-def test_the_force_on_the_beam_is_across_its_axis():
-    mech = hanging(4)
+def test_reaction_on_the_beam_is_normal_to_its_axis():
+    mech = bead_on_hanging_arc(4)
     slide = mech.part("slide")
     mech.observe("on beam", slide.reaction_on("beam", axes="body"))
     mech.observe("on bead", slide.reaction_on())
-    found = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=0.05).columns
-    across = found["on beam.Fy [N]"]
-    size = np.hypot(found["on bead.Fx [N]"], found["on bead.Fy [N]"])
-    # It hangs below the bead and is pushed down, to the right of the curve.
+    columns = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=0.05).columns
+    across = columns["on beam.Fy [N]"]
+    size = np.hypot(columns["on bead.Fx [N]"], columns["on bead.Fy [N]"])
+    # The beam hangs below the bead and is pushed down, to the right of the curve.
     assert_allclose(across, -size, rtol=1e-6)
-    assert_allclose(found["on beam.Fx [N]"], 0.0, atol=1e-6 * size.max())
+    assert_allclose(columns["on beam.Fx [N]"], 0.0, atol=1e-6 * size.max())
     with pytest.raises(bd.BeamdaeError, match="slide: place must be one of 'a', 'beam', got 'b'"):
         slide.reaction_on("b")
 
@@ -253,7 +254,7 @@ def test_passing_an_end_is_an_event(ends):
         ),
     ],
 )
-def test_refusals(make, message):
+def test_invalid_sliders_are_rejected(make, message):
     mech = bd.Mechanism()
     disk = mech.add(bd.RigidBody("disk", 1.0, 0.1))
     beam = mech.add(CHORD.beam(ARC))
@@ -261,8 +262,8 @@ def test_refusals(make, message):
         make(disk, beam)
 
 
-def test_a_beam_of_too_many_elements_is_refused():
-    mech, *_ = rotating(1e9, elements=32)
+def test_beam_with_too_many_elements_is_rejected():
+    mech, *_ = bead_on_rotating_rod(1e9, elements=32)
     assert "slide" in mech.parts
     with pytest.raises(bd.BeamdaeError, match="at most 32 elements, rod has 33; use fewer"):
-        rotating(1e9, elements=33)
+        bead_on_rotating_rod(1e9, elements=33)

@@ -1,4 +1,4 @@
-"""Frames with rigid corners, and closed rings."""
+"""Frames with rigid corners, closed rings, and beams welded from several bodies."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ STEEL = bd.Material.of("steel")
 SLENDER = bd.Section.rectangle(STEEL, width=0.002, height=0.001)
 
 
-def at_rest(mech):
-    """Displacement under the loads in the linear limit."""
+def static_displacement(mech):
+    """Return the change of an observation under the loads in the linear limit."""
     numeric = NumericEquations(mech)
     stiffness, joint = numeric.stiffness(), numeric.constraint_matrix()
     assert np.linalg.matrix_rank(joint) == numeric.m
@@ -23,9 +23,9 @@ def at_rest(mech):
     # Axial stiffness is 1e7 times that of bending: balanced, the solution keeps its digits.
     diagonal = np.sqrt(np.abs(np.diag(saddle)))
     scale = np.where(diagonal > 0.0, diagonal, 1.0)
-    solved = np.linalg.solve(saddle / np.outer(scale, scale), right / scale) / scale
-    moved = numeric.equations.q0 + solved[: numeric.n]
-    return lambda name: numeric.observed(name, q=moved) - numeric.observed(name)
+    solution = np.linalg.solve(saddle / np.outer(scale, scale), right / scale) / scale
+    q = numeric.equations.q0 + solution[: numeric.n]
+    return lambda name: numeric.observed(name, q=q) - numeric.observed(name)
 
 
 def test_sway_of_a_portal_frame():
@@ -43,12 +43,12 @@ def test_sway_of_a_portal_frame():
     mech.observe("C", portal.beams["D", "C"].end)
     k = 2.0 * height / span
     expected = load * height**3 * (4.0 + 6.0 * k) / (24.0 * SLENDER.EI * (1.0 + 6.0 * k))
-    change = at_rest(mech)
+    change = static_displacement(mech)
     # Members that stretch and shear: a few times (0.001 / 1)^2.
     assert_allclose([change("B")[0], change("C")[0]], expected, rtol=1e-5)
 
 
-def test_any_number_of_members_meets_in_a_corner():
+def test_star_of_three_members():
     """A star of three clamped arms turns by M / (3 * 4 EI / l), whatever their order."""
     turns = np.radians([90.0, 210.0, 330.0])
     points = {f"P{k}": (np.cos(t), np.sin(t)) for k, t in enumerate(turns)} | {"O": (0.0, 0.0)}
@@ -64,16 +64,16 @@ def test_any_number_of_members_meets_in_a_corner():
         mech.add(bd.Moment("moment", star.corners["O"], 1e-3))
         mech.observe("O", star.corners["O"])
         # Shear: a few times (0.001 / 1)^2.
-        assert_allclose(at_rest(mech)("O")[2], 1e-3 / (12.0 * SLENDER.EI), rtol=1e-4)
+        assert_allclose(static_displacement(mech)("O")[2], 1e-3 / (12.0 * SLENDER.EI), rtol=1e-4)
 
 
 @pytest.mark.parametrize("bodies", [2, 4, 8])
-def test_a_pinched_ring(bodies):
-    """Castigliano: approach of the loads, and growth across them (Timoshenko)."""
+def test_pinched_ring(bodies):
+    """Castigliano: shortening along the loads and growth across them (Timoshenko)."""
     radius, load = 0.5, 1e-3
     section = bd.Section.rectangle(STEEL, width=0.01, height=0.05)
     mech = bd.Mechanism()
-    # It begins at its lowest point.
+    # The ring starts at its lowest point.
     hoop = bd.Arc(radius=radius, length=2.0 * np.pi * radius, start=(0.0, -radius))
     ring = bd.welded_beams(mech, "ring", hoop, section, bodies, closed=True, elements=32 // bodies)
     assert f"ring {bodies} to ring 1" in mech.parts
@@ -84,7 +84,7 @@ def test_a_pinched_ring(bodies):
     for side, turns in (("right", 1.0), ("left", 3.0)):
         k, s = divmod(turns * quarter, ring[0].length)
         mech.observe(side, ring[round(k)].at(s) if bodies < 4 else ring[round(k)].start)
-    change = at_rest(mech)
+    change = static_displacement(mech)
     bend, x = load * radius**3 / section.EI, section
     stretch = np.pi * load * radius / 4.0 * (1.0 / x.EA + 1.0 / x.GA)
     approach = bend * (np.pi / 4.0 - 2.0 / np.pi) + stretch
@@ -94,7 +94,7 @@ def test_a_pinched_ring(bodies):
     assert_allclose(change("right")[0] - change("left")[0], growth, rtol=2e-6)
 
 
-def test_a_closed_ring_swings_with_every_digit_of_its_energy():
+def test_energy_balance_of_a_swinging_closed_ring():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     section = bd.Section.rectangle(STEEL, width=0.01, height=0.002, damping=1e-4)
     hoop = bd.Arc(radius=0.3, length=0.6 * np.pi, start=(0.0, 0.0), angle=np.pi)
@@ -110,22 +110,22 @@ def test_a_closed_ring_swings_with_every_digit_of_its_energy():
 POINTS = {"A": (0.0, 0.0), "B": (1.0, 0.0)}
 
 
-def framed(points=None, members=("AB",), section=SLENDER):
+def create_frame(points=None, members=("AB",), section=SLENDER):
     return bd.frame(bd.Mechanism(), "f", POINTS if points is None else points, members, section)
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: framed(points=[(0, 0)]), "f: points must be a dictionary of positions"),
-        (lambda: framed(members=["AC"]), "f: no point 'C' of the member 'AC'"),
-        (lambda: framed(members=["ABA"]), "f A-B: section must be a Section"),
-        (lambda: framed(members=["A"]), "f: a member must be a pair of names"),
-        (lambda: framed(members=["AB", "BA"]), "f: the member B-A comes twice"),
-        (lambda: framed(members="AB"), "f: members must be a list"),
-        (lambda: framed(members=["AA"]), "Line: start and end must differ"),
-        (lambda: framed(section=None), "f: the member A-B needs a section"),
-        (lambda: framed(points={"A": (0, 0), "B": 1.0}), "f: point B must be a pair"),
+        (lambda: create_frame(points=[(0, 0)]), "f: points must be a dictionary of positions"),
+        (lambda: create_frame(members=["AC"]), "f: no point 'C' of the member 'AC'"),
+        (lambda: create_frame(members=["ABA"]), "f A-B: section must be a Section"),
+        (lambda: create_frame(members=["A"]), "f: a member must be a pair of names"),
+        (lambda: create_frame(members=["AB", "BA"]), "f: the member B-A comes twice"),
+        (lambda: create_frame(members="AB"), "f: members must be a list"),
+        (lambda: create_frame(members=["AA"]), "Line: start and end must differ"),
+        (lambda: create_frame(section=None), "f: the member A-B needs a section"),
+        (lambda: create_frame(points={"A": (0, 0), "B": 1.0}), "f: point B must be a pair"),
         (lambda: bd.frame(3, "f", POINTS, ["AB"], SLENDER), "frame: mechanism must be a Mechanism"),
         (
             lambda: bd.welded_beams(bd.Mechanism(), "w", bd.Arc(1.0, 2.0), SLENDER, 3, closed=True),
@@ -139,7 +139,7 @@ def framed(points=None, members=("AB",), section=SLENDER):
         ),
     ],
 )
-def test_refusals(make, message):
+def test_invalid_structures_are_rejected(make, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         make()
 
@@ -147,21 +147,21 @@ def test_refusals(make, message):
 SECTION = bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05)
 
 
-def cut(bodies, **settings):
+def weld_rod(bodies, **settings):
     mech = bd.Mechanism()
     return mech, bd.welded_beams(mech, "rod", ARC, SECTION, bodies, **settings)
 
 
-def test_one_body_is_a_beam_of_that_name():
-    mech, (beam,) = cut(1, elements=3, strain="linear")
+def test_one_body_is_a_single_beam():
+    mech, (beam,) = weld_rod(1, elements=3, strain="linear")
     assert list(mech.parts) == ["rod"]
     assert beam.mesh.elements == 3
     assert beam.kinematics.strain == "linear"
     assert beam.curve is ARC
 
 
-def test_several_bodies_follow_each_other_along_the_curve():
-    mech, beams = cut(3, elements=2, frame="chord")
+def test_bodies_are_parts_of_the_curve_in_order():
+    mech, beams = weld_rod(3, elements=2, frame="chord")
     assert list(mech.parts) == ["rod 1", "rod 2", "rod 3", "rod 1 to rod 2", "rod 2 to rod 3"]
     assert [beam.mesh.elements for beam in beams] == [2, 2, 2]
     assert {beam.kinematics.frame for beam in beams} == {"chord"}
@@ -170,25 +170,25 @@ def test_several_bodies_follow_each_other_along_the_curve():
     assert_allclose(ends, ARC.point(np.linspace(0.0, ARC.length, 4)), atol=1e-14)
 
 
-def test_static_deflection_does_not_depend_on_the_cuts():
-    """Under a load so small that the quadratic strains do not matter."""
-    turns = []
+def test_static_deflection_does_not_depend_on_the_number_of_bodies():
+    """The load is so small that quadratic strains do not matter."""
+    tips = []
     for bodies in (1, 2, 4):
-        mech, beams = cut(bodies, elements=8 // bodies)
+        mech, beams = weld_rod(bodies, elements=8 // bodies)
         mech.add(bd.Weld("clamp", mech.ground.at(*ARC.start), beams[0].start))
         mech.add(bd.Force("load", beams[-1].end, (0.0, -1e-6)))
         mech.observe("tip", beams[-1].end)
         for beam in beams:
             mech.add(bd.RayleighDamping(f"{beam.name} damping", beam, mass=8.0, stiffness=0.5))
         solution = bd.simulate(mech, bd.GeneralizedAlpha(0.1), t_end=60.0, output_step=60.0)
-        turns.append(solution.observed[["tip.x [m]", "tip.y [m]", "tip.angle [rad]"]].iloc[-1])
-    moved = np.array(turns) - [*ARC.point(ARC.length), ARC.tangent_angle(ARC.length)]
-    # The same elements; frames of their own change nothing in the linear limit (1e-8 is what the
-    # quadratic strains and what is left of the motion after 60 s make).
-    assert_allclose(moved[1:], moved[[0, 0]], rtol=1e-7)
+        tips.append(solution.observed[["tip.x [m]", "tip.y [m]", "tip.angle [rad]"]].iloc[-1])
+    displacements = np.array(tips) - [*ARC.point(ARC.length), ARC.tangent_angle(ARC.length)]
+    # The elements are the same, and separate frames change nothing in the linear limit. Quadratic
+    # strains and the remaining motion after 60 s contribute 1e-8.
+    assert_allclose(displacements[1:], displacements[[0, 0]], rtol=1e-7)
 
 
 @pytest.mark.parametrize("bodies", [0, -1, 2.5])
-def test_refuses_what_is_no_number_of_bodies(bodies):
+def test_invalid_number_of_bodies_is_rejected(bodies):
     with pytest.raises(bd.BeamdaeError, match="rod: bodies must be a whole number of at least 1"):
-        cut(bodies)
+        weld_rod(bodies)

@@ -42,8 +42,8 @@ def cantilever(section, load=-1e-6, curve=LINE, **settings):
     return mech, beam
 
 
-def at_rest(mech):
-    """The equations, and the displacement under the loads in the linear limit."""
+def static_displacement(mech):
+    """Return the equations and the displacements under the loads in the linear limit."""
     numeric = NumericEquations(mech)
     stiffness, joint = numeric.stiffness(), numeric.constraint_matrix()
     saddle = np.block([[stiffness, joint.T], [joint, np.zeros((numeric.m, numeric.m))]])
@@ -51,13 +51,13 @@ def at_rest(mech):
     return numeric, np.linalg.solve(saddle, right)[: numeric.n]
 
 
-def frequencies(mech, count):
+def natural_frequencies(mech, count):
     """Lowest natural frequencies about the drawing [rad/s]."""
     numeric = NumericEquations(mech)
     joint = numeric.constraint_matrix()
     free = np.linalg.svd(joint)[2][numeric.m :].T
     stiffness, mass = (free.T @ x() @ free for x in (numeric.stiffness, numeric.mass))
-    # A pointed end has next to no mass: of the inverse problem the matrix on the right is definite.
+    # A pointed end has almost no mass; the stiffness on the right-hand side is definite.
     inverse = eigh(0.5 * (mass + mass.T), 0.5 * (stiffness + stiffness.T), eigvals_only=True)
     return 1.0 / np.sqrt(inverse[::-1][:count])
 
@@ -74,22 +74,22 @@ def test_tip_of_a_tapered_cantilever(section):
     # Measured 1.8e-6 and 3.2e-8: order 6.
     for elements, error in ((4, 3e-6), (8, 5e-8)):
         mech, _ = cantilever(section, elements=elements)
-        numeric, moved = at_rest(mech)
-        tip = numeric.observed("tip", q=numeric.equations.q0 + moved)
+        numeric, displacement = static_displacement(mech)
+        tip = numeric.observed("tip", q=numeric.equations.q0 + displacement)
         assert_allclose(tip[1], exact, rtol=error)
 
 
-def test_mass_and_turning_inertia_of_a_taper():
+def test_mass_and_rotary_inertia_of_a_taper():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     mech.add(bd.Beam("beam", LINE, wedge, elements=3, angular_velocity=2.0))
     numeric = NumericEquations(mech)
     mass = ALLOY.rho * WIDTH * 0.015
-    # int s^2 h ds, and the sections' own h^3 / 12: polynomials the points are exact for.
+    # int s^2 h ds, and h^3 / 12 of the sections: polynomials, integrated exactly.
     about_start = ALLOY.rho * WIDTH * (0.02 / 3.0 - 0.01 / 4.0)
-    own = ALLOY.rho * WIDTH / 12.0 * (0.02**4 - 0.01**4) / 0.04
+    rotary = ALLOY.rho * WIDTH / 12.0 * (0.02**4 - 0.01**4) / 0.04
     assert_allclose(-numeric.force()[1], -9.81 * mass, rtol=1e-12)
     kinetic = numeric.energies(v=numeric.equations.v0)[0]
-    assert_allclose(kinetic, 0.5 * 4.0 * (about_start + own), rtol=1e-12)
+    assert_allclose(kinetic, 0.5 * 4.0 * (about_start + rotary), rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -107,11 +107,11 @@ def test_first_frequency_of_a_pointed_cantilever(shape, published):
     mech, _ = cantilever(bd.taper(make, ALLOY, **sizes), load=0.0, elements=12)
     unit = 0.01 * np.sqrt(ALLOY.E / ALLOY.rho)
     # Shear and rotary inertia take off some 1e-4 of so slender a bar; published digits 2e-4.
-    assert_allclose(frequencies(mech, 1)[0], published * unit, rtol=8e-4)
+    assert_allclose(natural_frequencies(mech, 1)[0], published * unit, rtol=8e-4)
 
 
 @parametrize_variants(REPRESENTATIVE_VARIANTS)
-def test_a_law_that_does_not_vary_is_the_section(variant):
+def test_constant_section_law_equals_the_section(variant):
     def made(section):
         mech = bd.Mechanism(gravity=(0.4, -9.81))
         beam = mech.add(variant.beam(ARC, section=section))
@@ -123,9 +123,9 @@ def test_a_law_that_does_not_vary_is_the_section(variant):
     plain, along = made(variant.section), made(lambda s: variant.section)
     q, v, a = random_state(plain, seed=3)
     for what in ("force", "energies", "stiffness", "damping", "mass"):
-        given = getattr(along, what)(q=q, v=v, a=a)
+        actual = getattr(along, what)(q=q, v=v, a=a)
         # Rounding.
-        assert_allclose(given, getattr(plain, what)(q=q, v=v, a=a), rtol=1e-12, atol=1e-11)
+        assert_allclose(actual, getattr(plain, what)(q=q, v=v, a=a), rtol=1e-12, atol=1e-11)
     for name in ("forces", "stress"):
         state = {"q": q, "v": v}
         assert_allclose(along.observed(name, **state), plain.observed(name, **state), rtol=1e-13)
@@ -143,7 +143,7 @@ def prestressed(variant, free=None):
 
 
 @parametrize_variants(REPRESENTATIVE_VARIANTS)
-def test_jacobians_are_those_of_the_force(variant):
+def test_tangents_are_derivatives_of_the_force(variant):
     numeric = prestressed(variant)
     q, v, a = random_state(numeric, seed=5)
     assert_derivative(numeric.stiffness(q=q, v=v, a=a), lambda x: numeric.force(q=x, v=v, a=a), q)
@@ -162,7 +162,7 @@ def replace_damping(variant):
     return variant._replace(damping=0.0)
 
 
-def test_a_free_shape_that_is_the_drawing_changes_nothing():
+def test_free_curve_equal_to_the_drawing_changes_nothing():
     mech, _ = cantilever(wedge, curve=bd.Segment(ARC, 0.0, 1.0))
     free = bd.Segment(ARC, 0.0, 1.0)
     other, _ = cantilever(wedge, curve=free, free_curve=free)
@@ -174,7 +174,7 @@ BENT = bd.Arc(radius=2.0, length=1.0)
 
 
 @pytest.mark.parametrize("frame", ["chord", "tangent"])
-def test_a_straight_strip_drawn_as_an_arc_is_held_by_end_moments(frame):
+def test_straight_strip_drawn_as_an_arc_balances_end_moments(frame):
     """M = EI (1/R_free - 1/R) all along, strain energy EI L / (2 R^2), stress E h / (2 R)."""
     mech, beam = cantilever(
         STRIP, load=0.0, curve=BENT, free_curve=bd.Line((5.0, 0.0), (5.0, 1.0)), frame=frame
@@ -185,9 +185,9 @@ def test_a_straight_strip_drawn_as_an_arc_is_held_by_end_moments(frame):
         mech.observe(f"forces {s}", beam.section_forces(s))
     mech.observe("top", beam.stress(0.4, "top"))
     mech.observe("bottom", beam.strain(0.4, "bottom"))
-    numeric, moved = at_rest(mech)
-    # Moments of end against end: nothing moves, but by rounding.
-    assert np.abs(moved).max() < 1e-12
+    numeric, displacement = static_displacement(mech)
+    # Equal and opposite end moments balance the prestrain, to rounding.
+    assert np.abs(displacement).max() < 1e-12
     for s in (0.0, 0.4, 1.0):
         assert_allclose(numeric.observed(f"forces {s}"), (0.0, 0.0, -moment), atol=1e-12 * moment)
     # The arc length of 8 elements is off by 4e-8 / R^4.
@@ -196,7 +196,7 @@ def test_a_straight_strip_drawn_as_an_arc_is_held_by_end_moments(frame):
     assert_allclose(numeric.observed("bottom"), [0.0005 / 2.0], rtol=1e-12)
 
 
-def test_a_wire_drawn_longer_than_it_is_pulls():
+def test_wire_drawn_too_long_is_in_tension():
     line = bd.Line((0.0, 0.0), (1.001, 0.0))
     mech, beam = cantilever(STRIP, load=0.0, curve=line, free_curve=LINE)
     mech.observe("forces", beam.section_forces(0.5))
@@ -207,7 +207,7 @@ def test_a_wire_drawn_longer_than_it_is_pulls():
 
 @pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("name", ["ida", "radau", "alpha adaptive"])
-def test_released_it_swings_about_its_free_shape(name):
+def test_released_beam_oscillates_about_its_free_shape(name):
     arc = bd.Arc(radius=5.0, length=1.0)
     strip = replace(STRIP, damping=0.1)
     mech, _ = cantilever(strip, load=0.0, curve=arc, free_curve=LINE, elements=4)
@@ -221,7 +221,7 @@ def test_released_it_swings_about_its_free_shape(name):
     assert solution.quality.energy_imbalance < 1e-3
 
 
-def test_bodies_welded_together_share_law_and_free_shape():
+def test_welded_beams_share_section_law_and_free_shape():
     free = bd.Line((0.0, 0.0), (1.0, 0.0))
     for section in (wedge, TAPER):
         mech = bd.Mechanism()
@@ -236,7 +236,7 @@ def test_bodies_welded_together_share_law_and_free_shape():
         )
 
 
-def test_models_of_other_tapers_share_their_structure():
+def test_models_with_different_tapers_share_their_structure():
     def equations(section, free):
         mech, _ = cantilever(section, curve=BENT, free_curve=free, elements=2)
         return bd.equations_of_motion(mech)
@@ -287,6 +287,6 @@ def test_models_of_other_tapers_share_their_structure():
         ),
     ],
 )
-def test_refusals(make, message):
+def test_invalid_varying_sections_and_free_curves_are_rejected(make, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         make()

@@ -68,7 +68,7 @@ def test_arc_length_is_that_of_a_fine_polygon(curve):
 
 
 @every_curve
-def test_arc_lengths_of_any_shape(curve):
+def test_methods_accept_arc_lengths_of_any_shape(curve):
     s = np.linspace(0.0, curve.length, 6).reshape(2, 3)
     assert curve.point(s).shape == (2, 3, 2)
     assert curve.point(0.0).shape == (2,)
@@ -84,7 +84,7 @@ def test_arc_lengths_of_any_shape(curve):
     start=places,
     angle=angles,
 )
-def test_any_arc(radius, share, start, angle):
+def test_random_arcs(radius, share, start, angle):
     arc = bd.Arc(radius, share * 2.0 * np.pi * abs(radius), start, angle)
     assert_consistent(arc)
     size = abs(radius) + np.hypot(*start)
@@ -96,14 +96,14 @@ def test_any_arc(radius, share, start, angle):
     assert_allclose(np.linalg.norm(to_center, axis=1), abs(radius), atol=1e-13 * size)
 
 
-def test_an_almost_straight_arc_keeps_its_digits():
+def test_almost_straight_arc_is_accurate():
     arc = bd.Arc(radius=1e9, length=2.0)
     # Rounding of the coordinates, not of the radius.
     assert_allclose(arc.point(2.0), (2.0, 2e-9), rtol=1e-14)
 
 
 @given(start=places, end=places)
-def test_any_line(start, end):
+def test_random_lines(start, end):
     if np.hypot(*np.subtract(end, start)) < 1e-6:
         return
     line = bd.Line(start, end)
@@ -113,7 +113,7 @@ def test_any_line(start, end):
 
 
 @given(span=lengths, slope=st.floats(-3.0, 3.0), start=places, angle=angles)
-def test_any_parabola(span, slope, start, angle):
+def test_random_parabolas(span, slope, start, angle):
     """Closed forms of y = 4 d x (l - x) / l^2."""
     rise = slope * span / 4.0
     parabola = bd.Parabola(span, rise, start, angle)
@@ -129,11 +129,13 @@ def test_any_parabola(span, slope, start, angle):
     apex = start + 0.5 * span * across + rise * np.array([-across[1], across[0]])
     middle = 0.5 * parabola.length
     assert_allclose(parabola.point(middle), apex, atol=1e-12 * size)
-    turned = np.arctan(slope)
-    tangents = [angle + turned, angle, angle - turned]
-    found = parabola.tangent_angle([0.0, middle, parabola.length])
-    assert_allclose(np.exp(1j * found), np.exp(1j * np.array(tangents)), atol=1e-11)
-    assert_allclose(found - found[0], [0.0, -turned, -2.0 * turned], atol=1e-11)
+    half_turn = np.arctan(slope)
+    tangents = [angle + half_turn, angle, angle - half_turn]
+    tangent_angles = parabola.tangent_angle([0.0, middle, parabola.length])
+    assert_allclose(np.exp(1j * tangent_angles), np.exp(1j * np.array(tangents)), atol=1e-11)
+    assert_allclose(
+        tangent_angles - tangent_angles[0], [0.0, -half_turn, -2.0 * half_turn], atol=1e-11
+    )
     assert_allclose(parabola.curvature(middle) * span, -2.0 * slope, atol=1e-10)
 
 
@@ -171,7 +173,7 @@ def test_curve_through_points_of_a_parabola_is_the_parabola():
     assert_allclose(curve.point(1.0), parabola.point(1.0), atol=1e-4)
 
 
-def test_a_constant_curvature_is_an_arc():
+def test_constant_curvature_gives_an_arc():
     arc = bd.Arc(-0.8, 3.0, start=(0.3, -0.2), angle=1.0)
     curve = bd.IntrinsicCurve(lambda s: -1.25, 3.0, start=(0.3, -0.2), angle=1.0)
     s = np.linspace(0.0, 3.0, 31)
@@ -180,7 +182,7 @@ def test_a_constant_curvature_is_an_arc():
     assert_allclose(curve.tangent_angle(s), arc.tangent_angle(s), atol=1e-13)
 
 
-def test_a_clothoid_is_that_of_fresnel():
+def test_clothoid_matches_fresnel_integrals():
     from scipy.special import fresnel
 
     # Curvature pi s: the angle is pi s^2 / 2, the argument of Fresnel's integrals.
@@ -211,8 +213,8 @@ def test_a_backward_interval_reverses_the_curve():
     assert_allclose(backward.curvature(s), -forward.curvature(forward.length - s), atol=1e-8)
 
 
-def same(curve, part, s):
-    """`part` is the curve from `s` on, in every quantity: rounding of s."""
+def assert_same_from(curve, part, s):
+    """Assert that `part` equals the curve from `s` on, in every quantity."""
     x = np.linspace(0.0, part.length, 9)
     size = curve.length + np.abs(curve.point(s)).max()
     assert_allclose(part.point(x), curve.point(s + x), atol=1e-14 * size)
@@ -228,16 +230,16 @@ def same(curve, part, s):
     curve=st.sampled_from(list(CURVES.values())),
     percents=st.sets(st.integers(1, 99), max_size=4),
 )
-def test_segments_are_the_curve_over_their_stretches(curve, percents):
+def test_segments_equal_their_part_of_the_curve(curve, percents):
     cuts = [0.0, *(curve.length * p / 100.0 for p in sorted(percents)), curve.length]
     parts = [bd.Segment(curve, start, end) for start, end in pairwise(cuts)]
     # Rounding of sums.
     assert_allclose(sum(part.length for part in parts), curve.length, rtol=1e-14)
     for part, start in zip(parts, cuts, strict=False):
-        same(curve, part, start)
+        assert_same_from(curve, part, start)
         # Also cut once more.
         rest = bd.Segment(part, 0.3 * part.length, part.length)
-        same(curve, rest, start + 0.3 * part.length)
+        assert_same_from(curve, rest, start + 0.3 * part.length)
     for one, other in pairwise(parts):
         assert_allclose(one.point(one.length), other.point(0.0), atol=1e-13 * curve.length)
 
@@ -310,12 +312,12 @@ nan = float("nan")
         ),
     ],
 )
-def test_refusals(make, message):
+def test_invalid_curves_are_rejected(make, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         make()
 
 
-def test_cusp_of_a_smooth_parameter_is_refused():
+def test_cusp_is_rejected():
     # A semicubical parabola through points: its tangent reverses at the origin.
     tau = np.linspace(-1.0, 1.0, 81)
     with pytest.raises(bd.BeamdaeError, match="Curve: the curve folds onto itself"):

@@ -1,4 +1,4 @@
-"""Curves through measured points, and what beams are warned of."""
+"""Curves through measured points, and warnings about noise and sharp curvature."""
 
 from __future__ import annotations
 
@@ -15,60 +15,60 @@ STEEL = bd.Material.of("steel")
 STRIP = bd.Section.rectangle(STEEL, width=0.02, height=0.001)
 
 
-def measured(noise, count=40, seed=1):
+def measured_points(noise, count=40, seed=1):
     scatter = noise * np.random.default_rng(seed).standard_normal((count, 2))
     return ARC.point(np.linspace(0.0, ARC.length, count)) + scatter
 
 
-def off(curve):
-    """Root mean square error of the curvature, relative."""
-    share = np.linspace(0.0, 1.0, 201)
-    found = curve.curvature(share * curve.length) * ARC.radius - 1.0
-    return float(np.sqrt(np.mean(found**2)))
+def curvature_error(curve):
+    """Return the relative root mean square error of the curvature."""
+    fraction = np.linspace(0.0, 1.0, 201)
+    error = curve.curvature(fraction * curve.length) * ARC.radius - 1.0
+    return float(np.sqrt(np.mean(error**2)))
 
 
 @pytest.mark.parametrize("noise", [1e-4, 1e-3])
-def test_smoothing_by_the_noise_finds_the_curvature(noise):
-    through = bd.Curve(points=measured(noise))
-    curve = bd.Curve(points=measured(noise), noise=noise)
+def test_smoothing_by_the_noise_recovers_the_curvature(noise):
+    through = bd.Curve(points=measured_points(noise))
+    curve = bd.Curve(points=measured_points(noise), noise=noise)
     # Measured over five seeds: 0.03 and 0.04, where that of the interpolation is off by 0.7 and 7.
-    assert off(curve) < 0.1
-    assert off(through) > 5.0 * off(curve)
+    assert curvature_error(curve) < 0.1
+    assert curvature_error(through) > 5.0 * curvature_error(curve)
     assert_allclose(curve.length, ARC.length, rtol=10.0 * noise)
 
 
-def test_facts_tell_the_distances_of_the_points_and_the_curvature():
-    facts = bd.Curve(points=measured(1e-3), noise=1e-3).facts
+def test_facts_contain_distances_and_curvature():
+    facts = bd.Curve(points=measured_points(1e-3), noise=1e-3).facts
     # Two coordinates of 1 mm, of which those along the curve are lost in part.
     assert 0.7e-3 < facts["root mean square distance of its points [m]"] < 1.5e-3
     assert 1e-3 < facts["largest distance of its points [m]"] < 5e-3
     assert_allclose(facts["largest curvature [1/m]"], 1.0 / 0.85, rtol=0.2)
-    through = bd.Curve(points=measured(0.0)).facts
+    through = bd.Curve(points=measured_points(0.0)).facts
     # From the tangent of the nearest of 2001 points: 2e-4 of a step, squared, over the diameter.
     assert through["largest distance of its points [m]"] < 1e-7
-    beam = bd.Beam("strip", bd.Curve(points=measured(1e-3), noise=1e-3), STRIP)
+    beam = bd.Beam("strip", bd.Curve(points=measured_points(1e-3), noise=1e-3), STRIP)
     assert facts.items() <= beam.facts.items()
     assert bd.Segment(beam.curve, 0.1, 0.3).facts == facts
     assert bd.Curve(np.sin, x=(0.0, 1.0)).facts == {}
 
 
-def test_an_interpolation_of_noise_is_warned_of():
+def test_interpolating_noise_warns():
     with pytest.warns(bd.BeamdaeWarning, match=r"Curve: the curvature .* give noise= \[m\]"):
-        bd.Curve(points=measured(1e-3))
+        bd.Curve(points=measured_points(1e-3))
 
 
 @pytest.mark.parametrize(
     "points",
     [
-        measured(0.0),
-        measured(0.0, count=6),
-        measured(1e-5),
+        measured_points(0.0),
+        measured_points(0.0, count=6),
+        measured_points(1e-5),
         [(0.1 * k, 0.2 * k) for k in range(9)],
         [(0.2 * k, 0.1 * np.sin(0.8 * k)) for k in range(9)],
     ],
     ids=["arc", "few", "almost", "straight", "wave"],
 )
-def test_smooth_points_are_not_warned_of(points):
+def test_smooth_points_do_not_warn(points):
     with warnings.catch_warnings():
         warnings.simplefilter("error", bd.BeamdaeWarning)
         bd.Curve(points=points)
@@ -95,12 +95,12 @@ def test_smooth_points_are_not_warned_of(points):
         ),
     ],
 )
-def test_sharp_curves_are_warned_of(make, message):
+def test_sharp_curves_warn(make, message):
     with pytest.warns(bd.BeamdaeWarning, match=message):
         make()
 
 
-def test_gentle_curves_are_not_warned_of():
+def test_gentle_curves_do_not_warn():
     with warnings.catch_warnings():
         warnings.simplefilter("error", bd.BeamdaeWarning)
         beam = bd.Beam("b", bd.Arc(1.0, 6.0), bd.Section.circle(STEEL, 0.25))
@@ -111,19 +111,22 @@ def test_gentle_curves_are_not_warned_of():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: bd.Curve(points=measured(0.0), noise=0.0), "Curve: noise must be positive, got 0"),
+        (
+            lambda: bd.Curve(points=measured_points(0.0), noise=0.0),
+            "Curve: noise must be positive, got 0",
+        ),
         (lambda: bd.Curve(np.sin, x=(0, 1), noise=1e-3), "Curve: noise applies to points"),
     ],
 )
-def test_refusals(make, message):
+def test_invalid_noise_is_rejected(make, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         make()
 
 
 @pytest.mark.parametrize("noise", [1e-60, 1e-12, 1.0, 1e60])
-def test_any_noise_is_a_curve_or_a_sentence(noise):
+def test_extreme_noise_gives_a_curve_or_an_error(noise):
     try:
-        curve = bd.Curve(points=measured(1e-3), noise=noise)
+        curve = bd.Curve(points=measured_points(1e-3), noise=noise)
     except bd.BeamdaeError:
         return
     assert np.isfinite(curve.length)
