@@ -12,7 +12,7 @@ import numpy as np
 
 from beamdae.equations import measures
 from beamdae.equations.assembly.assemble import equations_of_motion
-from beamdae.equations.assembly.observation import add_observable
+from beamdae.equations.assembly.building import add_observable
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, require_finite, require_sequence, short_repr
 from beamdae.parts.attachments import Attachment

@@ -1,4 +1,4 @@
-"""The books of a run, row by row, in machine code and as plain Python."""
+"""Energy balance at rows of states, in machine code and in plain Python."""
 
 import numpy as np
 import pytest
@@ -10,10 +10,10 @@ from beamdae.simulation import as_equations
 
 
 @pytest.fixture(scope="module")
-def books():
-    """Books of a hub beam, the same in plain Python, and more states than are taken at once."""
+def balance():
+    """Balance of a hub beam, buffers of plain Python, and more states than fit one block."""
     equations = as_equations("simulate", hub_beam(elements=2))
-    keep = measures.balance_rows(equations)
+    evaluate = measures.balance_rows(equations)
     run = measures.plan_balance(equations.structure).buffers(False, equations.p)
     count = 2 * len(run.times) + 3
     random = np.random.default_rng(0)
@@ -21,25 +21,25 @@ def books():
     state = [random.normal(size=(count, size)) for size in sizes]
     state[0] = equations.q0 + 1e-3 * state[0]
     t = np.linspace(0.0, 1.0, count)
-    return keep, run, np.column_stack([t, np.full(count, 0.5)]), state
+    return evaluate, run, np.column_stack([t, np.full(count, 0.5)]), state
 
 
-def test_rows_do_not_depend_on_those_beside_them(books):
-    keep, _, times, state = books
-    together = keep(times, *state)
-    some = [0, 1, len(times) // 2, len(times) - 1]
-    alone = [keep(times[k : k + 1], *(x[k : k + 1] for x in state))[0] for k in some]
-    assert_array_equal(together[some], alone)
+def test_rows_do_not_depend_on_neighboring_rows(balance):
+    evaluate, _, times, state = balance
+    together = evaluate(times, *state)
+    selected_rows = [0, 1, len(times) // 2, len(times) - 1]
+    alone = [evaluate(times[k : k + 1], *(x[k : k + 1] for x in state))[0] for k in selected_rows]
+    assert_array_equal(together[selected_rows], alone)
     assert len(np.unique(together[:, 0])) == len(times)
 
 
-def test_machine_code_and_plain_python_keep_the_same_books(books):
-    keep, run, times, state = books
+def test_machine_code_and_plain_python_agree(balance):
+    evaluate, run, times, state = balance
     run.n_rows = count = 7
     run.times[:count] = times[:count]
     run.states[:count] = np.hstack(state)[:count]
     measures.evaluate_balance(run)
-    found = keep(times[:count], *(x[:count] for x in state))
-    # Sums of tens of numbers, each row in the same order.
-    off = np.abs(found - run.results[:count]).max(axis=0)
-    assert (off <= 1e-14 * np.abs(found).max(axis=0)).all()
+    compiled = evaluate(times[:count], *(x[:count] for x in state))
+    # Sums of tens of numbers in the same order in each row.
+    difference = np.abs(compiled - run.results[:count]).max(axis=0)
+    assert (difference <= 1e-14 * np.abs(compiled).max(axis=0)).all()

@@ -1,15 +1,17 @@
-"""Matrices of all forms for joints that hold velocities and forces that follow reactions."""
+"""Matrices of all forms, with nonholonomic constraints and friction that depends on reactions."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from chains import chain_of_beams
 from numpy.testing import assert_allclose
 from support import ARC, VARIANTS, assert_derivative
 
 import beamdae as bd
 from beamdae.equations.formulations.first_order import (
     FIRST_ORDER,
+    evaluate_jacobian,
     evaluate_jacobian_parts,
     formulate_first_order,
 )
@@ -21,7 +23,7 @@ TIME = np.array([0.3, 0.4])
 
 
 def _equations():
-    """A crank, a beam and a disk that rolls on the beam's end, all of them rubbing."""
+    """Return a crank, a beam and a disk that rolls on the end of the beam, with friction."""
     mech = bd.Mechanism(gravity=(0.3, -2.0))
     crank = mech.add(bd.RigidBody("crank", mass=1.1, inertia=0.4, center=(0.1, 0.0)))
     beam = mech.add(VARIANTS[0].beam(ARC))
@@ -35,7 +37,7 @@ def _equations():
     radii = (0.4 * apart, 0.6 * apart)
     mech.add(bd.RollingOnCircle("gear", beam.end, disk.at(0.5, 0.4), radii))
     mech.add(bd.RollingOnLine("road", mech.ground.at(0.0, -0.6), far.at(0.5, -0.4), 0.2))
-    # Wide enough for differences over 1e-3.
+    # Smooth enough for difference quotients over 1e-3.
     law = {"coefficient": 0.4, "regularization": 2.0, "smoothing": 0.5}
     mech.add(bd.Friction("rub", bearing, **law, radius=0.3, static=0.6, stribeck=3.0))
     mech.add(bd.Friction("slide", slot, **law))
@@ -83,9 +85,9 @@ def test_jacobian_of_step_equations(equations, stabilized):
     v_p, a_p = rng.standard_normal((2, equations.n))
     at = StepPrediction(q_p, v_p, a_p, q_n, np.array([3.0, 5.0, 0.7]))
     whole = _full(step.pattern, step.jacobian(TIME, at, x))
-    # Corrections of positions, r = -G^T eta, stand in the matrix as unknowns of their own.
-    own, r = slice(step.size), slice(step.size, None)
-    jacobian = whole[own, own] - whole[own, r] @ whole[r, own]
+    # The matrix has the corrections of positions, r = -G^T eta, as additional unknowns.
+    x_rows, r_rows = slice(step.size), slice(step.size, None)
+    jacobian = whole[x_rows, x_rows] - whole[x_rows, r_rows] @ whole[r_rows, x_rows]
     assert_derivative(jacobian, lambda z: step.residual(TIME, at, z), x)
 
 
@@ -99,7 +101,7 @@ def test_packed_states_solve_the_first_order_form(equations, form):
 
 
 @pytest.mark.parametrize("level", [0, 1])
-def test_start_closes_what_holds_positions_and_velocities(equations, level):
+def test_consistent_start_satisfies_constraints_on_positions_and_velocities(equations, level):
     rng = np.random.default_rng(12)
     q = equations.q0 + 1e-3 * rng.standard_normal(equations.n)
     v = rng.standard_normal(equations.n)
@@ -107,3 +109,21 @@ def test_start_closes_what_holds_positions_and_velocities(equations, level):
     assert_allclose(
         StateEvaluator(equations).constraint_levels(TIME, *state[:3])[level], 0.0, atol=1e-11
     )
+
+
+@pytest.mark.parametrize("name", FIRST_ORDER)
+def test_the_parts_of_the_jacobian_add_up(name):
+    equations = bd.equations_of_motion(chain_of_beams(2, elements=2))
+    whole, apart = (
+        formulate_first_order(equations, name),
+        formulate_first_order(equations, name, apart=True),
+    )
+    assert (whole.pattern != apart.pattern).nnz == 0
+    y, yp = np.random.default_rng(0).normal(size=(2, whole.size))
+    of_y, of_yp = parts = np.zeros((2, whole.pattern.nnz))
+    evaluate_jacobian_parts(apart.buffers(), 0.3, 0.5, y, yp, parts.ravel())
+    expected = np.zeros(whole.pattern.nnz)
+    for c in (0.0, 40.0):
+        evaluate_jacobian(whole.buffers(), 0.3, 0.5, c, y, yp, expected)
+        assert_allclose(of_y + c * of_yp, expected, rtol=1e-12, atol=1e-12 * abs(expected).max())
+    assert np.any(of_yp != 0.0)

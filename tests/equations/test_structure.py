@@ -1,4 +1,4 @@
-"""Models that differ in numbers alone share what is built of them, and none of their numbers."""
+"""Models that differ only in numbers share their structure and derived objects, not numbers."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -9,13 +9,13 @@ from hub_beam import hub_beam
 from slider_crank import slider_crank
 
 import beamdae as bd
-from beamdae.equations import structure
-from beamdae.equations.formulations.first_order import formulate_first_order
+from beamdae.equations import measures, structure
+from beamdae.equations.formulations.first_order import FIRST_ORDER, formulate_first_order
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.equations.starts.state_evaluator import plan_state_sums
 from beamdae.linear import pivots
 
-# Fixed steps, adaptive ones, and both ways to first-order equations.
+# Fixed steps, adaptive steps, and both integrators of first-order forms.
 METHODS = [
     bd.GeneralizedAlpha(step=2e-3),
     bd.GeneralizedAlpha(rtol=1e-3),
@@ -25,14 +25,14 @@ METHODS = [
 
 
 @pytest.fixture
-def forgetful():
-    """Nothing is kept of models before."""
-    for kept in (
+def empty_caches():
+    """Clear the caches of earlier models."""
+    for cached in (
         structure._intern_equal,
         pivots._cached_analyze_pattern,
         pivots._cached_order_pattern,
     ):
-        kept.cache_clear()
+        cached.cache_clear()
 
 
 def equations(**numbers):
@@ -50,7 +50,7 @@ def equations(**numbers):
     ],
     ids=lambda numbers: next(iter(numbers)),
 )
-def test_models_that_differ_in_numbers_alone_share_their_structure(numbers):
+def test_models_that_differ_only_in_numbers_share_their_structure(numbers):
     one, other = equations(), equations(**numbers)
     assert other.structure is one.structure
     assert not np.array_equal(other.p, one.p)
@@ -62,12 +62,12 @@ def test_models_that_differ_in_numbers_alone_share_their_structure(numbers):
         for x, y in zip(sums(one), sums(other), strict=True):
             assert x is y
     assert plan_state_sums(other.structure) is plan_state_sums(one.structure)
-    # What is observed has functions of its own kind.
+    # Observables of one kind share their function.
     functions = [[o.function for o in e.observables] for e in (one, other)]
     assert all(x is y for x, y in zip(*functions, strict=True))
 
 
-def test_joints_that_lie_elsewhere_share_their_structure():
+def test_joints_at_other_points_share_their_structure():
     def pendulum(x, length):
         mech = bd.Mechanism(gravity=(0.0, -9.81))
         bob = mech.add(bd.RigidBody("bob", 1.0, 0.1, center=(x + length, 0.0)))
@@ -83,13 +83,13 @@ def test_joints_that_lie_elsewhere_share_their_structure():
     [{"elements": 3}, {"bodies": 2}, {"damping": 1e-4}, {"strain": "linear"}],
     ids=lambda numbers: next(iter(numbers)),
 )
-def test_other_meshes_kernels_and_operators_are_other_structures(other):
+def test_other_meshes_kernels_and_operators_have_other_structures(other):
     assert bd.equations_of_motion(hub_beam(**{"elements": 2, **other})).structure is not (
         equations().structure
     )
 
 
-def test_as_many_bodies_joined_otherwise_are_another_structure():
+def test_other_connections_of_bodies_have_another_structure():
     def chain(order):
         mech = bd.Mechanism()
         links = [mech.add(bd.RigidBody(f"link {k}", 1.0, 0.1, center=(k, 0.0))) for k in range(3)]
@@ -101,7 +101,7 @@ def test_as_many_bodies_joined_otherwise_are_another_structure():
     assert chain([(0, 1), (1, 2)]) is not chain([(0, 1), (0, 2)])
 
 
-def test_only_so_many_structures_are_kept(forgetful, monkeypatch):
+def test_the_number_and_size_of_cached_structures_is_limited(empty_caches, monkeypatch):
     first = equations().structure
     assert structure._intern_equal.cache_info().maxsize == structure._MAX_STRUCTURES
     monkeypatch.setattr(structure, "_MAX_COORDINATES", first.n - 1)
@@ -109,7 +109,7 @@ def test_only_so_many_structures_are_kept(forgetful, monkeypatch):
 
 
 def rows(method, case):
-    """All numbers of a run of one of two models of two structures, each with its own numbers."""
+    """Return all results of a run; cases are two structures with two sets of numbers each."""
     model, scale = divmod(case, 2)
     if model:
         mechanism, t_end = slider_crank(elements=2, speed=2.0 + scale), 0.05
@@ -123,7 +123,7 @@ def rows(method, case):
 
 @pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: repr(method)[:24])
-def test_no_number_of_one_model_is_left_in_another(method, forgetful):
+def test_no_number_of_one_model_leaks_into_another(method, empty_caches):
     first = rows(method, 0)
     other = rows(method, 1)
     assert not np.array_equal(other, first)
@@ -133,14 +133,44 @@ def test_no_number_of_one_model_is_left_in_another(method, forgetful):
 
 @pytest.mark.slow(reason="many rounds of threads")
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: repr(method)[:24])
-def test_threads_that_share_a_structure_do_not_meet(method, forgetful):
+def test_threads_that_share_a_structure_are_independent(method, empty_caches):
     cases = [0, 1, 2, 3] * 2
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(lambda case: rows(method, case), cases))
+        results = list(pool.map(lambda case: rows(method, case), cases))
     expected = [rows(method, case) for case in range(4)]
-    # Without machine code LAPACK and NumPy round by where arrays lie in memory, which is elsewhere
-    # in other threads: some 1e-7, where another case is off by everything.
-    allowed = 1e-4 if os.environ.get("BEAMDAE_NATIVE") == "off" else 0.0
-    for case, got in zip(cases, found, strict=True):
+    # Without machine code the rounding of LAPACK and NumPy depends on the alignment of arrays, which
+    # differs between threads: about 1e-7, against differences of order 1 between cases.
+    tolerance = 1e-4 if os.environ.get("BEAMDAE_NATIVE") == "off" else 0.0
+    for case, actual in zip(cases, results, strict=True):
         size = np.max(np.abs(expected[case]))
-        assert np.all(np.abs(got - expected[case]) <= allowed * size)
+        assert np.all(np.abs(actual - expected[case]) <= tolerance * size)
+
+
+def falling():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.add(bd.PointMass("bob", 1.0, at=(0.0, 0.0)))
+    return bd.equations_of_motion(mech)
+
+
+@pytest.mark.parametrize(
+    "build",
+    [
+        *(lambda e, form=form: formulate_first_order(e, form) for form in FIRST_ORDER),
+        lambda e: formulate_step(e, True),
+        lambda e: formulate_step(e, False),
+        measures.plan_balance,
+    ],
+)
+def test_derived_objects_are_built_once_for_each_equations(build):
+    equations = falling()
+    derived = build(equations)
+    assert build(equations) is derived
+    assert build(falling()) is not derived
+
+
+def test_forms_are_cached_separately():
+    equations = falling()
+    assert len({id(formulate_first_order(equations, form)) for form in FIRST_ORDER}) == len(
+        FIRST_ORDER
+    )
+    assert formulate_step(equations, True) is not formulate_step(equations, False)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 
@@ -10,10 +12,11 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.assembly.coordinate_map import CoordinateMap
+from beamdae.equations.assembly.coordinate_map import CoordinateMap, map_coordinates
 from beamdae.equations.assembly.statement_checks import (
     call_part,
     require_columns_fit,
+    require_pieces_fit,
     require_unique,
     select_multipliers,
 )
@@ -33,8 +36,10 @@ from beamdae.equations.structure import (
     Structure,
     intern_structure,
 )
-from beamdae.errors import BeamdaeError, short_repr, suggest
+from beamdae.errors import BeamdaeError, require_name, short_repr, suggest
+from beamdae.parts.attachments import Attachment
 from beamdae.parts.events import DIRECTIONS, Event
+from beamdae.parts.observables import as_quantity
 from beamdae.symbolic.formulas import MAX_SHARED_KERNELS, FormulaExpression
 from beamdae.symbolic.kernel_groups import generalize_quantity, group_by_kernel
 from beamdae.symbolic.rotations import RotatedOperator, factor_operator
@@ -261,3 +266,40 @@ def _selection(indices: Array, size: int) -> sp.csr_array:
     """Return the operator that selects these of `size` rows."""
     parts = (np.ones(len(indices)), indices, np.arange(len(indices) + 1))
     return sp.csr_array(parts, shape=(len(indices), size))
+
+
+def add_observable(
+    e: EquationsOfMotion, name: str, what: Attachment | Quantity
+) -> EquationsOfMotion:
+    """Return the equations of motion of a mechanism with one more observable.
+
+    Raises
+    ------
+    BeamdaeError
+        If they are not those of a mechanism, or the quantity is that of another mechanism.
+    """
+    name, mechanism = require_name("observe", name), e.mechanism
+    if mechanism is None:
+        raise BeamdaeError(
+            f"{name}: the run is not one of a mechanism; observe columns of a ConstrainedSystem "
+            "by its parameter observe."
+        )
+    quantity, coordinate_map = as_quantity(name, what), map_coordinates(mechanism)
+    for piece in quantity.pieces:
+        if id(piece.owner) not in coordinate_map.sizes:
+            raise BeamdaeError(
+                f"{name}: {piece.owner.name!r} is no part of the mechanism that ran; observe one "
+                "of its parts."
+            )
+    require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
+    numbers = NumberStore(e.p)
+    rows: dict[str, slice] = {}
+    for row, multiplier in enumerate(e.lam_names):
+        part = multiplier.rpartition(".")[0]
+        rows[part] = slice(rows.get(part, slice(row, row)).start, row + 1)
+    added = build_observable(name, quantity, coordinate_map, numbers, rows)
+    observables = (*e.observables, added)
+    require_unique_headers(e.coordinates, e.multipliers, observables)
+    observed = copy(mechanism)
+    observed.observables = {**mechanism.observables, name: quantity}
+    return replace(e, observables=observables, p=read_only_copy(numbers.all), mechanism=observed)

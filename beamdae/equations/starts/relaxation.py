@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.displacement_measure import DisplacementMeasure
+from beamdae.equations.starts.rigid_motions import DisplacementMeasure
 from beamdae.errors import BeamdaeError
 
 Array = np.ndarray

@@ -1,4 +1,4 @@
-"""Nonholonomic rows, and forces that follow reactions, of a part of the user's own."""
+"""User-defined parts with nonholonomic constraints and forces that depend on reactions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MASS, INERTIA, RADIUS, GRAVITY = 1.3, 0.4, 0.3, 9.81
 
 
 class Row(Part):
-    """One constraint on the velocities of a body: row(local) = 0."""
+    """One nonholonomic constraint on a body: row(local) = 0."""
 
     def __init__(self, body, row):
         self.name, self.body, self.row = "row", body, row
@@ -32,13 +32,13 @@ class Row(Part):
     def constraints(self):
         point = self.body.at(*self.body.center)
         local = Local(3, 0, 1)
-        held = (Named("held", "N"),)
+        multipliers = (Named("row", "N"),)
         kernel = NonholonomicKernel(local, SX(self.row(local)))
-        return [ConstraintStatement(self.name, kernel, (point.piece,), held)]
+        return [ConstraintStatement(self.name, kernel, (point.piece,), multipliers)]
 
 
 class Pushed(Part):
-    """A force on a body that follows so many multipliers of a joint."""
+    """Force on a body that depends on `count` multipliers of a joint."""
 
     def __init__(self, body, joint, count):
         self.name, self.body, self.joint, self.count = "pushed", body, joint, count
@@ -51,9 +51,9 @@ class Pushed(Part):
         return [ForceStatement(self.name, kernel, (piece,), np.zeros((0, 1)), self.joint)]
 
 
-def body_with(row, **started):
+def body_with(row, **start):
     mech = bd.Mechanism(gravity=(GRAVITY, 0.0))
-    body = mech.add(bd.RigidBody("body", MASS, INERTIA, **started))
+    body = mech.add(bd.RigidBody("body", MASS, INERTIA, **start))
     mech.add(Row(body, row))
     return mech, body
 
@@ -65,38 +65,38 @@ every_form = pytest.mark.parametrize(
 
 
 @every_form
-def test_rolling_by_a_row_of_velocities(integrator):
-    """x' = r w downhill: x'' = g / (1 + I/(m r^2)), and no turn is lost on the way."""
+def test_rolling_by_a_nonholonomic_constraint(integrator):
+    """x' = r w downhill: x'' = g / (1 + I/(m r^2)), and the rotation follows without drift."""
     mech, _ = body_with(lambda local: local.v[0] - RADIUS * local.v[2])
-    found = bd.simulate(mech, integrator, 1.0, 0.25)
-    assert found.status.success, found.status.sentence
-    travel = 0.5 * GRAVITY / (1.0 + INERTIA / (MASS * RADIUS**2)) * found.t**2
-    # A parabola, which steps of all orders follow but for rtol.
-    assert_allclose(found.q[:, 0], travel, rtol=0.0, atol=1e-6)
-    assert_allclose(RADIUS * found.q[:, 2], travel, rtol=0.0, atol=1e-6)
-    assert found.quality.energy_imbalance < 1e-6
+    solution = bd.simulate(mech, integrator, 1.0, 0.25)
+    assert solution.status.success, solution.status.sentence
+    travel = 0.5 * GRAVITY / (1.0 + INERTIA / (MASS * RADIUS**2)) * solution.t**2
+    # All orders integrate a parabola up to rtol.
+    assert_allclose(solution.q[:, 0], travel, rtol=0.0, atol=1e-6)
+    assert_allclose(RADIUS * solution.q[:, 2], travel, rtol=0.0, atol=1e-6)
+    assert solution.quality.energy_imbalance < 1e-6
 
 
-# In Ida's forms whose velocities and multipliers are not in its test of Newton's iteration these
-# may be far off where, as here, the tested positions are linear and need one iteration alone; the
-# energy balance tells.
+# Forms of Ida without velocities and multipliers in Newton's convergence test are left out: where
+# positions are linear, as here, one iteration passes the test while multipliers are far off. The
+# energy balance reveals it.
 @integrators(1e-8, 1e-3)
-def test_what_drives_a_velocity_does_work(integrator):
+def test_a_prescribed_velocity_does_work(integrator):
     """x' = c sin(w t): the multiplier is g m - m x'', its work the kinetic energy and the lift."""
     speed, rate = 0.5, 3.0
     mech, _ = body_with(lambda local: local.v[0] - speed * ca.sin(rate * local.time[0]))
-    found = bd.simulate(mech, integrator, 2.0, 0.25)
-    assert found.status.success, found.status.sentence
-    x = speed / rate * (1.0 - np.cos(rate * found.t))
-    pull = MASS * (GRAVITY - speed * rate * np.cos(rate * found.t))
+    solution = bd.simulate(mech, integrator, 2.0, 0.25)
+    assert solution.status.success, solution.status.sentence
+    x = speed / rate * (1.0 - np.cos(rate * solution.t))
+    pull = MASS * (GRAVITY - speed * rate * np.cos(rate * solution.t))
     # Generalized-alpha is of second order in a step of 1e-3 s.
-    assert_allclose(found.q[:, 0], x, rtol=0.0, atol=2e-6)
-    assert_allclose(found.lam[:, 0], pull, rtol=0.0, atol=2e-3)
-    work = 0.5 * MASS * (speed * np.sin(rate * found.t)) ** 2 - MASS * GRAVITY * x
-    assert_allclose(found.ledger["energy.work_of_drivers [J]"], work, rtol=0.0, atol=1e-4)
+    assert_allclose(solution.q[:, 0], x, rtol=0.0, atol=2e-6)
+    assert_allclose(solution.lam[:, 0], pull, rtol=0.0, atol=2e-3)
+    work = 0.5 * MASS * (speed * np.sin(rate * solution.t)) ** 2 - MASS * GRAVITY * x
+    assert_allclose(solution.ledger["energy.work_of_drivers [J]"], work, rtol=0.0, atol=1e-4)
 
 
-def test_a_row_that_is_not_linear_in_velocities_is_refused():
+def test_a_constraint_not_linear_in_velocities_is_refused():
     mech, _ = body_with(lambda local: local.v[0] ** 2 - 1.0)
     message = "row: its nonholonomic constraint must be linear in the velocities"
     with pytest.raises(bd.BeamdaeError, match=message):
@@ -112,20 +112,20 @@ def test_a_row_that_is_not_linear_in_velocities_is_refused():
         ("rows", 1, "pushed: it depends on 1 multipliers of 'rows', which has 0"),
     ],
 )
-def test_multipliers_that_are_not_there_are_refused(joint, count, message):
+def test_missing_multipliers_are_refused(joint, count, message):
     mech, body = body_with(lambda local: local.v[1])
     mech.add(Pushed(body, joint, count))
     with pytest.raises(bd.BeamdaeError, match=message):
         bd.equations_of_motion(mech)
 
 
-def test_a_force_follows_the_reaction_of_another_part():
-    """The row holds the weight of an inclined body, a tenth of which pulls it along."""
+def test_a_force_depends_on_the_reaction_of_another_part():
+    """The constraint carries the weight of the body, a tenth of which pulls it along."""
     mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
     body = mech.add(bd.RigidBody("body", MASS, INERTIA))
     mech.add(Row(body, lambda local: local.v[1]))
     mech.add(Pushed(body, "row", 1))
-    found = bd.simulate(mech, bd.Radau(), 1.0, 0.5)
-    # The multiplier is minus the force that holds it up.
-    assert_allclose(found.lam, -MASS * GRAVITY, rtol=1e-12)
-    assert_allclose(found.q[:, 0], -0.05 * GRAVITY * found.t**2, rtol=0.0, atol=1e-9)
+    solution = bd.simulate(mech, bd.Radau(), 1.0, 0.5)
+    # The multiplier is minus the supporting force.
+    assert_allclose(solution.lam, -MASS * GRAVITY, rtol=1e-12)
+    assert_allclose(solution.q[:, 0], -0.05 * GRAVITY * solution.t**2, rtol=0.0, atol=1e-9)

@@ -1,4 +1,4 @@
-"""Runs that get stuck name the parts that are to blame."""
+"""Failed runs name the parts that are likely to cause the failure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import beamdae as bd
 
 
 @integrators(1e-5, 1e-3)
-def test_a_mechanism_that_locks_names_its_joints(integrator):
+def test_a_locking_mechanism_names_its_joints(integrator):
     """The crank is longer than the rod: from 0.26 s on the slider cannot follow the motor."""
     mech = bd.Mechanism()
     crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
@@ -29,7 +29,7 @@ def test_a_mechanism_that_locks_names_its_joints(integrator):
 
 
 @integrators(1e-5, 1e-3)
-def test_a_load_that_ends_is_named_by_what_it_acts_on(integrator):
+def test_a_load_that_becomes_nan_names_the_coordinate(integrator):
     mech = bd.Mechanism()
     disk = mech.add(bd.RigidBody("disk", 1.0, 1.0))
     mech.add(bd.RigidBody("other", 1.0, 1.0))

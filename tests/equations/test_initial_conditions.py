@@ -1,4 +1,4 @@
-"""Starts by name and in equilibrium, and what joints changed of a start."""
+"""Starts by name and in equilibrium, and changes of the start made by joints."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import beamdae as bd
 
 
 def slider_crank(rod_y=0.0, **start):
-    """Rigid crank of 1 m and rod of 2 m, of 1 kg each."""
+    """Return a rigid crank of 1 m and a rod of 2 m, of 1 kg each."""
     mech = bd.Mechanism(gravity=(0.0, -9.81), **start)
     crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
     rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, center=(2.0, 0.0)))
@@ -22,31 +22,31 @@ def slider_crank(rod_y=0.0, **start):
     return mech
 
 
-def test_given_positions_and_velocities_are_kept_and_others_follow():
+def test_prescribed_positions_and_velocities_are_kept_and_others_follow():
     angle, rate = 0.7, 5.0
     start = {"crank.angle": angle, "crank.angle_dot": rate}
     rod = -np.arcsin(np.sin(angle) / 2.0)
     rod_rate = -np.cos(angle) * rate / (2.0 * np.cos(rod))
-    for mech, given in ((slider_crank(), start), (slider_crank(start=start), None)):
-        solution = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-3), 2e-3, start=given)
+    for mech, argument in ((slider_crank(), start), (slider_crank(start=start), None)):
+        solution = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-3), 2e-3, start=argument)
         names = solution.equations.q_names
         q, v = dict(zip(names, solution.q[0], strict=True)), solution.v[0]
-        # Closed to 1e-11 of 3 m.
+        # Joints are closed to 1e-11 of 3 m.
         assert_allclose((q["crank.angle"], q["rod.angle"]), (angle, rod), atol=1e-10)
         assert_allclose(v[[2, 5]], (rate, rod_rate), atol=1e-8)
         assert solution.start.asked == "crank.angle = 0.7, crank.angle_dot = 5"
         assert not solution.start.warning
 
 
-def test_equilibrium_is_where_gravity_leaves_the_mechanism():
-    """The crank hangs down, the rod leads from its pin at (0, -1) to the guide."""
+def test_equilibrium_under_gravity():
+    """The crank hangs down; the rod connects its pin at (0, -1) with the guide."""
     equations = bd.equations_of_motion(slider_crank(start="equilibrium"))
     assert_allclose(equations.q0[2], -np.pi / 2.0, atol=1e-9)
     assert_allclose(equations.q0[5], np.pi / 6.0, atol=1e-9)
     assert_allclose(equations.v0, 0.0, atol=0.0)
 
 
-def test_a_cantilever_in_equilibrium_sags_by_what_its_stiffness_says_and_stays():
+def test_a_cantilever_starts_in_equilibrium_with_the_analytic_sag():
     steel = bd.Material(E=2e11, nu=0.3, rho=7800.0)
     section = bd.Section.rectangle(steel, width=0.02, height=0.02)
     mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
@@ -56,12 +56,12 @@ def test_a_cantilever_in_equilibrium_sags_by_what_its_stiffness_says_and_stays()
     solution = bd.simulate(mech, bd.Radau(1e-6), 0.01)
     y = solution.columns["tip.y [m]"]
     weight = 7800.0 * section.area * 9.81
-    # Bending alone; shear adds 0.03 %.
+    # Bending only; shear adds 0.03 %.
     assert_allclose(y[0], -weight / (8.0 * section.EI), rtol=1e-3)
     assert_allclose(y, y[0], rtol=1e-6)
 
 
-def test_what_has_no_equilibrium_is_named():
+def test_a_coordinate_without_equilibrium_is_named():
     mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
     mech.add(bd.RigidBody("stone", 1.0, 1.0))
     with pytest.raises(bd.BeamdaeError, match=r"stone\.y: no equilibrium .* moves without end"):
@@ -78,13 +78,13 @@ def test_what_has_no_equilibrium_is_named():
         ({"crank.angle_dot": 1.0, "rod.angle_dot": 1.0}, "do not allow .*rod.angle_dot = 1"),
     ],
 )
-def test_starts_that_cannot_be_are_refused(start, words):
+def test_impossible_starts_are_refused(start, words):
     with pytest.raises(bd.BeamdaeError, match=words):
         bd.simulate(slider_crank(), t_end=0.1, start=start)
 
 
-def test_a_start_far_from_consistent_is_reported(tmp_path):
-    """A driver turns the crank out of the drawing by half a radian."""
+def test_large_changes_of_the_start_are_reported(tmp_path):
+    """A driver rotates the crank by 0.5 rad from the drawing."""
     mech = bd.Mechanism()
     crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
     hub = (mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0))
@@ -95,9 +95,9 @@ def test_a_start_far_from_consistent_is_reported(tmp_path):
     change = solution.start.largest
     assert change.part == "crank"
     assert change.displacement > 0.2
-    told = json.loads(solution.to_csv(tmp_path / "run.csv").with_suffix(".json").read_text())
-    assert told["start"]["asked"] == "as drawn"
-    assert told["start"]["changed by the joints"][0]["part"] == "crank"
-    kept = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-2), 0.05, start={"crank.angle": 0.5})
-    assert not kept.start.warning
-    assert_allclose(kept.q, solution.q, atol=1e-9)
+    record = json.loads(solution.to_csv(tmp_path / "run.csv").with_suffix(".json").read_text())
+    assert record["start"]["asked"] == "as drawn"
+    assert record["start"]["changed by the joints"][0]["part"] == "crank"
+    prescribed = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-2), 0.05, start={"crank.angle": 0.5})
+    assert not prescribed.start.warning
+    assert_allclose(prescribed.q, solution.q, atol=1e-9)
