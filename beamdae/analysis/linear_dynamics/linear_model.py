@@ -303,7 +303,8 @@ class _StateReduction:
         missing = [name for name in constraint_names if name not in rows]
         if missing:
             raise BeamdaeError(
-                f"linearize: {missing[0]} is inactive or redundant and cannot be an input."
+                f"linearize: {missing[0]} is inactive or redundant and cannot be an input; "
+                "choose other inputs."
             )
         is_input = np.zeros(e.m, bool)
         is_input[[rows[name] for name in constraint_names]] = True

@@ -27,8 +27,8 @@ Array = np.ndarray
 # rounding. The second ratio bounds their strain energy, relative to that of a zero square.
 _ZERO_RATIO = 1e-5
 _ZERO_ENERGY_FACTOR = 1e4
-# The shift relative to the geometric mean of the lowest and highest frequency of interest; its
-# factor makes it no frequency of a mode. Without a number of modes, the lowest so many count.
+# Shift relative to the geometric mean of the lowest and highest frequency of interest; the factor
+# keeps it off the frequency of a single mode. If all modes are requested, the lowest ten count.
 _SHIFT_RATIO = 0.6
 _DEFAULT_MODE_COUNT = 10
 # Steps of the power iteration that prepare the start vector of Arnoldi's method.

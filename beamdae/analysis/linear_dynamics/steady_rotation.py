@@ -46,8 +46,8 @@ _DIVERGENCE_LIMIT = 0.5
 _MAX_ITERATIONS = 30
 # Least increment of the speed, relative to the requested speed.
 _MIN_SPEED_STEP = 2.0**-10
-# Mass added to the stiffness where nothing resists a change of the angle: relative to W^2 M and to
-# the largest ratio of stiffness to mass.
+# Multiple of the mass matrix added to the stiffness, because the angle may have no stiffness:
+# relative to W^2 and to the largest ratio of stiffness to mass.
 _SPEED_REGULARIZATION = 1e-9
 _STIFFNESS_REGULARIZATION = 1e-16
 

@@ -36,10 +36,11 @@ _SHIFT_RATIO = 0.4
 # First shift, and least one, relative to the largest ratio of stiffness to mass.
 _INITIAL_SHIFT_RATIO = 1e-8
 _MIN_SHIFT_RATIO = 1e-22
-# Attempts to place the shift; beyond this ratio above all modes, they cannot be separated.
+# Maximum number of attempts to place the shift. It is lowered if all modes are below this ratio to
+# it, since they cannot be separated then.
 _MAX_SHIFT_ATTEMPTS = 6
 _MIN_MODE_TO_SHIFT_RATIO = 1e-4
-# Factor by which a shift that makes the matrix singular is changed.
+# Factor applied to a shift at which the matrix is singular.
 _SINGULAR_SHIFT_FACTOR = 1.37
 # Squared frequencies that rounding cannot separate from zero, relative to the largest one, and the
 # least number whose inverse is finite.

@@ -32,13 +32,13 @@ _FORM = "ggl"
 _STAGES = 3
 _INVERSE_A = np.linalg.inv(A)
 _INVERSE_A_ROW_SUMS = _INVERSE_A.sum(axis=1)
-# Rows of the constraint Jacobian below this share of the largest one constrain nothing.
+# Rows of the constraint Jacobian below this share of the largest one count as zero.
 _ZERO_ROW_RATIO = 1e-10
 # Unknowns up to which stages are solved by dense matrices, and the number of matrix entries of the
 # steps solved together.
 _MAX_DENSE_SIZE = 64
 _MAX_BATCH_ENTRIES = 2_000_000
-# Steps of the run taken as one at the coarsest level of refinement: 2 to this power.
+# At the coarsest level, a step covers 2 to this power steps of the run.
 _COARSEST_LEVEL = 2
 # Avoids a threshold of zero where there are no constraints.
 _TINY = 1e-300
@@ -90,7 +90,7 @@ class VariationalEquations:
     def propagate(self, trajectory: Trajectory, disturbances: Array, refinement: int = 0) -> Array:
         """Return disturbances (2 n, k) of (q, v) at the end of a run, given those at its start.
 
-        They take four steps of the run at once; each level of refinement halves that.
+        A step covers four steps of the run; each level of refinement halves its length.
         """
         y = disturbances
         for interval in trajectory.intervals:

@@ -49,7 +49,7 @@ _MAX_CHANGE = 0.3
 _DIFFERENCE_STEP = 1e-5
 # Least cosine of the angle between the directions at both ends of a step.
 _MIN_COSINE = 0.8
-# Steps grow after at most so many iterations of the corrector, and shrink from so many on.
+# Newton iterations of the corrector up to which the step grows, and from which on it shrinks.
 _MAX_ITERATIONS_TO_GROW = 3
 _MIN_ITERATIONS_TO_SHRINK = 5
 _GROWTH_FACTOR = 1.5

@@ -35,7 +35,7 @@ _COMPARED_TIMES = 11
 # Newton's method: maximum number of iterations, and largest change relative to the amplitudes.
 _MAX_ITERATIONS = 25
 _MAX_CHANGE = 3.0
-# Below this deviation, so many iterations without halving it end the search.
+# Below this deviation, the search ends after this many iterations that do not halve it.
 _STAGNATION_DEVIATION = 1e-4
 _STAGNATION_ITERATIONS = 4
 # Halvings of a Newton step from which a run does not reach the end of the period.

@@ -20,7 +20,7 @@ Array = np.ndarray
 # A step that fails is cut by this factor, down to this share of the largest step.
 _CUT_FACTOR = 0.25
 _MIN_STEP_RATIO = 1e-6
-# A step grows by this factor after at most so many Newton iterations.
+# A step grows by this factor if the corrector took at most this many Newton iterations.
 _GROWTH_FACTOR = 1.5
 _MAX_ITERATIONS_TO_GROW = 4
 # Corrector displacement, relative to the step, beyond which the point lies on another path; the
@@ -236,8 +236,8 @@ def _take_step(
 def _max_arc_step(settings: ContinuationSettings, direction: PathDirection, last: float) -> float:
     """Return the largest step by arc length; `last` is the previous one, infinite if there is none.
 
-    The load factor limits the first step only, unless it is the target: which load a displacement
-    takes is not known in advance, and where little moves the load step grows without bound.
+    The load factor limits every step if it is the target, otherwise only the first one: the load
+    that a displacement requires is not known in advance.
     """
     tiny = np.finfo(float).tiny
     by_motion = settings.max_step / max(settings.norm.max_norm(direction.x), tiny)

@@ -22,8 +22,8 @@ _MAX_DENSE_UNSYMMETRIC = 600
 # eigenvalue solvers, and by sparse elimination of fine meshes.
 _ZERO_TOLERANCE = 2e-14
 _SPARSE_ZERO_TOLERANCE = 4e-15
-# Asymmetry that counts as none, relative to the largest entry; a follower load is small beside the
-# axial stiffness of a thin beam.
+# Asymmetry that counts as none, relative to the largest entry; a follower load is small compared
+# with the axial stiffness of a thin beam.
 _ASYMMETRY_TOLERANCE = 1e-13
 # Squared frequencies of unsymmetric problems are kept within these ratios to the others: smaller
 # inverses are lost in rounding, larger ones belong to squared frequencies of zero.
@@ -124,7 +124,7 @@ def _dense_stability(
     if asymmetry <= max(_ASYMMETRY_TOLERANCE * float(np.max(np.abs(projected))), zero):
         eigenvalues, vectors = la.eigh(0.5 * (projected + projected.T))
         return _build_stability(eigenvalues, basis @ vectors, scale, zero)
-    # Without a potential the signs of the stiffness decide nothing: the motion grows or flutters
+    # Without a potential the signs of the stiffness are not decisive: the motion grows or flutters
     # where squared frequencies are negative or complex.
     starter = ConsistencySolver(system.loaded.equations)
     state = starter.rest_state(x[: len(scale)])
