@@ -1,4 +1,4 @@
-"""Consistent start: closed joints, projected velocities, accelerations and multipliers."""
+"""Consistent initial conditions: closed joints, projected velocities, accelerations, reactions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ few_variants = pytest.mark.parametrize("variant", REPRESENTATIVE_VARIANTS, ids=s
 TIP = tuple(ARC.point(ARC.length))
 
 
-def started(mech, t=0.0, q=None, v=None):
+def make_consistent(mech, t=0.0, q=None, v=None):
     numeric = NumericEquations(mech, time=(t, t))
     e = numeric.equations
     state = ConsistencySolver(e).state(
@@ -25,7 +25,7 @@ def started(mech, t=0.0, q=None, v=None):
 
 
 def crank_and_rod(variant, angle=0.0, gravity=(0.3, -2.0)):
-    """A crank driven from `angle` on, a flexible rod whose end slides on a line."""
+    """Return a driven crank and a flexible rod whose end slides on a line."""
     mech = bd.Mechanism(gravity=gravity)
     crank = mech.add(bd.RigidBody("crank", mass=1.1, inertia=0.4, center=(0.1, -0.05)))
     beam = mech.add(variant.beam(ARC))
@@ -39,7 +39,7 @@ def crank_and_rod(variant, angle=0.0, gravity=(0.3, -2.0)):
 
 def assert_consistent(numeric, state):
     levels = [np.abs(level(state.q, state.v, state.a)).max() for level in numeric.levels]
-    # Positions are closed to 1e-12 of the size, the rest is rounding of forces up to 100.
+    # Positions are closed to 1e-12 of the size; the rest is rounding of forces up to 100.
     assert levels[0] < 1e-11
     assert levels[1] < 1e-12
     assert levels[2] < 1e-11
@@ -51,17 +51,17 @@ def assert_consistent(numeric, state):
 
 
 @few_variants
-def test_start_satisfies_joints_and_equations_of_motion(variant):
-    numeric, state = started(crank_and_rod(variant, angle=0.02), t=0.1)
+def test_start_satisfies_constraints_and_equations_of_motion(variant):
+    numeric, state = make_consistent(crank_and_rod(variant, angle=0.02), t=0.1)
     assert_consistent(numeric, state)
 
 
 @few_variants
-def test_a_consistent_start_is_left_alone(variant):
-    numeric, state = started(crank_and_rod(variant), t=0.1)
+def test_a_consistent_start_does_not_change(variant):
+    numeric, state = make_consistent(crank_and_rod(variant), t=0.1)
     again = ConsistencySolver(numeric.equations).state(numeric.time, state.q, state.v)
     assert_allclose(again.q, state.q, rtol=0.0, atol=0.0)
-    # One more projection of a velocity that fits to rounding.
+    # The velocity is projected once more.
     assert_allclose(again.v, state.v, atol=1e-13)
 
 
@@ -70,35 +70,35 @@ def test_velocities_change_least_in_kinetic_energy(variant):
     """v - v0 = -M^-1 G^T (G M^-1 G^T)^-1 (G v0 + dg/dt), written out with dense matrices."""
     mech = crank_and_rod(variant)
     rng = np.random.default_rng(0)
-    wanted = rng.standard_normal(NumericEquations(mech).n)
-    numeric, state = started(mech, t=0.1, v=wanted)
+    requested = rng.standard_normal(NumericEquations(mech).n)
+    numeric, state = make_consistent(mech, t=0.1, v=requested)
     mass, joint = numeric.mass(state.q), numeric.constraint_matrix(state.q)
     lever = np.linalg.solve(mass, joint.T)
-    off = numeric.levels[1](state.q, wanted)
-    expected = wanted - lever @ np.linalg.solve(joint @ lever, off)
-    # Condition of the mass matrix, 1e3, times rounding.
+    g_dot = numeric.levels[1](state.q, requested)
+    expected = requested - lever @ np.linalg.solve(joint @ lever, g_dot)
+    # Condition number of the mass matrix, 1e3, times rounding.
     assert_allclose(state.v, expected, atol=1e-10)
-    # No admissible velocity is nearer.
+    # The change is orthogonal to all admissible velocities.
     _, _, right = np.linalg.svd(joint)
     admissible = right[numeric.m :].T
-    assert_allclose(admissible.T @ mass @ (state.v - wanted), 0.0, atol=1e-10)
+    assert_allclose(admissible.T @ mass @ (state.v - requested), 0.0, atol=1e-10)
 
 
 @few_variants
 def test_accelerations_and_multipliers_solve_the_saddle_point_system(variant):
-    numeric, state = started(crank_and_rod(variant), t=0.1)
+    numeric, state = make_consistent(crank_and_rod(variant), t=0.1)
     mass, joint = numeric.mass(state.q), numeric.constraint_matrix(state.q)
     matrix = np.block([[mass, joint.T], [joint, np.zeros((numeric.m, numeric.m))]])
-    still = numeric.force(state.q, state.v), numeric.levels[2](state.q, state.v)
-    solution = -np.linalg.solve(matrix, np.concatenate(still))
-    # Condition of the system, 1e4, times rounding of forces up to 100.
+    at_rest = numeric.force(state.q, state.v), numeric.levels[2](state.q, state.v)
+    solution = -np.linalg.solve(matrix, np.concatenate(at_rest))
+    # Condition number of the system, 1e4, times rounding of forces up to 100.
     assert_allclose(np.concatenate([state.a, state.lam]), solution, rtol=1e-8, atol=1e-9)
 
 
 def test_start_without_joints():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     mech.add(bd.PointMass("stone", 0.5, at=(1.0, 2.0), velocity=(3.0, 4.0)))
-    _, state = started(mech)
+    _, state = make_consistent(mech)
     assert_allclose(np.concatenate(state[:3]), (1, 2, 3, 4, 0, -9.81), rtol=1e-15)
     assert state.lam.shape == (0,)
 
@@ -106,17 +106,17 @@ def test_start_without_joints():
 # Closing joints --------------------------------------------------------------------------------
 
 
-def test_two_disks_share_an_offset_by_their_inertias():
-    """Least change in the metric of the mass matrix: the heavier disk moves less."""
+def test_two_disks_share_an_offset_in_inverse_proportion_to_inertia():
+    """The change is least in the metric of the mass matrix: the heavier disk moves less."""
     mech = bd.Mechanism()
     for name, inertia in (("light", 1.0), ("heavy", 3.0)):
         body = mech.add(bd.RigidBody(name, mass=1.0, inertia=inertia))
         mech.add(bd.Revolute(f"{name} bearing", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
     light, heavy = mech.part("light"), mech.part("heavy")
     mech.add(bd.Driver("gear", light.at(0.0, 0.0), heavy.at(0.0, 0.0), law=0.1))
-    numeric, state = started(mech)
+    numeric, state = make_consistent(mech)
     assert_consistent(numeric, state)
-    # The constraint is linear in the angles: rounding.
+    # The constraint is linear in the angles: the error is rounding.
     assert_allclose(state.q[2], -0.075, rtol=1e-12)
     assert_allclose(state.q[5], 0.025, rtol=1e-12)
 
@@ -128,18 +128,18 @@ def test_offset_moves_rigid_bodies_in_the_metric_of_their_masses(offset):
     rod = mech.add(bd.RigidBody("rod", mass=2.0, inertia=0.9, center=(2.5, 0.5)))
     mech.add(bd.Revolute("pin", crank.at(2.0, 0.0), rod.at(2.0, 0.0)))
     mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0), law=offset))
-    numeric, state = started(mech)
+    numeric, state = make_consistent(mech)
     assert_consistent(numeric, state)
     mass, joint = numeric.mass(), numeric.constraint_matrix()
     lever = np.linalg.solve(mass, joint.T)
     step = -lever @ np.linalg.solve(joint @ lever, numeric.levels[0]())
-    # Turning is quadratic in the offset, with radii up to 2 m.
+    # Rotations differ from tangents quadratically in the offset, with radii up to 2 m.
     assert_allclose(state.q - numeric.equations.q0, step, atol=2.0 * offset**2)
     assert np.abs(step).max() > 0.1 * offset
 
 
 def strain_energy_of_an_offset(variant, height, offset):
-    """Of a beam of 2 m on a driven hub, over that of bending its tip by the offset."""
+    """Return the strain energy of a beam on a driven hub, relative to bending it by the offset."""
     alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
     strip = bd.Section.rectangle(alloy, width=0.03, height=height)
     mech = bd.Mechanism()
@@ -149,26 +149,26 @@ def strain_energy_of_an_offset(variant, height, offset):
     mech.add(bd.Revolute("pivot", *center))
     mech.add(bd.Weld("root", hub.at(*ARC.start), beam.start))
     mech.add(bd.Driver("motor", *center, law=offset))
-    numeric, state = started(mech)
+    numeric, state = make_consistent(mech)
     assert np.abs(numeric.levels[0](state.q)).max() < 1e-11
     assert_allclose(state.q[2], offset, rtol=1e-12)
     return numeric.energies(state.q)[1] / (0.5 * strip.EI / ARC.length * offset**2)
 
 
 @few_variants
-def test_an_offset_turns_a_stiff_beam_and_hardly_bends_it(variant):
-    # First mode at 3 500 rad/s: 1e-5 of the bending energy.
+def test_an_offset_rotates_a_stiff_beam_almost_rigidly(variant):
+    # The first mode at 3500 rad/s takes 1e-5 of the bending energy.
     assert strain_energy_of_an_offset(variant, height=3.0, offset=0.05) < 1e-4
 
 
 @few_variants
-def test_an_offset_turns_a_slender_beam_and_hardly_bends_it(variant):
-    # First mode at 35 rad/s.
+def test_an_offset_rotates_a_slender_beam_almost_rigidly(variant):
+    # The first mode is at 35 rad/s.
     assert strain_energy_of_an_offset(variant, height=0.03, offset=0.05) < 1e-2
 
 
 def slider_crank(angle):
-    """Crank of 2 m on a rod of 1.5 m: beyond arcsin(3/4) the rod does not reach the line."""
+    """Return a 2 m crank with a 1.5 m rod, which does not reach the line beyond arcsin(3/4)."""
     mech = bd.Mechanism()
     crank = mech.add(bd.RigidBody("crank", mass=1.0, inertia=1.0, center=(1.0, 0.0)))
     rod = mech.add(bd.RigidBody("rod", mass=1.0, inertia=1.0, center=(2.75, 0.0)))
@@ -181,18 +181,18 @@ def slider_crank(angle):
 
 
 @pytest.mark.parametrize("angle", [0.01, 0.4, 0.8])
-def test_reachable_positions_are_found_from_afar(angle):
-    numeric, state = started(slider_crank(angle))
+def test_joints_close_from_far_positions(angle):
+    numeric, state = make_consistent(slider_crank(angle))
     assert_consistent(numeric, state)
-    # The rod keeps to its side of the crank.
+    # The rod stays on its branch.
     assert_allclose(state.q[5], -np.arcsin(2.0 * np.sin(angle) / 1.5), atol=1e-11)
 
 
 @pytest.mark.parametrize("angle", [0.9, 1.2, 2.0])
-def test_an_impossible_position_is_one_sentence(angle):
-    with pytest.raises(bd.BeamdaeError) as caught:
-        started(slider_crank(angle))
-    message = str(caught.value)
+def test_an_unreachable_position_is_reported_in_one_sentence(angle):
+    with pytest.raises(bd.BeamdaeError) as error:
+        make_consistent(slider_crank(angle))
+    message = str(error.value)
     assert "the joints cannot be closed at t = 0" in message
     assert message.split(".")[0] in ("bearing", "pin", "guide", "motor")
     assert "a gap of" in message
@@ -209,7 +209,7 @@ def pendulum(name, mech, x=0.0):
     return body
 
 
-def test_dependent_constraints_are_named_and_others_are_not():
+def test_only_dependent_constraints_are_named():
     mech = bd.Mechanism()
     body = pendulum("door", mech)
     pendulum("other", mech, x=5.0)
@@ -219,7 +219,7 @@ def test_dependent_constraints_are_named_and_others_are_not():
         match=r"^door hinge.y, second hinge.y: these constraints depend .*remove 1 of them: "
         r"door hinge and second hinge both block the translation of the door along \(0, 1\)\.$",
     ):
-        started(mech)
+        make_consistent(mech)
 
 
 def test_more_constraints_than_coordinates_are_named():
@@ -227,7 +227,7 @@ def test_more_constraints_than_coordinates_are_named():
     body = pendulum("door", mech)
     mech.add(bd.Weld("lock", mech.ground.at(0.0, 2.0), body.at(0.0, 2.0)))
     with pytest.raises(bd.BeamdaeError, match=r"lock.y.*depend on each other.*remove 2 of them"):
-        started(mech)
+        make_consistent(mech)
 
 
 def test_the_same_joint_twice_is_dependent():
@@ -241,12 +241,12 @@ def test_the_same_joint_twice_is_dependent():
         match=r"^door hinge.x, door hinge.y, again.x, again.y: these .*remove 2 of them: "
         r"door hinge and again both block .*\.$",
     ):
-        started(mech)
+        make_consistent(mech)
 
 
-def system(mass, force=None, constraints=None):
+def solve_start(mass, force=None, constraints=None):
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", len(mass)), ca.SX.sym("v", len(mass))
-    stated = bd.ConstrainedSystem(
+    system = bd.ConstrainedSystem(
         t=t,
         q=q,
         v=v,
@@ -257,7 +257,7 @@ def system(mass, force=None, constraints=None):
         v0=np.zeros(len(mass)),
         names=tuple("abc"[: len(mass)]),
     )
-    e = stated.equations
+    e = system.equations
     return ConsistencySolver(e).state(np.zeros(2), e.q0, e.v0)
 
 
@@ -275,55 +275,57 @@ def test_a_coordinate_without_mass_is_named(mass, constraints, name):
     with pytest.raises(
         bd.BeamdaeError, match=f"^{name}: this coordinate has no inertia at t = 0 s; "
     ):
-        system(mass, constraints=constraints)
+        solve_start(mass, constraints=constraints)
 
 
-def test_a_joint_may_hold_what_has_no_mass():
-    state = system([[2, 0], [0, 0]], constraints=lambda q: q[0] - q[1])
-    # Both forces of 1 N move 2 kg; the constraint carries the second one.
+def test_a_joint_may_constrain_a_massless_coordinate():
+    state = solve_start([[2, 0], [0, 0]], constraints=lambda q: q[0] - q[1])
+    # Two forces of 1 N accelerate 2 kg; the constraint transmits the second one.
     assert_allclose(state.a, (1.0, 1.0), rtol=1e-14)
     assert_allclose(state.lam, (-1.0,), rtol=1e-14)
 
 
 def test_infinite_forces_are_named():
     with pytest.raises(bd.BeamdaeError, match=r"^b: the forces are not finite at t = 0"):
-        system([[1, 0], [0, 1]], force=lambda t, q: ca.vertcat(1.0, 1.0 / (q[1] - 1.0)))
+        solve_start([[1, 0], [0, 1]], force=lambda t, q: ca.vertcat(1.0, 1.0 / (q[1] - 1.0)))
 
 
 def test_infinite_constraints_are_named():
     with pytest.raises(bd.BeamdaeError, match=r"^constraint.g0: the constraint is not finite"):
-        system([[1, 0], [0, 1]], constraints=lambda q: 1.0 / (q[1] - 1.0))
+        solve_start([[1, 0], [0, 1]], constraints=lambda q: 1.0 / (q[1] - 1.0))
 
 
 # Jerk ------------------------------------------------------------------------------------------
 
 
-def test_normal_jerk_of_a_turning_pendulum():
-    """At a constant rate the center's jerk is -omega^2 v; its part across the joint is closed."""
+def test_normal_jerk_of_a_rotating_pendulum():
+    """At a constant rate the jerk of the center is -omega^2 v; P projects it in closed form."""
     omega, radius, inertia = 3.0, 1.0, 0.5
     mech = bd.Mechanism()
     body = mech.add(bd.RigidBody("bob", 1.0, inertia, (radius, 0.0), (0.0, omega * radius), omega))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
-    numeric, state = started(mech)
-    found = ConsistencySolver(numeric.equations).evaluate_normal_jerk(numeric.time, state, 1e-4)
+    numeric, state = make_consistent(mech)
+    normal_jerk = ConsistencySolver(numeric.equations).evaluate_normal_jerk(
+        numeric.time, state, 1e-4
+    )
     jerk = np.array([0.0, -(omega**3) * radius, 0.0])
     mass, along = np.diag([1.0, 1.0, inertia]), np.array([0.0, radius, 1.0])
     expected = jerk - along * (along @ mass @ jerk) / (along @ mass @ along)
     # Central differences of step 1e-4: 1e-8 of truncation, 1e-12 of rounding, times omega^5.
-    assert_allclose(found, expected, atol=1e-5)
+    assert_allclose(normal_jerk, expected, atol=1e-5)
 
 
 def test_dependent_constraints_are_named_among_many():
-    """Of more than a hundred constraints those alone are taken apart that may be dependent."""
+    """Beyond 100 constraints an SVD is computed only if they may be dependent."""
     mech = bd.Mechanism()
     before = mech.ground.at(0.0, 0.0)
     for k in range(52):
         link = mech.add(bd.RigidBody(f"link {k}", 1.0, 0.1, center=(k + 0.5, 0.0)))
         mech.add(bd.Revolute(f"hinge {k}", before, link.at(k, 0.0)))
         before = link.at(k + 1.0, 0.0)
-    _, state = started(mech)
+    _, state = make_consistent(mech)
     assert_allclose(state.v, 0.0, atol=1e-15)
     mech.add(bd.Revolute("twice", mech.ground.at(0.0, 0.0), mech.part("link 0").at(0.0, 0.0)))
     pattern = r"hinge 0.x, hinge 0.y, twice.x, twice.y: .* depend on each other.*remove 2 of them"
     with pytest.raises(bd.BeamdaeError, match=pattern):
-        started(mech)
+        make_consistent(mech)

@@ -1,4 +1,4 @@
-"""What a part states has to fit: whatever does not is refused by name, nothing is dropped."""
+"""Statements of parts that do not fit are refused with the name of the part."""
 
 from __future__ import annotations
 
@@ -24,34 +24,34 @@ from beamdae.symbolic.statements import (
 )
 
 
-def disk(name="disk", **words):
-    return bd.RigidBody(name, mass=2.0, inertia=1.0, **words)
+def disk(name="disk", **settings):
+    return bd.RigidBody(name, mass=2.0, inertia=1.0, **settings)
 
 
 @dataclass(frozen=True, eq=False)
 class Pin(bd.Part):
-    """Holds x of a point; no `Joint`, and its attachment has a name of its own."""
+    """Constrains x of a point; not a `Joint`, with another name for its attachment."""
 
     name: str
-    held_here: bd.Attachment
+    anchor: bd.Attachment
 
     def constraints(self):
-        local = Local(self.held_here.size, 0, 1)
-        kernel = ConstraintKernel(local, self.held_here.position(local.q)[0])
-        named = (Named("x", "N"),)
-        return [ConstraintStatement(self.name, kernel, (self.held_here.piece,), named)]
+        local = Local(self.anchor.size, 0, 1)
+        kernel = ConstraintKernel(local, self.anchor.position(local.q)[0])
+        multipliers = (Named("x", "N"),)
+        return [ConstraintStatement(self.name, kernel, (self.anchor.piece,), multipliers)]
 
 
 @dataclass(frozen=True, eq=False)
 class Push(bd.Part):
-    """A constant force in x; fields may be changed to make it misfit."""
+    """Constant force in x; some fields make its statement invalid."""
 
     name: str
     where: bd.Attachment
     columns: int = 0
     rows: int = 0
     data: tuple = (3.0,)
-    told_as: str = ""
+    stated_name: str = ""
 
     def forces(self, gravity):
         local = Local(self.where.size, 1)
@@ -63,20 +63,20 @@ class Push(bd.Part):
             operator = sp.csr_array(np.ones(shape))
         piece = Piece(self.where.body, operator)
         data = np.array(self.data)[:, None]
-        name = self.told_as or self.name
+        name = self.stated_name or self.name
         return [ForceStatement(name, ForceKernel(local, force), (piece,), data)]
 
 
-def pushed(**words):
-    """Two disks, the second one pushed."""
+def pushed(**settings):
+    """Return two disks with a force on the second one."""
     mech = bd.Mechanism()
     mech.add(disk("first"))
     second = mech.add(disk("second", center=(3.0, 0.0)))
-    mech.add(Push("push", second.at(3.0, 0.0), **words))
+    mech.add(Push("push", second.at(3.0, 0.0), **settings))
     return mech
 
 
-def test_regression_a_part_that_holds_something_is_not_dropped_for_being_no_joint():
+def test_regression_constraints_of_parts_that_are_not_joints_count():
     mech = bd.Mechanism()
     body = mech.add(disk())
     mech.add(Pin("pin", body.at(1.0, 0.0)))
@@ -85,12 +85,12 @@ def test_regression_a_part_that_holds_something_is_not_dropped_for_being_no_join
     assert_allclose(numeric.constraint_matrix(), [[1.0, 0.0, 0.0]], atol=1e-15)
 
 
-def test_regression_a_load_acts_on_the_body_its_attachment_is_of_whatever_the_field_is_called():
-    # Assembled on the first body before.
+def test_regression_a_load_acts_on_the_body_of_its_attachment_whatever_its_field_name():
+    # It acted on the first body before.
     assert_allclose(NumericEquations(pushed()).force(), [0.0, 0.0, 0.0, -3.0, 0.0, 0.0], atol=1e-15)
 
 
-def test_an_attachment_of_a_body_that_was_not_added_is_refused_at_once():
+def test_an_attachment_of_a_foreign_body_is_refused_by_add():
     stranger = disk("stranger")
     for part in (Push("push", stranger.at(0.0, 0.0)), Pin("pin", stranger.at(0.0, 0.0))):
         with pytest.raises(bd.BeamdaeError, match=f"^{part.name}: it refers to 'stranger', which"):
@@ -105,7 +105,7 @@ class Slotted(bd.Part):
 
 @dataclass(frozen=True, eq=False)
 class Hidden(bd.Part):
-    """Refers to a body by a dictionary."""
+    """Refers to a body through a dictionary."""
 
     name: str
     where: dict = field(default_factory=dict)
@@ -114,8 +114,8 @@ class Hidden(bd.Part):
         return Push(self.name, self.where["there"]).forces(gravity)
 
 
-def test_attachments_are_found_in_whatever_holds_them():
-    """In dictionaries, nested lists and slots: drawings and tolerances depend on them."""
+def test_attachments_are_detected_in_containers():
+    """Dictionaries, nested lists and slots: drawings and tolerances depend on attachments."""
     stranger = disk("stranger").at(0.0, 0.0)
     for part in (Hidden("push", {"there": stranger}), Slotted("push", [("a", [stranger])])):
         assert part.attachments == (stranger,)
@@ -123,7 +123,7 @@ def test_attachments_are_found_in_whatever_holds_them():
             bd.Mechanism().add(part)
 
 
-def test_a_body_no_field_shows_is_refused_when_it_is_assembled():
+def test_a_foreign_body_without_a_field_is_refused_by_assembly():
     stranger = disk("stranger").at(0.0, 0.0)
     mech = bd.Mechanism()
     mech.add(disk())
@@ -133,7 +133,7 @@ def test_a_body_no_field_shows_is_refused_when_it_is_assembled():
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("settings", "message"),
     [
         ({"columns": 1}, "push: its operator on 'second' has 4 columns, the body has 3 coord"),
         ({"rows": 1}, "push: its operators have 4 rows for 1 x 3 local coordinates; the"),
@@ -141,17 +141,17 @@ def test_a_body_no_field_shows_is_refused_when_it_is_assembled():
             {"data": (3.0, 1.0)},
             r"push: its data must be an array of shape \(1, num",
         ),
-        ({"told_as": "pull"}, "push: its statements must carry its name, got 'pull'"),
+        ({"stated_name": "pull"}, "push: its statements must carry its name, got 'pull'"),
     ],
 )
-def test_statements_that_do_not_fit_are_refused(words, message):
+def test_statements_that_do_not_fit_are_refused(settings, message):
     with pytest.raises(bd.BeamdaeError, match=f"^{message}") as refused:
-        bd.equations_of_motion(pushed(**words))
+        bd.equations_of_motion(pushed(**settings))
     assert str(refused.value).endswith(".")
 
 
 LOCAL = Local(3, 1, 1)
-HELD = (Named("x", "N"),)
+MULTIPLIERS = (Named("x", "N"),)
 FORCE = ca.SX.zeros(3)
 POINT = disk("disk")
 PIECE = Piece(POINT, sp.eye_array(3, format="csr"))
@@ -162,15 +162,15 @@ def force(value=FORCE, pieces=(PIECE,), data=None, **kernel):
     return ForceStatement("made", ForceKernel(LOCAL, value, **kernel), pieces, data)
 
 
-def held(value=LOCAL.q[0], multipliers=HELD):
+def constraint(value=LOCAL.q[0], multipliers=MULTIPLIERS):
     kernel = ConstraintKernel(LOCAL, value)
     return ConstraintStatement("made", kernel, (PIECE,), multipliers, np.zeros((1, 1)))
 
 
 def stating(forces=lambda: [], constraints=lambda: []):
-    """A part that states what these functions give."""
+    """Return a part whose statements are the results of these functions."""
 
-    class Made(bd.Part):
+    class StatingPart(bd.Part):
         name = "made"
 
         def forces(self, gravity):
@@ -179,7 +179,7 @@ def stating(forces=lambda: [], constraints=lambda: []):
         def constraints(self):
             return constraints()
 
-    return Made()
+    return StatingPart()
 
 
 @pytest.mark.parametrize(
@@ -206,26 +206,26 @@ def stating(forces=lambda: [], constraints=lambda: []):
             "pieces must contain only Piece, got RigidBody",
         ),
         (
-            stating(constraints=lambda: [held(multipliers=("x",))]),
+            stating(constraints=lambda: [constraint(multipliers=("x",))]),
             "multipliers must contain only Named, got 'x'",
         ),
         (
-            stating(constraints=lambda: [held(LOCAL.q[:2])]),
+            stating(constraints=lambda: [constraint(LOCAL.q[:2])]),
             r"its constraint must have shape \(1, 1\), got \(2, 1\)",
         ),
-        # Accepted before, 11 % of the energy lost.
+        # It was accepted, and 11 % of the energy was lost.
         (
-            stating(constraints=lambda: [held(LOCAL.q[0] + 0.3 * LOCAL.v[0])]),
+            stating(constraints=lambda: [constraint(LOCAL.q[0] + 0.3 * LOCAL.v[0])]),
             "its constraint must not depend on v_0",
         ),
-        # Ran on one piece of the law for the whole time before.
+        # The first branch of the law was used for the whole run.
         (
             stating(lambda: [force(bd.run_up(1.0, 0.1)(LOCAL.time) * ca.SX.ones(3))]),
             "it follows a piecewise law; list the law in its property 'laws'",
         ),
     ],
 )
-def test_regression_what_is_stated_wrongly_is_refused_by_name(part, message):
+def test_regression_invalid_statements_are_refused_with_the_name_of_the_part(part, message):
     mech = bd.Mechanism()
     mech.add(POINT)
     mech.add(part)
@@ -235,7 +235,7 @@ def test_regression_what_is_stated_wrongly_is_refused_by_name(part, message):
 
 
 def test_regression_a_point_whose_motion_starts_elsewhere_is_refused():
-    """A joint there moved the body by a meter, and the run was fine."""
+    """A joint there moved the body by 1 m without any error."""
     mech = bd.Mechanism()
     body = mech.add(disk())
     wrong = replace(body.at(2.0, 0.0), point=(3.0, 0.0))
@@ -244,7 +244,7 @@ def test_regression_a_point_whose_motion_starts_elsewhere_is_refused():
         bd.equations_of_motion(mech)
 
 
-def test_regression_columns_that_could_not_be_told_apart_are_refused():
+def test_regression_ambiguous_headers_are_refused():
     mech = pushed()
     place = mech.part("second").at(3.0, 0.0)
     mech.observe("c", place)
@@ -264,7 +264,7 @@ def test_a_body_alone_needs_no_outline():
     assert bd.equations_of_motion(mech).length == 1.0
 
 
-def test_numbers_of_the_equations_cannot_be_changed():
+def test_numbers_of_the_equations_are_read_only():
     equations = bd.equations_of_motion(pushed())
     for array in (equations.q0, equations.v0, equations.p):
         with pytest.raises(ValueError, match="read-only"):
@@ -272,7 +272,7 @@ def test_numbers_of_the_equations_cannot_be_changed():
 
 
 class Mute(bd.Part):
-    """Says nothing: its author called `forces` something else."""
+    """States nothing, because its method `forces` is misspelled."""
 
     name = "mute"
 
@@ -291,7 +291,7 @@ class Confused(bd.Part):
 
 
 class Body(bd.Part):
-    """A body whose coordinates are given."""
+    """Body with arbitrary coordinates."""
 
     name = "body"
 
@@ -342,7 +342,7 @@ def test_parts_that_do_not_fit_are_refused(part, message):
 
 
 def test_regression_scales_come_from_units_and_not_from_names():
-    """An angle called psi had the size of the mechanism, a length called phi that of a radian."""
+    """An angle named psi had the scale of the mechanism, a length named phi that of an angle."""
     scales = []
     for name, unit in (("psi", "rad"), ("phi_length", "m")):
         mech = bd.Mechanism()
@@ -353,7 +353,7 @@ def test_regression_scales_come_from_units_and_not_from_names():
     assert scales == [1.0, 7.0]
 
 
-def test_a_reaction_of_what_holds_nothing_is_refused():
+def test_a_reaction_without_constraints_is_refused():
     mech = pushed()
     joint = bd.Revolute("push", mech.ground.at(0.0, 0.0), mech.part("first").at(0.0, 0.0))
     mech.observe("force", joint.reaction)
@@ -363,8 +363,8 @@ def test_a_reaction_of_what_holds_nothing_is_refused():
         bd.equations_of_motion(mech)
 
 
-def test_equations_are_what_they_are_and_no_others():
-    """Regression: to compare equations of motion raised, numpy arrays have no truth value."""
+def test_equations_compare_by_identity():
+    """Regression: comparing equations of motion raised, because arrays have no truth value."""
     one, other = bd.equations_of_motion(pushed()), bd.equations_of_motion(pushed())
     assert one == one
     assert one != other

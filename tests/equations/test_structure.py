@@ -138,7 +138,7 @@ def test_threads_that_share_a_structure_are_independent(method, empty_caches):
     with ThreadPoolExecutor(4) as pool:
         results = list(pool.map(lambda case: rows(method, case), cases))
     expected = [rows(method, case) for case in range(4)]
-    # Without machine code the rounding of LAPACK and NumPy depends on the alignment of arrays, which
+    # Without machine code, rounding in LAPACK and NumPy depends on the alignment of arrays, which
     # differs between threads: about 1e-7, against differences of order 1 between cases.
     tolerance = 1e-4 if os.environ.get("BEAMDAE_NATIVE") == "off" else 0.0
     for case, actual in zip(cases, results, strict=True):

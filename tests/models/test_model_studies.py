@@ -1,4 +1,4 @@
-"""The study files in models/studies: they list what they say, and run without a silent failure."""
+"""Study files in models/studies: their cases, and results of runs."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -33,29 +33,30 @@ def test_a_study_has_at_least_sixty_cases_of_all_integrators(path):
 
 @pytest.mark.slow(reason="runs a group of each study with its references, half a minute")
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
-def test_first_group_of_a_study_runs_with_the_orders_it_should_show(path, tmp_path):
+def test_first_group_of_a_study_shows_the_expected_orders(path, tmp_path):
     (study,) = studies(path).values()
     group_of = Plan.of(study).group_of
     first = [case for case in study.cases if group_of[id(case)] == group_of[id(study.cases[0])]]
     results = engine.run(replace(study, cases=tuple(first)), tmp_path, LocalPool())
     assert set(results.table["status"]) == {"ok"}
     (reference,) = results.references.values()
-    # Two methods, one of order five and one extrapolated: far below every error reported.
+    # References of two methods, one of order five, one extrapolated: far below all reported errors.
     assert reference.uncertainty < 1e-6
     errors = results.table[~results.table["below resolution"]]["error [-]"]
     assert errors.min() >= reference.resolves
-    found = results.summary
-    orders = found[(found["what"] == "order in step") & (found["answer"] == "GeneralizedAlpha")]
+    summary = results.summary
+    is_order = (summary["what"] == "order in step") & (summary["answer"] == "GeneralizedAlpha")
+    orders = summary[is_order]
     assert_allclose(orders["value"].to_numpy(float), 2.0, atol=0.1)
     ida = results.table[results.table["series"] == "Ida"]["error [-]"].to_numpy()
-    # Proportional to rtol in the mean, over two or three decades.
+    # On average proportional to rtol, over two or three decades.
     assert np.all(np.diff(ida) < 0.0)
     tolerances = np.array([case.tolerance for case in first if case.series == "Ida"])
     assert np.all(ida < 100.0 * tolerances)
 
 
-@pytest.mark.slow(reason="ten runs of the hub beam in processes of their own")
-def test_formulations_stand_side_by_side(tmp_path):
+@pytest.mark.slow(reason="ten runs of the hub beam in worker processes")
+def test_study_of_both_formulations(tmp_path):
     (study,) = studies(FOLDER / "hub_beam_formulations.py").values()
     results = engine.run(study, tmp_path, LocalPool())
     assert set(results.table["status"]) == {"ok"}
@@ -74,19 +75,23 @@ def test_a_study_file_may_name_a_model_in_another_folder(tmp_path):
 
 
 @pytest.mark.slow(reason="six runs of the four-bar linkage")
-def test_a_bowed_coupler_bends_more_and_the_torque_grows_with_the_speed(tmp_path):
+def test_crank_speed_sweep_gives_the_stored_torques_and_deflections(tmp_path):
     (sweep,) = studies(FOLDER / "crank_speeds.py").values()
     assert isinstance(sweep, bd.Sweep)
     assert len(sweep.cases) == 21
-    chosen = [k for k, said in enumerate(sweep.settings) if said["speed"] in (2.0, 5.0, 8.0)]
-    chosen = [k for k in chosen if sweep.settings[k]["rise"] != 0.06]
+    speeds, excluded_rise = (2.0, 5.0, 8.0), 0.06
+    indices = [
+        k
+        for k, setting in enumerate(sweep.settings)
+        if setting["speed"] in speeds and setting["rise"] != excluded_rise
+    ]
     few = replace(
         sweep,
-        cases=tuple(sweep.cases[k] for k in chosen),
-        settings=tuple(sweep.settings[k] for k in chosen),
+        cases=tuple(sweep.cases[k] for k in indices),
+        settings=tuple(sweep.settings[k] for k in indices),
     )
     table = few(tmp_path).table
-    # As stored, of Radau(1e-7); with the sweep's own rtol they are off by up to 4e-4.
+    # Stored results of Radau(1e-7); those with the rtol of the sweep differ by up to 4e-4.
     torque = [4.44425, 4.40233, 5.01146, 4.80437, 6.03602, 6.04581]
     deflection = [1.08907e-3, 6.40187e-3, 1.23658e-3, 6.19137e-3, 1.83339e-3, 9.11380e-3]
     assert_allclose(table["peak torque [N m]"], torque, rtol=1e-3)

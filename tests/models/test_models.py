@@ -1,4 +1,4 @@
-"""Every model file runs, and gives the numbers it gave when they were checked by two methods."""
+"""Every model file runs and reproduces stored numbers, which two methods confirmed."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -138,7 +138,7 @@ EXTREMES = {
         "energy.dissipated [J]": (0, 0.0952442),
     },
 }
-# Where a model stops by an event, and by the same two methods [s].
+# Stop times [s] of models that end by an event, by the same two methods.
 STOPS = {"sliding_mass": 0.51241118}
 
 
@@ -146,14 +146,14 @@ def test_every_model_file_has_stored_numbers():
     assert {path.stem for path in FOLDER.glob("*.py")} == set(MODELS) == set(EXTREMES)
 
 
-# Steps of first order are no match for stored numbers.
+# Fixed steps of first order are not accurate enough for the stored numbers.
 INTEGRATORS = {
     label: integrator
     for label, integrator in tuned(rtol=1e-5, step=2e-3).items()
     if integrator.accuracy.name == "rtol" or integrator.order > 1
 }
-# The shorter runs are here, all others in the slow run. The tests of tolerances hold the adaptive
-# ones to a reference of the hub beam.
+# Shorter runs; all others are slow tests. The tests of tolerances compare the adaptive integrators
+# with a reference of the hub beam.
 SHORT = {
     "hub_beam": {"alpha", "alpha stabilized"},
     "pendulum": {"ida"},
@@ -167,8 +167,8 @@ SHORT = {
     "governor": {"ida", "alpha"},
     "shallow_arch": {"ida", "radau"},
 }
-# Steps [s] of fixed length, where 2 ms do not resolve what happens: the shoes of the governor hit
-# their drum within 1 ms, the arch snaps through in 10 ms.
+# Fixed steps [s] where 2 ms are too long: the shoes of the governor hit their drum within 1 ms, the
+# arch snaps through in 10 ms.
 STEPS = {"governor": 1e-4, "shallow_arch": 1e-4}
 
 
@@ -191,18 +191,18 @@ def test_default_run_gives_the_stored_extremes(name, integrator):
     solution = bd.simulate(MODELS[name], integrator)
     assert solution.status.success
     if name in STOPS:
-        # Fixed steps of 2 ms are off by 1e-5 of it.
+        # The error of fixed steps of 2 ms is 1e-5 of it.
         assert_allclose(solution.t[-1], STOPS[name], rtol=1e-4)
     else:
         assert solution.t[-1] == MODELS[name].t_end
     if isinstance(integrator, bd.Ida) and name == "pendulum":
-        # Kelvin-Voigt dissipation included: the books close to a small multiple of rtol.
+        # Energies including Kelvin-Voigt dissipation balance to a small multiple of rtol.
         assert solution.quality.energy_imbalance < 1e-4
     table = solution.table()
     for column, (low, high) in EXTREMES[name].items():
-        # Errors of these integrators at these settings: up to 1e-3 of the amplitude in positions
-        # (100 rtol; h^2), several times that in strains and in what the fast modes carry: 5.3e-3
-        # in a strain of the pendulum by generalized-alpha.
+        # Errors at these settings: up to 1e-3 of the amplitude in positions (100 rtol; h^2), and
+        # several times that in strains and other columns of fast modes, such as 5.3e-3 in a strain
+        # of the pendulum by generalized-alpha.
         tolerance = 1e-2 * (high - low)
         assert_allclose(
             [table[column].min(), table[column].max()], [low, high], atol=tolerance, rtol=0
@@ -219,16 +219,16 @@ def test_hub_beam_integrators_agree():
     )
     amplitude = 0.5 * np.ptp(alpha, axis=0)
     assert np.all(np.max(np.abs(ida - alpha), axis=0) < 1e-4 * amplitude)
-    # An independent computation with the paper's local continuity gave these to 1e-4 m; its mesh
-    # error was 1.4e-3 of the amplitude (1.3e-4 m), to which comes rounding.
+    # An independent computation with the local continuity of the paper, to 1e-4 m; its mesh error
+    # was 1.4e-3 of the amplitude (1.3e-4 m), plus rounding.
     independent = np.array([[-0.0912, -0.0897], [0.0840, 0.0818]])
     assert_allclose(
         [alpha.min(axis=0), alpha.max(axis=0)], independent, rtol=0, atol=1.3e-4 + 5e-5 + 1e-5
     )
 
 
-def test_pendulum_strain_is_off_in_the_linear_model_and_angular_velocity_is_not():
-    """What the paper's Figs. 5a and 5c claim."""
+def test_linear_strain_changes_the_strains_of_the_pendulum_but_not_its_angular_velocity():
+    """Claims of Figs. 5a and 5c of the paper."""
     nonlinear, linear = (
         bd.simulate(pendulum(strain=strain), bd.Ida(1e-4), t_end=2.0).observed
         for strain in ("nonlinear", "linear")
@@ -238,9 +238,9 @@ def test_pendulum_strain_is_off_in_the_linear_model_and_angular_velocity_is_not(
     assert_allclose(np.ptp(linear[rate]), np.ptp(nonlinear[rate]), rtol=0.02)
 
 
-def test_parabolic_beam_has_the_root_and_nearly_the_length_of_the_circular_one():
+def test_parabolic_beam_has_the_root_angle_and_nearly_the_length_of_the_circular_one():
     for subtended in (30.0, 60.0):
         beam = hub_beam(shape="parabolic", subtended=subtended).part("beam")
         assert_allclose(beam.curve.tangent_angle(0.0), 0.0, atol=1e-12)
-        # Same chord and rise: the lengths differ by the difference of the two curves.
+        # Both curves have the same chord and rise.
         assert_allclose(beam.length, 5.0 * np.pi / 3.0, rtol=5e-3)
