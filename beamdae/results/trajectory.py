@@ -18,7 +18,7 @@ Array = np.ndarray
 # are as accurate as those at the steps; a vibration that alternates from step to step is amplified
 # by 2.2 between them (1.6 with degree 3, 3.1 with degree 5).
 _DEGREE_OF_MOTION = 4  # of q and v
-_DEGREE_OF_JUMPS = 3  # of a and lam, which may jump from step to step
+_DEGREE_OF_REACTIONS = 3  # of a and lam, which may jump from step to step
 
 
 @dataclass(frozen=True)
@@ -55,18 +55,18 @@ class Interval:
     nodes: Array
     rows: State
     branch: float
-    per_step: int = 1
+    nodes_per_step: int = 1
     configuration: Configuration | None = None
 
     @cached_property
     def t(self) -> Array:
         """Times of the steps [s]."""
-        return self.nodes[:: self.per_step]
+        return self.nodes[:: self.nodes_per_step]
 
     @cached_property
     def state(self) -> State:
         """States at the steps."""
-        return State(*(x[:: self.per_step] for x in self.rows))
+        return State(*(x[:: self.nodes_per_step] for x in self.rows))
 
     @property
     def times(self) -> Array:
@@ -78,9 +78,9 @@ class Interval:
         q, v, a, lam = self.rows
         node = _preceding_node(self.nodes, t)
         motion = self._lagrange_weights(t, node, _DEGREE_OF_MOTION)
-        jumping = self._lagrange_weights(t, node, _DEGREE_OF_JUMPS)
-        position = motion @ q if self.per_step == 1 else self._integrate_velocity(q, v, t)
-        return State(position, motion @ v, jumping @ a, jumping @ lam)
+        reaction = self._lagrange_weights(t, node, _DEGREE_OF_REACTIONS)
+        position = motion @ q if self.nodes_per_step == 1 else self._integrate_velocity(q, v, t)
+        return State(position, motion @ v, reaction @ a, reaction @ lam)
 
     def interpolate(self, values: Array, t: Array) -> Array:
         """Interpolate a quantity as smooth as q at times [s] inside the interval.
@@ -122,21 +122,21 @@ class Interval:
     def _integrate_within_step(self, rates: Array, t: Array) -> Array:
         """Integrate rates from the start of the step that contains each time."""
         step = _preceding_node(self.t, t)
-        node, start = step * self.per_step, self.t[step]
+        node, start = step * self.nodes_per_step, self.t[step]
         half = 0.5 * (t - start)
         integrals = np.zeros((len(t), rates.shape[1]))
         # Gauss points that integrate polynomials of this degree exactly.
-        degree = max(self.per_step, _DEGREE_OF_JUMPS)
+        degree = max(self.nodes_per_step, _DEGREE_OF_REACTIONS)
         for x, weight in zip(*np.polynomial.legendre.leggauss(degree // 2 + 1), strict=True):
             at = start + (1.0 + x) * half
-            values = self._lagrange_weights(at, node, _DEGREE_OF_JUMPS) @ rates
+            values = self._lagrange_weights(at, node, _DEGREE_OF_REACTIONS) @ rates
             integrals += (weight * half)[:, None] * values
         return integrals
 
     def _integrate_velocity(self, q: Array, v: Array, t: Array) -> Array:
         """Integrate v from step to step, corrected linearly to meet q at the steps."""
         step = _preceding_node(self.t, t)
-        ends = q[:: self.per_step]
+        ends = q[:: self.nodes_per_step]
         gap = np.diff(ends, axis=0) - self._integrate_within_step(v, self.t[1:])
         x = ((t - self.t[step]) / (self.t[step + 1] - self.t[step]))[:, None]
         return ends[step] + self._integrate_within_step(v, t) + x * gap[step]
@@ -144,8 +144,8 @@ class Interval:
     def _lagrange_weights(self, t: Array, node: Array, degree: int) -> sp.csr_array:
         """Return the weights (len(t), k) of the nodes at times that follow each `node`."""
         last = len(self.nodes) - 1
-        degree = min(degree if self.per_step == 1 else self.per_step, last)
-        end = (node // self.per_step + 1) * self.per_step
+        degree = min(degree if self.nodes_per_step == 1 else self.nodes_per_step, last)
+        end = (node // self.nodes_per_step + 1) * self.nodes_per_step
         least = np.minimum(node, 1)
         first = np.minimum(np.maximum(end - degree, least), last - degree)
         through = first + np.arange(degree + 1)[:, None]

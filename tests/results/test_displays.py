@@ -17,7 +17,10 @@ def test_views_define_every_function_that_results_call():
 
 @pytest.mark.slow(reason="starts a process")
 def test_results_import_no_drawing_code():
-    script = "import sys, beamdae.results.solution; print([n for n in sys.modules if 'report' in n])"
+    script = (
+        "import sys, beamdae.results.solution\n"
+        "print([name for name in sys.modules if 'report' in name])"
+    )
     command = [sys.executable, "-c", script]
     result = subprocess.run(command, capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "[]"

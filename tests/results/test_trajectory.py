@@ -17,10 +17,10 @@ STAGES = np.append((STEPS[:-1, None] + np.append(0.0, C[:-1]) * np.diff(STEPS)[:
 BETWEEN = np.linspace(0.0, 1.0, 137)
 
 
-def make_interval(nodes, functions, branch=0.5, per_step=1):
+def make_interval(nodes, functions, branch=0.5, nodes_per_step=1):
     """Return an interval of functions q, v, a and lam of time."""
     rows = State(*(np.stack([f(nodes)], axis=-1) for f in functions))
-    return Interval(nodes, rows, branch, per_step)
+    return Interval(nodes, rows, branch, nodes_per_step)
 
 
 def polynomial(degree, seed=0):
@@ -43,31 +43,35 @@ def test_polynomials_of_degree_four_and_three_are_reproduced():
 def test_stages_reproduce_a_cubic_and_its_integral():
     v = polynomial(3)
     functions = v.integ(), v, polynomial(3, 1), polynomial(3, 2)
-    state = make_interval(STAGES, functions, per_step=3).at(BETWEEN)
+    state = make_interval(STAGES, functions, nodes_per_step=3).at(BETWEEN)
     assert_allclose(largest_errors(state, functions, BETWEEN), 0.0, rtol=0.0, atol=1e-13)
     higher = [p * Polynomial([0.0, 1.0]) for p in functions]
-    state = make_interval(STAGES, higher, per_step=3).at(BETWEEN)
+    state = make_interval(STAGES, higher, nodes_per_step=3).at(BETWEEN)
     assert (largest_errors(state, higher, BETWEEN) > 1e-5).all()
 
 
-@pytest.mark.parametrize(("per_step", "orders"), [(1, [5, 5, 4, 4]), (3, [5, 4, 4, 4])])
-def test_orders_of_the_dense_output(per_step, orders):
+@pytest.mark.parametrize(("nodes_per_step", "orders"), [(1, [5, 5, 4, 4]), (3, [5, 4, 4, 4])])
+def test_orders_of_the_dense_output(nodes_per_step, orders):
     functions = np.sin, np.cos, lambda t: -np.sin(t), np.sin
     at = np.linspace(0.0, 4.0, 1001)
     errors = []
     for steps in (32, 64):
         ends = np.linspace(0.0, 4.0, steps + 1)
-        inside = np.append(0.0, C[:-1])[:per_step]
+        inside = np.append(0.0, C[:-1])[:nodes_per_step]
         nodes = np.append((ends[:-1, None] + inside * (ends[1] - ends[0])).ravel(), 4.0)
         errors.append(
-            largest_errors(make_interval(nodes, functions, per_step=per_step).at(at), functions, at)
+            largest_errors(
+                make_interval(nodes, functions, nodes_per_step=nodes_per_step).at(at), functions, at
+            )
         )
     assert_allclose(np.log2(np.divide(*errors)), orders, rtol=0.0, atol=0.2)
 
 
-@pytest.mark.parametrize(("nodes", "per_step"), [(STEPS, 1), (STAGES, 3)])
-def test_states_at_steps_are_returned_unchanged(nodes, per_step):
-    interval = make_interval(nodes, [polynomial(7, k) for k in range(4)], per_step=per_step)
+@pytest.mark.parametrize(("nodes", "nodes_per_step"), [(STEPS, 1), (STAGES, 3)])
+def test_states_at_steps_are_returned_unchanged(nodes, nodes_per_step):
+    interval = make_interval(
+        nodes, [polynomial(7, k) for k in range(4)], nodes_per_step=nodes_per_step
+    )
     assert_allclose(interval.t, STEPS, rtol=0.0, atol=1e-15)
     for column, row in zip(interval.at(STEPS), interval.state, strict=True):
         # The integral of v is corrected to meet q, up to rounding.
@@ -100,10 +104,10 @@ def test_states_without_columns():
     )
 
 
-@pytest.mark.parametrize(("nodes", "per_step"), [(STEPS, 1), (STAGES, 3)])
-def test_integrals_of_cubics_are_exact(nodes, per_step):
+@pytest.mark.parametrize(("nodes", "nodes_per_step"), [(STEPS, 1), (STAGES, 3)])
+def test_integrals_of_cubics_are_exact(nodes, nodes_per_step):
     rate = polynomial(3)
-    interval = make_interval(nodes, [rate] * 4, per_step=per_step)
+    interval = make_interval(nodes, [rate] * 4, nodes_per_step=nodes_per_step)
     to_steps = interval.integrate_to_steps(interval.rows.q)
     integrals = interval.integrate_to(BETWEEN, interval.rows.q, to_steps)
     assert_allclose(integrals[:, 0], rate.integ()(BETWEEN), rtol=0.0, atol=1e-14)
@@ -112,32 +116,32 @@ def test_integrals_of_cubics_are_exact(nodes, per_step):
 def test_integrals_through_stages_are_the_quadrature_of_radau():
     """It is exact to degree 4, and the start of a step has weight 0."""
     rates = np.random.default_rng(0).normal(size=(4, 1))
-    interval = Interval(STAGES[:4], State(rates, rates, rates, rates), 0.05, per_step=3)
+    interval = Interval(STAGES[:4], State(rates, rates, rates, rates), 0.05, nodes_per_step=3)
     weights = np.array([16.0 - np.sqrt(6.0), 16.0 + np.sqrt(6.0), 4.0]) / 36.0
     expected = 0.1 * weights @ rates[1:, 0]
     assert_allclose(interval.integrate_to_steps(rates)[-1, 0], expected, rtol=1e-13)
 
 
-@pytest.mark.parametrize("per_step", [1, 3])
-def test_regression_vibrations_too_fast_for_the_steps_are_not_amplified(per_step):
+@pytest.mark.parametrize("nodes_per_step", [1, 3])
+def test_regression_vibrations_too_fast_for_the_steps_are_not_amplified(nodes_per_step):
     """Interpolating h v and h^2 a of an axial vibration gave 4500 N between steps with 0.1 N."""
     nodes = np.linspace(0.0, 1.0, 31)
     signs = np.resize([1.0, -1.0, -1.0, 1.0, 1.0], 31)[:, None]
     amplitude, rate = 1e-9, 1e6
     rows = State(*(amplitude * rate**k * signs for k in (0, 1, 2)), signs)
-    state = Interval(nodes, rows, 0.5, per_step).at(BETWEEN)
-    if per_step == 1:
+    state = Interval(nodes, rows, 0.5, nodes_per_step).at(BETWEEN)
+    if nodes_per_step == 1:
         # The Lebesgue constant of a polynomial of degree 4 over its last step is 2.2.
         assert np.max(np.abs(state.q)) < 2.3 * amplitude
     assert np.max(np.abs(state.v)) < 2.3 * amplitude * rate
 
 
-@pytest.mark.parametrize(("nodes", "per_step"), [(STEPS, 1), (STAGES, 3)])
-def test_regression_a_jump_at_the_start_does_not_cause_oscillations(nodes, per_step):
+@pytest.mark.parametrize(("nodes", "nodes_per_step"), [(STEPS, 1), (STAGES, 3)])
+def test_regression_a_jump_at_the_start_does_not_cause_oscillations(nodes, nodes_per_step):
     """Reactions overshot in the steps after a start or breakpoint where sections are damped."""
     values = np.linspace(1.0, 2.0, len(nodes))[:, None]
     values[0] = -1e3
-    state = Interval(nodes, State(values, values, values, values), 0.5, per_step).at(BETWEEN)
+    state = Interval(nodes, State(values, values, values, values), 0.5, nodes_per_step).at(BETWEEN)
     count = np.searchsorted(BETWEEN, nodes[1], side="right")
     for x in (state.a, state.lam):
         assert (np.diff(x[:count, 0]) > 0.0).all()

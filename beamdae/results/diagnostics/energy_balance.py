@@ -184,7 +184,9 @@ class EnergyLedger:
     def _select_steps(self, values: tuple[Array, ...]) -> Array:
         """Return the rows at the steps from rows at the nodes of each interval."""
         intervals = self.trajectory.intervals
-        return np.concatenate([x[:: i.per_step] for x, i in zip(values, intervals, strict=True)])
+        return np.concatenate(
+            [x[:: i.nodes_per_step] for x, i in zip(values, intervals, strict=True)]
+        )
 
 
 def _sum_balance(rows: Array, start: Array) -> Array:

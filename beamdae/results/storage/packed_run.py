@@ -55,7 +55,7 @@ def pack_run(run: Run) -> PackedRun:
         "statistics": asdict(run.statistics),
         "integrator": run.integrator,
         "model": run.model,
-        "per step": [interval.per_step for interval in intervals],
+        "per step": [interval.nodes_per_step for interval in intervals],
         "active": [_pack_configuration(interval.configuration) for interval in intervals],
         "events": [_pack_event(record) for record in records],
         "sides": run.event_signs,
@@ -86,10 +86,10 @@ def unpack_fields(equations: EquationsOfMotion, packed: PackedRun) -> dict[str, 
             arrays["nodes"][first:last],
             State(*(arrays[name][first:last] for name in State._fields)),
             float(branch),
-            per_step,
+            nodes_per_step,
             _unpack_configuration(equations, active),
         )
-        for (first, last), branch, per_step, active in zip(
+        for (first, last), branch, nodes_per_step, active in zip(
             pairwise(arrays["ends"].tolist()),
             arrays["branches"],
             plain["per step"],
