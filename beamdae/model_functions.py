@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from beamdae.deferred import public
 from beamdae.errors import (
     BeamdaeError,
     as_real,
@@ -156,9 +157,7 @@ class Model:
 
     def check(self, **settings: Any) -> Any:
         """Check the model without a run, see `beamdae.check`."""
-        import beamdae
-
-        return beamdae.check(self, **settings)
+        return public("check")(self, **settings)
 
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return all parameters: `values`, checked and converted, over the defaults.
@@ -172,8 +171,8 @@ class Model:
             if name not in self.parameters:
                 allowed = ", ".join(self.parameters) or "none"
                 raise BeamdaeError(
-                    f"{self.name}: no parameter {short_repr(name)}{suggest(name, self.parameters)}, "
-                    f"the parameters are {allowed}."
+                    f"{self.name}: no parameter {short_repr(name)}"
+                    f"{suggest(name, self.parameters)}, the parameters are {allowed}."
                 )
         checked = {name: self._convert(name, value) for name, value in values.items()}
         return self.parameters | checked
@@ -229,8 +228,8 @@ def require_file_name(part: str, value: Any) -> str:
     fits = 0 < length <= _MAX_NAME_BYTES and value[0] not in ". " and value[-1] not in ". "
     if not (fits and value.isprintable() and not _INVALID_CHARACTERS & set(value)):
         raise BeamdaeError(
-            f"{part}: its name must be a valid folder name: 1 to {_MAX_NAME_BYTES} bytes of letters, "
-            f"digits, _ - + = , and inner dots and spaces, got {short_repr(value)}."
+            f"{part}: its name must be a valid folder name: 1 to {_MAX_NAME_BYTES} bytes of "
+            f"letters, digits, _ - + = , and inner dots and spaces, got {short_repr(value)}."
         )
     if value.partition(".")[0].strip().upper() in _RESERVED:
         raise BeamdaeError(

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from beamdae.deferred import public
 from beamdae.errors import (
     BeamdaeError,
     require_choice,
@@ -188,15 +189,11 @@ class Mechanism(HasOrigin):
 
     def check(self, **settings: Any) -> Any:
         """Return its size and the problems of the model, see `beamdae.check`."""
-        import beamdae
-
-        return beamdae.check(self, **settings)
+        return public("check")(self, **settings)
 
     def draw(self) -> Any:
         """Draw it with names, joints, supports and loads, see `beamdae.draw`."""
-        import beamdae
-
-        return beamdae.draw(self)
+        return public("draw")(self)
 
     @property
     def laws(self) -> list[Law]:
