@@ -45,9 +45,10 @@ class StepEquations:
 
         c_f F + G^T lam_bar = 0,   g = 0 [, g_dot / c_v = 0],
 
-    where brackets contain the stabilized index-2 form. Nonholonomic constraints have g_dot / c_v = 0
-    in place of g = 0 [eta_bar = 0]. With c_f ~ h^2 the condition number of the iteration matrix does
-    not depend on the step (Bottasso, Bauchau & Cardona, SIAM J. Sci. Comput. 29 (2007) 397).
+    where brackets contain the stabilized index-2 form. Nonholonomic constraints have
+    g_dot / c_v = 0 in place of g = 0 [eta_bar = 0]. With c_f ~ h^2 the condition number of the
+    iteration matrix does not depend on the step (Bottasso, Bauchau & Cardona, SIAM J. Sci. Comput.
+    29 (2007) 397).
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ class Tangent(NamedTuple):
     Attributes
     ----------
     mass, damping, stiffness
-        With respect to a, v and q, sparse (n, n) each; the stiffness includes that of the reactions.
+        With respect to a, v and q, sparse (n, n) each; the stiffness includes that of reactions.
     reactions
         With respect to lam, (n, m): G^T, and the dependence of friction on reactions.
     position_jacobian

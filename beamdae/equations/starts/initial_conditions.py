@@ -88,8 +88,9 @@ def _split_by_kind(
     rates = {name + _RATE_SUFFIX: k for name, k in index.items()}
     for name in values:
         if name not in index and name not in rates:
+            near = suggest(name, (*index, *rates))
             raise BeamdaeError(
-                f"start: there is no coordinate {short_repr(name)}{suggest(name, (*index, *rates))}; "
+                f"start: there is no coordinate {short_repr(name)}{near}; "
                 f"use names such as {e.q_names[0]!r} and {e.q_names[0] + _RATE_SUFFIX!r}."
             )
     positions = {index[name]: value for name, value in values.items() if name in index}

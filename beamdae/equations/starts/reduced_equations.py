@@ -65,7 +65,8 @@ class ReducedEquations:
         needed = next((x for x in sets if max(x.contradiction) > 0.0 or not x.everywhere), None)
         if needed is not None:
             raise BeamdaeError(
-                f"{', '.join(needed.constraints)}: none of these constraints is redundant, {needed}."
+                f"{', '.join(needed.constraints)}: none of these constraints is redundant, "
+                f"{needed}."
             )
         for gaps in evaluator.constraint_levels(time, state.q, state.v)[:2]:
             worst = int(np.argmax(np.abs(gaps)))
