@@ -162,7 +162,7 @@ def draw(run: Run, solution: Solution) -> None:
 
 def write_page(run: Run, solution: Solution) -> None:
     """Write the page of the run."""
-    from beamdae.report.page import page
+    from beamdae.report.page import page_file as page
     from beamdae.report.run_page import build_run_page
 
     def written() -> list[Path]:

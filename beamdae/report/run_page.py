@@ -7,7 +7,7 @@ from datetime import datetime
 from typing import Any
 
 from beamdae.equations.measures import TIME
-from beamdae.report.page.curves_data import curves_of, rows_a_curve
+from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.report.terminal import text_tables as terminal
 from beamdae.report.terminal.responsive_table import ResponsiveTable
@@ -28,7 +28,7 @@ def build_run_page(
     errors: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return the page of a run for `beamdae.report.page.page.write_page`.
+    """Return the page of a run for `beamdae.report.page.page_file.write_page`.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def build_run_page(
                 "label": title,
                 "family": method,
                 "status": "ok" if status.success else status.sentence,
-                "curves": curves_of(table, rows_a_curve(len(table))),
+                "curves": select_curves(table, compute_row_limit(len(table))),
             }
         ],
     }

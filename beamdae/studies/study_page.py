@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.equations.measures import TIME
-from beamdae.report.page.curves_data import curves_of, rows_a_curve
+from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.results.columns import Header
 from beamdae.results.storage.files import versions
 from beamdae.studies.case import Case
@@ -204,7 +204,7 @@ def _curves(results: Results, case: Case, row: pd.Series, most: int) -> dict[str
     truth = None if reference is None else reference.table
     columns = {TIME: table.index.to_numpy(), **_columns(table)}
     if reference is None or truth is None or not set(reference.columns) <= set(table):
-        return curves_of(columns, most)
+        return select_curves(columns, most)
     error = deviations(table, truth, reference.columns).max(axis=1).reindex(table.index)
     rows = common_rows(table, truth)
     beyond = np.full(len(table) - rows, np.nan)
@@ -213,7 +213,7 @@ def _curves(results: Results, case: Case, row: pd.Series, most: int) -> dict[str
         for name, values in _columns(table).items()
         if name in truth
     }
-    return curves_of(columns, most, error.to_numpy(), differences)
+    return select_curves(columns, most, error.to_numpy(), differences)
 
 
 def _columns(table: pd.DataFrame) -> dict[str, np.ndarray]:
@@ -224,4 +224,4 @@ def _most_rows(results: Results) -> int:
     """How many rows there is room for on the page in the curves of each case."""
     tables = [results.outcome(case).table for case in results.study.cases[:_MOST_CURVES]]
     # Each with its difference to a reference.
-    return rows_a_curve(sum(2 * len(table.columns) for table in tables if table is not None))
+    return compute_row_limit(sum(2 * len(table.columns) for table in tables if table is not None))

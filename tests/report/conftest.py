@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from beamdae.report.page.page import write_page
+from beamdae.report.page.page_file import write_page
 
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 from pages import NAMES, T, bar, case, odd_names, study
 
 import beamdae as bd
-from beamdae.report.page.page import write_page
+from beamdae.report.page.page_file import write_page
 
 
 def stored(path):

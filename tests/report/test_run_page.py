@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from pages import chosen_options
 
 import beamdae as bd
-from beamdae.report.page.page import write_page
+from beamdae.report.page.page_file import write_page
 from beamdae.report.run_page import build_run_page
 
 

@@ -16,7 +16,7 @@ from numpy.testing import assert_array_equal
 from pandas.testing import assert_frame_equal
 
 from beamdae.errors import BeamdaeError
-from beamdae.report.page.page import write_page
+from beamdae.report.page.page_file import write_page
 from beamdae.report.pictures import figures as pictures
 from beamdae.results.storage import files
 from beamdae.results.storage.files import (

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from turning import THICK, THIN, swept
 
 import beamdae as bd
-from beamdae.report.page.page import write_page
+from beamdae.report.page.page_file import write_page
 from beamdae.studies.study_page import page
 from beamdae.studies.sweeps.page import page_of_sweep
 from beamdae.studies.sweeps.scales import Scale

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import beamdae as bd
 from beamdae.cli.app import app
-from beamdae.report.page.page import write_page
+from beamdae.report.page.page_file import write_page
 from beamdae.studies import study_page as page_data
 from beamdae.studies.execution import engine
 from beamdae.studies.execution.packing import packed

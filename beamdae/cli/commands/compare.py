@@ -57,7 +57,7 @@ def compare_command(
 
 
 def _draws(results: Results) -> tuple[Draws, Draws]:
-    from beamdae.report.page.page import write_page
+    from beamdae.report.page.page_file import write_page
     from beamdae.studies.study_page import page
     from beamdae.studies.study_pictures import plots
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from beamdae.report.page.encoding import stored_frames
-from beamdae.report.page.template import filled
+from beamdae.report.page.page_data import encode_frames
+from beamdae.report.page.page_file import fill_template
 from beamdae.results.displays import ANIMATION_WIDTH, Animation
 
 _STYLES = ("page", "charts", "mechanism")
@@ -15,7 +15,7 @@ _SCRIPTS = ("data", "elements", "numbers", "axes", "mechanism", "player", "alone
 _BELOW = 150
 
 
-def animation(
+def build_motion_player(
     frames: Mapping[str, Any], size: tuple[float, float], caption: str, speed: float, colored: bool
 ) -> Animation:
     """A player of frames, see `beamdae.report.scene.frame_export.export_frames`.
@@ -32,12 +32,12 @@ def animation(
         Whether beams have the first of the colors from the start.
     """
     data = {
-        "frames": stored_frames(frames),
+        "frames": encode_frames(frames),
         "caption": caption,
         "speed": speed,
         "colored": colored,
     }
-    page = filled("alone", _STYLES, _SCRIPTS, data)
+    page = fill_template("alone", _STYLES, _SCRIPTS, data)
     # As the script has it: a stage of 420 by 180 to 400, and 16 more.
     tall = min(max(420.0 * size[1] / max(size[0], 1e-300), 180.0), 400.0) + 16.0
     return Animation(page, round(tall * ANIMATION_WIDTH / 420.0) + _BELOW)

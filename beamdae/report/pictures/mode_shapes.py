@@ -12,7 +12,7 @@ from beamdae.analysis.linear_dynamics.campbell_diagram import Campbell
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.errors import BeamdaeError, require_count, short_repr
 from beamdae.parts.mechanism import Mechanism
-from beamdae.report.page.motion_player import animation
+from beamdae.report.page.motion_player import build_motion_player
 from beamdae.report.pictures.animation_files import FigureAnimation
 from beamdae.report.pictures.figures import COLORS, disable_math_text, format_axis, wrap_title
 from beamdae.report.pictures.scene_artists import (
@@ -171,7 +171,9 @@ def animate_mode(
         low, high = scene.extent()
         width, height = (high - low).tolist()
         data = export_frames(scene, np.arange(number) * period / number)
-        return animation(data, (width, height), caption, period / _DISPLAYED_PERIOD, False)
+        return build_motion_player(
+            data, (width, height), caption, period / _DISPLAYED_PERIOD, False
+        )
     figure, axis = create_bare_axis(padded_extent([scenes.rest, scene]))
     SceneArtists(axis, scenes.rest, is_pale=True)
     add_caption(axis).set_text(caption)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.errors import BeamdaeError, require_count, require_positive, short_repr
-from beamdae.report.page.motion_player import animation
+from beamdae.report.page.motion_player import build_motion_player
 from beamdae.report.pictures.animation_files import FigureAnimation
 from beamdae.report.pictures.scene_artists import (
     SceneArtists,
@@ -96,7 +96,7 @@ def animate(
         data = export_frames(scene, times, available_colors(solution, times, color))
         low, high = scene.extent()
         width, height = (high - low).tolist()
-        return animation(data, (width, height), "", speed, color is not None)
+        return build_motion_player(data, (width, height), "", speed, color is not None)
     colors = None if color is None else compute_beam_colors("animate", solution, color, times)
     captions = _format_captions(times, speed)
     return _create_animation(scene, colors, captions, rate).save("animate", path)

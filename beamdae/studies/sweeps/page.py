@@ -11,7 +11,7 @@ from beamdae.studies.sweeps.tables import parameter_column
 
 
 def page_of_sweep(swept: SweepResults) -> dict[str, Any]:
-    """The page of a sweep; see `beamdae.report.page.page.write_page`.
+    """The page of a sweep; see `beamdae.report.page.page_file.write_page`.
 
     What is told of its runs is drawn over a parameter; each choice of the others is a family.
     """

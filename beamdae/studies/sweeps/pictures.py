@@ -68,7 +68,9 @@ def curves(swept: SweepResults, panels: Sequence[Panel], x: str | None = None) -
                 style = styles.get(family if several else what, {"color": pictures.COLORS[0]})
                 _curve(axis, swept.table, scale, rows, column, style)
         _missed(axis, swept, scale)
-        pictures.format_axis(axis, shorten_text(panel.title, pictures.AXIS), _unit(panel))
+        pictures.format_axis(
+            axis, shorten_text(panel.title, pictures.MAX_LABEL_LETTERS), _unit(panel)
+        )
         axis.margins(x=0.04)
         scale.dress(axis, "x")
     _legend(figure, styles if len(labels) > 1 else {}, bool((swept.table[STATUS] != "ok").any()))
@@ -128,7 +130,7 @@ def maps(
     figure, axes = pictures.create_panels(len(chosen), "")
     for axis, panel in zip(axes, chosen, strict=False):
         (column,) = panel.lines.values()
-        pictures.format_axis(axis, shorten_text(panel.title, pictures.AXIS), "")
+        pictures.format_axis(axis, shorten_text(panel.title, pictures.MAX_LABEL_LETTERS), "")
         _map(axis, across, up, _numbers_of(swept.table[column]))
         axis.figure.axes[-1].set_ylabel(_unit(panel))
         across.dress(axis, "x")

@@ -193,7 +193,7 @@ class SweepResults:
         BeamdaeError
             If it cannot be written.
         """
-        from beamdae.report.page.page import write_page
+        from beamdae.report.page.page_file import write_page
         from beamdae.studies.sweeps.page import page_of_sweep
 
         return write_page(require_file_path("page", path), page_of_sweep(self))

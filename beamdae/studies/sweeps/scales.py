@@ -64,7 +64,7 @@ class Scale:
     def dress(self, axes: Axes, which: str) -> None:
         """Name, scale and ticks of the "x" or the "y" axis."""
         axis = getattr(axes, f"{which}axis")
-        axis.set_label_text(shorten_text(self.name, pictures.AXIS))
+        axis.set_label_text(shorten_text(self.name, pictures.MAX_LABEL_LETTERS))
         if self.log:
             getattr(axes, f"set_{which}scale")("log")
         spread = np.linspace(0, len(self.places) - 1, _MOST_TICKS).round().astype(int)

@@ -3,16 +3,41 @@
 from __future__ import annotations
 
 import html
+import json
 import math
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
 from beamdae.errors import BeamdaeError
-from beamdae.report.page.encoding import stored_curves, stored_frames
-from beamdae.report.page.template import filled
+from beamdae.report.page.page_data import encode_curves, encode_frames
 from beamdae.report.text import make_printable
 from beamdae.results.storage.files import write_text
+
+
+def fill_template(
+    name: str, styles: Sequence[str], scripts: Sequence[str], data: Mapping[str, Any], **texts: str
+) -> str:
+    """A template of this folder with everything it refers to in it."""
+    folder = files("beamdae.report.page")
+    written = json.dumps(data, allow_nan=False, separators=(",", ":"))
+    parts = {
+        "style": _join_files(folder / "style", styles, ".css"),
+        "script": _join_files(folder / "script", scripts, ".js"),
+        # No tag can begin within the data.
+        "data": written.replace("<", "\\u003c"),
+        **texts,
+    }
+    template = folder.joinpath(f"{name}.html").read_text(encoding="utf-8")
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
+
+
+def _join_files(folder: Traversable, names: Sequence[str], suffix: str) -> str:
+    return "\n".join((folder / f"{n}{suffix}").read_text(encoding="utf-8") for n in names)
+
 
 # Each once in the page, one after the other: what they define is known to all of them.
 _STYLES = ("page", "charts", "table", "mechanism", "screens")
@@ -93,7 +118,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
           default none), "rank" (a number: the order in which they are, and in which they are sorted
           by their label), "status" ("ok" or a sentence), "values" by column,
           "error", "cost" [s], "below" (the error is less than the reference resolves), "limited"
-          (stopped by a limit), "curves" as `beamdae.report.page.curves_data.curves_of` has them: "t" [s]
+          (stopped by a limit), "curves" as `beamdae.report.page.page_data.select_curves` has them: "t" [s]
           and over it "observed" by name, "error", "energy" by name ("imbalance" is drawn by its
           size), "position drift", "velocity drift", and "difference", to the reference, with
           "observed" and "energy" by name.
@@ -111,32 +136,32 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
     BeamdaeError
         If an id is taken, a case belongs to no group or the file cannot be written.
     """
-    return write_text(path, _rendered(_completed(page)))
+    return write_text(path, _fill_page(_complete_page(page)))
 
 
-def _rendered(page: Mapping[str, Any]) -> str:
+def _fill_page(page: Mapping[str, Any]) -> str:
     """The template with everything it refers to in it."""
     title = html.escape(make_printable(page["title"]))
-    return filled("page", _STYLES, _SCRIPTS, page, title=title)
+    return fill_template("page", _STYLES, _SCRIPTS, page, title=title)
 
 
-def _completed(page: Mapping[str, Any]) -> dict[str, Any]:
+def _complete_page(page: Mapping[str, Any]) -> dict[str, Any]:
     """The page with all its entries, its curves in their stored form."""
     page = {**_PAGE, **page}
     groups = [_GROUP | group for group in page["groups"]]
-    group_ids = _unique("group", groups)
+    group_ids = _require_unique_ids("group", groups)
     cases = [_CASE | case for case in page["cases"]]
-    _unique("case", cases)
+    _require_unique_ids("case", cases)
     for case in cases:
         if case.get("group") not in group_ids:
             raise BeamdaeError(f"page: the case {case['id']!r} belongs to no group.")
     page["tables"] = [_TABLE | table for table in page["tables"]]
-    page["groups"] = [group | {"frames": stored_frames(group["frames"])} for group in groups]
-    page["cases"] = [case | {"curves": stored_curves(case["curves"])} for case in cases]
-    return _finite(page)
+    page["groups"] = [group | {"frames": encode_frames(group["frames"])} for group in groups]
+    page["cases"] = [case | {"curves": encode_curves(case["curves"])} for case in cases]
+    return _replace_nonfinite(page)
 
 
-def _unique(kind: str, entries: Iterable[Mapping[str, Any]]) -> set[str]:
+def _require_unique_ids(kind: str, entries: Iterable[Mapping[str, Any]]) -> set[str]:
     """The ids of the entries."""
     known: set[str] = set()
     for entry in entries:
@@ -146,10 +171,10 @@ def _unique(kind: str, entries: Iterable[Mapping[str, Any]]) -> set[str]:
     return known
 
 
-def _finite(value: Any) -> Any:
+def _replace_nonfinite(value: Any) -> Any:
     """The value with None for every number that is not finite."""
     if isinstance(value, Mapping):
-        return {str(name): _finite(entry) for name, entry in value.items()}
+        return {str(name): _replace_nonfinite(entry) for name, entry in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(entry) for entry in value]
+        return [_replace_nonfinite(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
