@@ -11,7 +11,7 @@ import beamdae as bd
 every_integrator = integrators(rtol=1e-7, step=1e-3)
 
 
-def turned(law):
+def driven_bar(law):
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.1, center=(0.5, 0.0)))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
@@ -20,17 +20,17 @@ def turned(law):
 
 
 @every_integrator
-def test_a_driver_whose_angle_jumps_ends_the_run(integrator):
-    solution = bd.simulate(turned(bd.piecewise((0.3, 0.0), 0.8)), integrator, t_end=1.0)
+def test_driver_angle_jump_ends_the_run(integrator):
+    solution = bd.simulate(driven_bar(bd.piecewise((0.3, 0.0), 0.8)), integrator, t_end=1.0)
     assert not solution.status.success
     assert "positions jump by 0.8 at t = 0.3 s" in solution.status.sentence
     assert_allclose(solution.t[-1], 0.3, rtol=1e-12)
 
 
 @every_integrator
-def test_a_driver_whose_speed_jumps_is_booked_as_work(integrator):
+def test_driver_speed_jump_counts_as_work(integrator):
     law = bd.piecewise((0.3, 0.0), lambda t: 2.0 * (t - 0.3))
-    solution = bd.simulate(turned(law), integrator, t_end=1.0, output_step=0.1)
+    solution = bd.simulate(driven_bar(law), integrator, t_end=1.0, output_step=0.1)
     assert solution.status.success
     # Inertia about the hinge 0.6 kg m^2 at 2 rad/s, and the weight lifted to sin(1.4 rad) / 2.
     expected = 0.5 * 0.6 * 2.0**2 + 2.0 * 9.81 * 0.5 * np.sin(1.4)
@@ -41,7 +41,7 @@ def test_a_driver_whose_speed_jumps_is_booked_as_work(integrator):
     assert solution.quality.energy_imbalance < bound
 
 
-def test_a_late_pulse_is_not_stepped_over():
+def test_late_pulse_is_resolved():
     """The default largest step, a twentieth of the run, sees a pulse as long as that."""
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
     pulse = ca.exp(-(((t - 8.0) / 0.5) ** 2))
@@ -53,7 +53,7 @@ def test_a_late_pulse_is_not_stepped_over():
 @pytest.mark.parametrize(
     "timing", [{"breakpoints": (7.98, 8.02)}, {"time_scale": 0.04}], ids=["breakpoints", "scale"]
 )
-def test_a_constrained_system_knows_its_timing(timing):
+def test_constrained_system_has_breakpoints_and_time_scale(timing):
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
     push = ca.if_else(ca.logic_and(t > 7.98, t < 8.02), 100.0, 0.0)
     mass = bd.ConstrainedSystem(t=t, q=q, v=v, mass=1.0, force=push, q0=[0.0], v0=[0.0], **timing)
@@ -70,7 +70,7 @@ def damped_cantilever():
     return mech, beam
 
 
-def test_a_strongly_damped_beam_dissipates_what_it_had():
+def test_strongly_damped_beam_dissipates_its_strain_energy():
     """The sign of the dissipation: strain energy of a release goes there, none is left."""
     mech, beam = damped_cantilever()
     mech.add(bd.Force("push", beam.end, (0.0, bd.piecewise((1.0, 50.0), 0.0))))
@@ -94,7 +94,7 @@ def test_positive_bending_moment_lengthens_the_left_side():
     assert_allclose(observed["left [-]"], -0.1 * 0.005 / beam.section.EI, rtol=1e-3)
 
 
-def test_regression_drift_at_a_breakpoint_is_not_taken_for_a_jump():
+def test_regression_drift_at_a_breakpoint_is_not_reported_as_a_jump():
     """The restart corrected 1.3e-3 of drift, and the run-up was blamed for it."""
     from slider_crank import slider_crank
 
@@ -105,7 +105,7 @@ def test_regression_drift_at_a_breakpoint_is_not_taken_for_a_jump():
 
 
 @every_integrator
-def test_a_jump_names_the_joint_and_its_size(integrator):
-    solution = bd.simulate(turned(bd.piecewise((0.3, 0.0), 0.8)), integrator, t_end=1.0)
+def test_jump_error_names_joint_and_size(integrator):
+    solution = bd.simulate(driven_bar(bd.piecewise((0.3, 0.0), 0.8)), integrator, t_end=1.0)
     assert "motor.angle" in solution.status.sentence
     assert "by 0.8" in solution.status.sentence

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.equations import measures
-from beamdae.integrators.radau import stepper as radau_method
+from beamdae.integrators.radau import stepper as radau_stepper
 
 ANGLE, SPEED, GRAVITY = 0.4 * np.pi, 0.5, 9.81
 SWING = pendulum(GRAVITY, ANGLE, SPEED).equations
@@ -15,8 +15,8 @@ NAMES = ("q", "v", "lam")
 
 
 def errors(state, t):
-    known = pendulum_motion(GRAVITY, ANGLE, SPEED, t)
-    return np.array([np.max(np.abs(getattr(state, x) - known[x])) for x in NAMES])
+    exact = pendulum_motion(GRAVITY, ANGLE, SPEED, t)
+    return np.array([np.max(np.abs(getattr(state, x) - exact[x])) for x in NAMES])
 
 
 def between(interval):
@@ -26,7 +26,7 @@ def between(interval):
 
 
 @integrators(rtol=1e-5, step=2e-3)
-def test_rows_between_steps_are_as_good_as_the_steps(integrator):
+def test_dense_output_is_as_accurate_as_the_steps(integrator):
     solution = bd.simulate(SWING, integrator, 2.0)
     (interval,) = solution.trajectory.intervals
     t = between(interval)
@@ -38,16 +38,16 @@ def test_rows_between_steps_are_as_good_as_the_steps(integrator):
     assert (ratio < bounds).all(), ratio
 
 
-def test_radau_is_of_order_five_four_and_three_between_its_steps(monkeypatch):
+def test_radau_dense_output_orders_are_five_four_and_three(monkeypatch):
     # As at the steps, see test_integrator_orders: steps as long as allowed, and no Newton error.
-    monkeypatch.setattr(radau_method, "_MAX_ITERATION_FRACTION", 1e-12)
-    found = []
+    monkeypatch.setattr(radau_stepper, "_MAX_ITERATION_FRACTION", 1e-12)
+    errors_by_step = []
     for count in (80, 160):
         solution = bd.simulate(SWING, bd.Radau(0.1, max_step=2.0 / count), 2.0)
         (interval,) = solution.trajectory.intervals
         t = between(interval)
-        found.append(errors(interval.at(t), t))
-    assert_allclose(np.log2(np.divide(*found)), [5.0, 4.0, 3.0], rtol=0.0, atol=0.2)
+        errors_by_step.append(errors(interval.at(t), t))
+    assert_allclose(np.log2(np.divide(*errors_by_step)), [5.0, 4.0, 3.0], rtol=0.0, atol=0.2)
 
 
 def four_bar():
@@ -72,7 +72,7 @@ FOUR_BAR = four_bar()
 
 
 @integrators(rtol=1e-4, step=1e-3, slow=("alpha adaptive",))
-def test_regression_forces_in_damped_sections_do_not_spike_between_steps(integrator):
+def test_regression_damped_section_forces_do_not_spike_between_steps(integrator):
     """Thousands of N between steps with a hundred, after the start and the end of the run-up."""
     solution = bd.simulate(FOUR_BAR, integrator, 0.04)
     assert solution.status.success, solution.status.sentence

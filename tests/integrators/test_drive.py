@@ -18,8 +18,8 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.equations.equations_of_motion import State
-from beamdae.integrators import drive as drives
-from beamdae.integrators import step_history as rows_of_a_run
+from beamdae.integrators import drive as drive_module
+from beamdae.integrators import step_history
 from beamdae.integrators.drive import drive
 from beamdae.integrators.integrator import Accuracy
 from beamdae.integrators.method import clip_step
@@ -76,7 +76,7 @@ def rolling():
 
 
 @pytest.mark.parametrize("steps", [1, 1023, 1024, 1025, 2048, 3000])
-def test_rows_of_every_number_of_steps_are_kept(steps):
+def test_history_keeps_any_number_of_rows(steps):
     solution = bd.simulate(rolling(), Roll(step=1.0 / steps), 1.0)
     (interval,) = solution.trajectory.intervals
     assert len(interval.t) == steps + 1
@@ -93,7 +93,7 @@ def test_rows_of_every_number_of_steps_are_kept(steps):
     ],
     ids=["stuck", "past the end", "infinite", "no number"],
 )
-def test_regression_a_method_that_does_not_keep_time_fails(slip, words):
+def test_regression_method_with_invalid_times_fails(slip, words):
     """One ran for ever, the others reached the end with tables of what was not there."""
     solution = bd.simulate(rolling(), Roll(slip=slip), 1.0)
     assert solution.status.kind == "failed"
@@ -101,7 +101,7 @@ def test_regression_a_method_that_does_not_keep_time_fails(slip, words):
     assert_allclose(solution.trajectory.end, 0.04)
 
 
-def test_regression_states_that_are_no_numbers_are_no_success():
+def test_regression_nonfinite_states_fail_the_run():
     def slip(t, state, k):
         return t, state if k < 5 else State(*(np.nan * x for x in state))
 
@@ -118,7 +118,7 @@ def with_stages(t, state, k, count=2):
     return t, state, [(t - 0.01 * (1.0 - x), state) for x in (0.2, 0.6, 0.8)[:count]]
 
 
-def test_stages_inside_steps_are_kept_apart_from_the_steps():
+def test_inner_stages_are_not_counted_as_steps():
     solution = bd.simulate(rolling(), Roll(slip=with_stages), 1.0)
     (interval,) = solution.trajectory.intervals
     assert solution.statistics.steps == solution.trajectory.steps == 100
@@ -136,7 +136,7 @@ def test_stages_inside_steps_are_kept_apart_from_the_steps():
     ],
     ids=["fewer", "at the start", "at the end"],
 )
-def test_stages_that_do_not_go_with_their_step_end_the_run(slip):
+def test_unordered_stages_end_the_run(slip):
     solution = bd.simulate(rolling(), Roll(slip=slip), 1.0)
     assert solution.status.kind == "failed"
     assert "stopped at t = 0.04 s: a method must give the stages" in solution.status.sentence
@@ -144,7 +144,7 @@ def test_stages_that_do_not_go_with_their_step_end_the_run(slip):
 
 
 @pytest.mark.parametrize(("bad", "end"), [(1, 0.0), (5, 0.04)])
-def test_a_step_with_a_stage_that_is_no_number_is_dropped_whole(bad, end):
+def test_step_with_a_nonfinite_stage_is_dropped_entirely(bad, end):
     def slip(t, state, k):
         t, state, stages = with_stages(t, state, k)
         stages[1] = stages[1] if k < bad else (stages[1][0], State(*(np.nan * x for x in state)))
@@ -163,32 +163,32 @@ def test_a_step_with_a_stage_that_is_no_number_is_dropped_whole(bad, end):
         ({"time_limit": "10"}, "Roll: time_limit must be a number, got '10'"),
     ],
 )
-def test_limits_are_checked_whoever_has_them(limits, message):
+def test_limits_of_any_integrator_are_checked(limits, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         bd.simulate(rolling(), Roll(**limits), 1.0)
 
 
-def test_a_time_limit_is_heeded_at_every_step():
+def test_time_limit_applies_after_every_step():
     solution = bd.simulate(rolling(), Roll(step=0.1, time_limit=1e-9), 1.0)
     assert solution.status.kind == "limited"
     assert solution.statistics.steps == 1
 
 
 @pytest.mark.parametrize("answer", [True, 1, 0.5, [1], None])
-def test_regression_only_a_text_ends_a_run(answer):
+def test_regression_only_a_string_from_progress_ends_a_run(answer):
     """Bars answer with True now and then, which ended the run."""
     run = bd.simulate(rolling(), Roll(step=1e-3), 1.0, progress=lambda t: answer)
     assert run.status.success
 
 
-def test_a_text_ends_a_run():
+def test_string_from_progress_ends_the_run():
     run = bd.simulate(rolling(), Roll(step=1e-3), 1.0, progress=lambda t: "enough")
     assert run.status.kind == "limited"
     assert run.status.sentence == "enough, stopped at t = 0.064 s"
 
 
-def test_regression_an_interrupt_while_rows_grow_leaves_no_row_without_values(monkeypatch):
-    rows = rows_of_a_run.StepHistory(0.0, State(*(np.ones(2) for _ in range(4))))
+def test_regression_interrupt_while_history_grows_leaves_only_complete_rows(monkeypatch):
+    rows = step_history.StepHistory(0.0, State(*(np.ones(2) for _ in range(4))))
     for k in range(1, 1024):
         rows.append(float(k), State(*(np.ones(2) for _ in range(4))))
 
@@ -196,7 +196,7 @@ def test_regression_an_interrupt_while_rows_grow_leaves_no_row_without_values(mo
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(rows_of_a_run.np, "concatenate", interrupt)
+        patch.setattr(step_history.np, "concatenate", interrupt)
         with pytest.raises(KeyboardInterrupt):
             rows.append(1024.0, State(*(np.ones(2) for _ in range(4))))
     interval = rows.interval(0.5)
@@ -206,7 +206,7 @@ def test_regression_an_interrupt_while_rows_grow_leaves_no_row_without_values(mo
 
 @pytest.mark.parametrize("breakpoints", [(0.3, np.nextafter(0.3, 1.0)), (0.1 + 0.2, 0.3)])
 @pytest.mark.parametrize("t_end", [1.0, 0.3, 0.1 + 0.2])
-def test_regression_times_rounded_twice_are_one(breakpoints, t_end):
+def test_regression_times_that_differ_by_rounding_are_merged(breakpoints, t_end):
     """Ida ended in a KeyError, generalized-alpha with reactions of 1e18."""
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
@@ -244,9 +244,9 @@ def two_threads_of_blas():
     have(1)
 
 
-def test_regression_runs_that_overlap_leave_the_threads_of_blas_as_they_were(two_threads_of_blas):
+def test_regression_overlapping_runs_restore_blas_threads(two_threads_of_blas):
     inside, first_left = threading.Barrier(2), threading.Event()
-    seen = []
+    thread_counts = []
 
     def run(number):
         met = []
@@ -256,7 +256,7 @@ def test_regression_runs_that_overlap_leave_the_threads_of_blas_as_they_were(two
                 met.append(inside.wait(10.0))
                 if number == 1:
                     first_left.wait(10.0)
-                    seen.append(threads_of_blas())
+                    thread_counts.append(threads_of_blas())
 
         bd.simulate(PENDULUM.build().equations, bd.Ida(rtol=1e-7), 1.0, progress=meet)
         first_left.set()
@@ -267,11 +267,11 @@ def test_regression_runs_that_overlap_leave_the_threads_of_blas_as_they_were(two
     for thread in runs:
         thread.join()
     assert not inside.broken
-    assert {seen[0][path] for path in two_threads_of_blas} == {1}
+    assert {thread_counts[0][path] for path in two_threads_of_blas} == {1}
     assert two_threads_of_blas.items() <= threads_of_blas().items()
 
 
-def test_regression_a_thread_that_outlives_a_run_restores_the_threads_of_blas(two_threads_of_blas):
+def test_regression_thread_that_outlives_a_run_restores_blas_threads(two_threads_of_blas):
     """Threadpoolctl takes changes from the thread alone that was the first to make one."""
     entered, left = threading.Event(), threading.Event()
 
@@ -290,9 +290,7 @@ def test_regression_a_thread_that_outlives_a_run_restores_the_threads_of_blas(tw
     assert two_threads_of_blas.items() <= threads_of_blas().items()
 
 
-def test_regression_an_interrupt_lets_the_search_for_blas_close_its_files(
-    monkeypatch, two_threads_of_blas
-):
+def test_regression_interrupted_blas_search_closes_its_files(monkeypatch, two_threads_of_blas):
     begun, searched = [], []
 
     def interrupted_search():
@@ -313,7 +311,7 @@ def test_regression_an_interrupt_lets_the_search_for_blas_close_its_files(
 
 
 @pytest.mark.parametrize("law", [lambda t: np.sqrt(1e-7 - t), lambda t: np.sqrt(0.2 - t)])
-def test_regression_forces_that_are_no_numbers_are_not_blamed_on_the_wrapper_of_ida(law):
+def test_regression_nonfinite_forces_are_not_attributed_to_scikit_sundae(law):
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
     mech.add(bd.Force("push", ball.point, (law, 0.0)))
@@ -330,7 +328,7 @@ def test_regression_forces_that_are_no_numbers_are_not_blamed_on_the_wrapper_of_
         ([[1.0, 2.0], [2.0, 1.0]], r"q.: the mass matrix is negative along this coordinate"),
     ],
 )
-def test_regression_a_mass_that_is_none_is_refused(mass, message):
+def test_regression_invalid_mass_matrix_is_rejected(mass, message):
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
     force = ca.vertcat(0.0, -1.0)
     system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=mass, force=force, q0=[1.0, 0.0], v0=[0, 0])
@@ -360,47 +358,47 @@ class Plain(bd.Integrator):
         ("ida", "integrator must be Ida"),
     ],
 )
-def test_what_is_no_integrator_is_refused(integrator, message):
+def test_invalid_integrator_is_rejected(integrator, message):
     with pytest.raises(bd.BeamdaeError, match=f"^simulate: {message}"):
         bd.simulate(rolling(), integrator, 1.0)
 
 
-def test_progress_hears_of_the_scout_but_of_no_time():
-    told = []
+def test_progress_during_the_pilot_run_gets_the_start_time():
+    times = []
     mech = hub_beam(elements=2)
-    bd.simulate(mech, bd.Ida(1e-4), t_end=0.2, progress=told.append)
-    assert told[0] == 0.0
-    assert told == sorted(told)
-    assert told[-1] > 0.0
+    bd.simulate(mech, bd.Ida(1e-4), t_end=0.2, progress=times.append)
+    assert times[0] == 0.0
+    assert times == sorted(times)
+    assert times[-1] > 0.0
 
 
-def test_regression_what_is_built_for_the_scout_is_no_wall_time(monkeypatch):
+def test_regression_compilation_for_the_pilot_run_is_setup_time(monkeypatch):
     """It made the first run of a process seven times as long as the next one."""
-    past = 0.0
+    added_time = 0.0
 
-    def long(method_on):
-        def built(plan):
-            nonlocal past
-            past += 1000.0
+    def slow_down(method_on):
+        def make_slowly(plan):
+            nonlocal added_time
+            added_time += 1000.0
             return method_on(plan)
 
-        return built
+        return make_slowly
 
     real = time.perf_counter
-    monkeypatch.setattr(drives.clock, "perf_counter", lambda: real() + past)
-    init = drives._Run.__init__
+    monkeypatch.setattr(drive_module.clock, "perf_counter", lambda: real() + added_time)
+    init = drive_module._Run.__init__
     monkeypatch.setattr(
-        drives._Run,
+        drive_module._Run,
         "__init__",
-        lambda self, whole, plan, on, *more: init(self, whole, plan, long(on), *more),
+        lambda self, whole, plan, on, *more: init(self, whole, plan, slow_down(on), *more),
     )
-    found = bd.simulate(hub_beam(elements=2), bd.Ida(1e-4), t_end=0.2).statistics
-    assert past >= 2000.0, "a scout and the run"
-    assert found.setup_time > past
-    assert found.wall_time < 1000.0
+    statistics = bd.simulate(hub_beam(elements=2), bd.Ida(1e-4), t_end=0.2).statistics
+    assert added_time >= 2000.0, "a scout and the run"
+    assert statistics.setup_time > added_time
+    assert statistics.wall_time < 1000.0
 
 
-def test_an_interrupt_during_the_scout_is_told_as_such():
+def test_interrupted_pilot_run_is_named_in_the_status():
     def interrupt(t):
         raise KeyboardInterrupt
 
@@ -410,14 +408,14 @@ def test_an_interrupt_during_the_scout_is_told_as_such():
     assert "of the pilot run with rtol = 0.01" in solution.status.sentence
 
 
-def test_progress_ends_a_run_from_the_scout_on():
-    asked = []
+def test_progress_can_stop_the_pilot_run():
+    times = []
 
     def enough(t):
-        asked.append(t)
+        times.append(t)
         return "enough"
 
     solution = bd.simulate(hub_beam(elements=2), bd.Ida(1e-4), t_end=0.2, progress=enough)
     assert solution.status.kind == "limited"
     assert solution.status.sentence.startswith("enough, stopped at t = ")
-    assert len(asked) == 2
+    assert len(times) == 2

@@ -105,7 +105,7 @@ def test_a_fall_stops_at_the_impact(integrator):
     assert solution.quality.energy_imbalance < 1e-6
 
 
-def test_a_fall_stops_where_libraries_cannot_be_had(monkeypatch):
+def test_fall_stops_at_the_impact_with_the_fallback_solver(monkeypatch):
     use_scikit_sundae(monkeypatch)
     solution = bd.simulate(falling(HIT), bd.Ida(1e-6), 5.0)
     assert_allclose(solution.t[-1], FALL, atol=1e-6)
@@ -118,12 +118,12 @@ def test_a_pendulum_passes_its_bottom_at_times_of_the_elliptic_integral(integrat
     bottoms = [bd.Event("x", 0.0, direction, "record", name=direction) for direction in times]
     solution = bd.simulate(pendulum(*bottoms), integrator, 6.5 * QUARTER)
     for direction, expected in times.items():
-        found = solution.events[solution.events["event"] == direction]
+        rows = solution.events[solution.events["event"] == direction]
         # 100 rtol of the motion, 2 m at 4.4 m/s; of the fixed step 2e-6 each quarter.
-        assert_allclose(found["t [s]"], expected, atol=1e-4)
-        assert_allclose(found["x [m]"], 0.0, atol=1e-12)
-        assert_allclose(found["y [m]"], -1.0, atol=1e-4)
-        assert set(found["direction"]) == ({"up", "down"} if direction == "both" else {direction})
+        assert_allclose(rows["t [s]"], expected, atol=1e-4)
+        assert_allclose(rows["x [m]"], 0.0, atol=1e-12)
+        assert_allclose(rows["y [m]"], -1.0, atol=1e-4)
+        assert set(rows["direction"]) == ({"up", "down"} if direction == "both" else {direction})
     assert solution.status.sentence == "reached the end"
     assert {one["event"] for one in solution.metadata()["events"]} == set(times)
 
@@ -138,13 +138,13 @@ def test_events_of_generalized_alpha_are_of_order_two():
 
 
 @RUNS
-def test_a_stop_is_where_the_same_run_records_the_event(integrator):
+def test_run_stops_where_it_would_record_the_event(integrator):
     recorded = bd.simulate(falling((HIT[0], {**HIT[1], "do": "record"})), integrator, 0.7)
     stopped = bd.simulate(falling(HIT), integrator, 0.7)
     assert_allclose(stopped.t[-1], recorded.event_records[0].t, atol=1e-6)
 
 
-def test_several_events_within_one_step_come_in_their_order():
+def test_events_within_one_step_are_recorded_in_order():
     levels = {f"at {y}": y for y in (0.55, 0.6, 0.5, 0.45, 0.65)}
     events = [("ball.y", {"crosses": y, "name": n, "do": "record"}) for n, y in levels.items()]
     events.insert(1, ("ball.y", {"crosses": 0.42, "name": "stop"}))
@@ -159,7 +159,7 @@ def test_several_events_within_one_step_come_in_their_order():
     assert solution.t[-1] == times[-1]
 
 
-def test_two_crossings_within_a_step_are_seen():
+def test_two_crossings_within_a_step_are_detected():
     thrown = particle(lambda t, x, v: -9.81, 0.0, 1.0, bd.Event("x", 0.04, do="record"))
     # Above 0.04 m for 94 ms about the top at 102 ms: inside the step from 0 to 200 ms.
     solution = bd.simulate(thrown, bd.GeneralizedAlpha(step=0.2), 0.4)
@@ -170,7 +170,7 @@ def test_two_crossings_within_a_step_are_seen():
 
 
 @ALL
-def test_what_begins_on_its_value_crosses_it_when_it_comes_back(integrator):
+def test_quantity_starting_on_its_value_crosses_on_return(integrator):
     thrown = particle(lambda t, x, v: -9.81, 0.0, 1.0, bd.Event("x", 0.0))
     solution = bd.simulate(thrown, integrator, 1.0)
     assert_allclose(solution.t[-1], 2.0 / 9.81, atol=1e-6)
@@ -178,7 +178,7 @@ def test_what_begins_on_its_value_crosses_it_when_it_comes_back(integrator):
 
 
 @RUNS
-def test_a_value_that_is_kept_or_touched_is_not_crossed(integrator):
+def test_constant_or_tangent_quantity_does_not_cross(integrator):
     events = (
         bd.Event("still", 3.0, do="stop"),
         bd.Event("x", 0.5, do="stop", name="over the top"),
@@ -197,7 +197,7 @@ def test_a_value_that_is_kept_or_touched_is_not_crossed(integrator):
 
 @RUNS
 @pytest.mark.parametrize("at", [0.5, 0.5 + 1e-9])
-def test_an_event_at_a_breakpoint_happens_once(integrator, at):
+def test_event_at_a_breakpoint_happens_once(integrator, at):
     # x = t.
     moving = particle(
         lambda t, x, v: 0.0, 0.0, 1.0, bd.Event("x", at, do="record"), breakpoints=(0.5,)
@@ -210,7 +210,7 @@ def test_an_event_at_a_breakpoint_happens_once(integrator, at):
     assert np.isfinite(solution.table().to_numpy(float)).all()
 
 
-def test_an_observable_that_is_not_finite_crosses_nothing():
+def test_nonfinite_observable_triggers_no_event():
     root = bd.Event("root", 0.0)
     falls = particle(
         lambda t, x, v: -1.0, 1.0, 0.0, root, bd.Event("x", -1.0, name="later"),
@@ -222,7 +222,7 @@ def test_an_observable_that_is_not_finite_crosses_nothing():
     assert_allclose(solution.t[-1], 2.0, atol=1e-5)
 
 
-def test_an_event_before_states_that_are_not_finite_stops_the_run():
+def test_event_before_nonfinite_states_stops_the_run():
     class Breaking(_Ballistic):
         def step(self):
             t, state = super().step()
@@ -252,7 +252,7 @@ def test_an_event_of_a_rate():
     assert_allclose([one.t for one in solution.event_records], [2.0 * QUARTER], atol=1e-6)
 
 
-def test_estimates_and_verification_go_to_the_earlier_end():
+def test_error_estimate_and_verification_end_at_the_earlier_event():
     solution = bd.simulate(falling(HIT), bd.Ida(1e-5), 5.0)
     estimate = bd.error_estimate(solution)
     assert estimate["error over half the range"].notna().all()
@@ -260,7 +260,7 @@ def test_estimates_and_verification_go_to_the_earlier_end():
     assert set(verdicts[:2]) == {"agrees"}
 
 
-def test_the_table_ends_at_the_event(tmp_path):
+def test_table_ends_at_the_event(tmp_path):
     solution = bd.simulate(falling(HIT), bd.Radau(), 5.0)
     path = solution.to_csv(tmp_path / "fall.csv")
     lines = path.read_text().splitlines()
@@ -280,7 +280,7 @@ def test_the_table_ends_at_the_event(tmp_path):
         ({"what": "ball.y", "name": ""}, "the name must be"),
     ],
 )
-def test_a_wrong_event_is_refused(arguments, sentence):
+def test_invalid_event_is_rejected(arguments, sentence):
     def stated():
         mech = falling(HIT)
         mech.when(**arguments)
@@ -290,12 +290,12 @@ def test_a_wrong_event_is_refused(arguments, sentence):
         stated()
 
 
-def test_a_system_takes_events_alone():
+def test_constrained_system_accepts_only_events():
     with pytest.raises(bd.BeamdaeError, match=r"events must be Event\(...\)"):
         particle(lambda t, x, v: 0.0, 0.0, 1.0, SimpleNamespace(what="x"))
 
 
-def test_regression_events_of_what_nothing_holds_make_a_table():
+def test_regression_event_table_without_multipliers():
     """Rows without multipliers could not be put together."""
     for height, count in ((2.0, 1), (200.0, 0)):
         mech = falling(("ball.y", {"do": "record", "name": "impact"}), height=height)

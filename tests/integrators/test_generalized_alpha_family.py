@@ -15,7 +15,7 @@ import beamdae as bd
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.integrators.alpha import step_loop as alpha_loop
+from beamdae.integrators.alpha import step_loop
 from beamdae.integrators.alpha.family import AlphaStart, family_parameters
 from beamdae.integrators.alpha.jerk import JerkEquations, evaluate_normal_jerk
 from beamdae.integrators.alpha.step_loop import FIRST_STEP, _accept_step, _reject_step
@@ -58,7 +58,7 @@ def oscillator(omega):
     return bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1.0], force=-(omega**2) * q, q0=[1], v0=[0])
 
 
-def pushed(law):
+def pushed_particle(law):
     """Particle of 2 kg under a force along its rail."""
     mech = bd.Mechanism()
     particle = mech.add(bd.PointMass("particle", 2.0, at=(0.0, 0.0)))
@@ -115,9 +115,9 @@ def steps_of(solution):
 
 def errors(solution, answer):
     """Largest errors of q, v and lam over the output times."""
-    known = answer(solution.t)
-    found = {"q": solution.q, "v": solution.v, "lam": solution.lam}
-    return np.array([np.max(np.abs(found[name] - known[name])) for name in ("q", "v", "lam")])
+    exact = answer(solution.t)
+    values = {"q": solution.q, "v": solution.v, "lam": solution.lam}
+    return np.array([np.max(np.abs(values[name] - exact[name])) for name in ("q", "v", "lam")])
 
 
 # The family -----------------------------------------------------------------------------------
@@ -139,7 +139,7 @@ def errors(solution, answer):
         ({"max_steps": 100}, ["max_steps", "needs rtol", "100"]),
     ],
 )
-def test_a_wrong_setting_is_named_with_its_value(settings, words):
+def test_invalid_setting_is_named_with_its_value(settings, words):
     with pytest.raises(bd.BeamdaeError) as problem:
         bd.GeneralizedAlpha(**settings)
     message = str(problem.value)
@@ -149,28 +149,30 @@ def test_a_wrong_setting_is_named_with_its_value(settings, words):
     assert ". " not in message
 
 
-def test_the_limits_of_what_is_allowed_are_allowed():
+def test_bounds_of_settings_are_valid():
     bd.GeneralizedAlpha(family="hht", rho_inf=0.5)
     bd.GeneralizedAlpha(family="newmark", rho_inf=0.0)
     bd.GeneralizedAlpha(family="newmark", rho_inf=1.0, rtol=0.1, max_steps=1)
 
 
-def test_labels_tell_family_and_step_or_tolerance():
+def test_labels_contain_family_and_step_or_tolerance():
     assert bd.GeneralizedAlpha(step=1e-3).label == "GeneralizedAlpha(step=0.001)"
     assert bd.GeneralizedAlpha(family="hht").label == "GeneralizedAlpha(family=hht, step=0.001)"
     newmark = bd.GeneralizedAlpha(family="newmark", rho_inf=1.0, rtol=1e-4)
     assert newmark.label == "GeneralizedAlpha(family=newmark, rtol=0.0001)"
 
 
-def test_what_is_told_of_a_run_names_family_and_tolerances():
-    told = bd.simulate(pushed(1.0), ADAPTIVE, 0.1).integrator
-    assert (told["family"], told["rtol"]) == ("generalized-alpha", 1e-4)
-    assert 0.0 < told["local_tolerance"] < 1e-4
-    told = bd.simulate(pushed(1.0), bd.GeneralizedAlpha(family="hht"), 0.1).integrator
-    assert (told["family"], told["rtol"]) == ("hht", None)
+def test_reported_settings_contain_family_and_tolerances():
+    settings_of_run = bd.simulate(pushed_particle(1.0), ADAPTIVE, 0.1).integrator
+    assert (settings_of_run["family"], settings_of_run["rtol"]) == ("generalized-alpha", 1e-4)
+    assert 0.0 < settings_of_run["local_tolerance"] < 1e-4
+    settings_of_run = bd.simulate(
+        pushed_particle(1.0), bd.GeneralizedAlpha(family="hht"), 0.1
+    ).integrator
+    assert (settings_of_run["family"], settings_of_run["rtol"]) == ("hht", None)
 
 
-def test_members_that_are_one_method():
+def test_families_share_members():
     # HHT with alpha = -1/3; all of them are the average-acceleration method at rho_inf = 1 but
     # for where generalized-alpha takes its averages.
     assert_allclose(
@@ -210,7 +212,7 @@ def test_rho_inf_is_the_spectral_radius_at_infinite_frequency(family, rho_inf):
 
 
 @every_member
-def test_no_frequency_grows(family, rho_inf):
+def test_amplification_is_at_most_one(family, rho_inf):
     radii = [np.max(np.abs(amplification(family, rho_inf, x))) for x in np.logspace(-2, 4, 25)]
     assert max(radii) <= 1.0 + 1e-4
 
@@ -220,7 +222,7 @@ def test_hht_below_one_half_has_another_eigenvalue():
     assert np.max(np.abs(amplification("hht", 0.2, 1e5))) > 1.5
 
 
-def kept_energy(family, rho_inf):
+def remaining_energy(family, rho_inf):
     """Energy of an oscillator left after ten periods of twenty steps, over the start."""
     omega = 2.0 * np.pi
     integrator = bd.GeneralizedAlpha(step=0.05, rho_inf=rho_inf, family=family, start="plain")
@@ -230,24 +232,24 @@ def kept_energy(family, rho_inf):
 
 @pytest.mark.parametrize("family", ["generalized-alpha", "hht", "newmark"])
 def test_dissipation_falls_with_rho_inf(family):
-    kept = [kept_energy(family, rho) for rho in (0.5, 0.7, 0.9, 1.0)]
-    assert np.all(np.diff(kept) > 0.0)
-    assert_allclose(kept[-1], 1.0, rtol=0.0, atol=1e-9)
+    energies = [remaining_energy(family, rho) for rho in (0.5, 0.7, 0.9, 1.0)]
+    assert np.all(np.diff(energies) > 0.0)
+    assert_allclose(energies[-1], 1.0, rtol=0.0, atol=1e-9)
 
 
-def test_generalized_alpha_spares_resolved_motion_and_newmark_does_not():
+def test_generalized_alpha_damps_resolved_motion_less_than_newmark():
     # The reason for the averages: the same damping at infinity for less of it below.
-    kept = [kept_energy(family, 0.8) for family in ("generalized-alpha", "hht", "newmark")]
-    assert kept[0] > kept[1] > kept[2]
+    energies = [remaining_energy(family, 0.8) for family in ("generalized-alpha", "hht", "newmark")]
+    assert energies[0] > energies[1] > energies[2]
 
 
 def observed_orders(case, steps, **settings):
     equations, answer, t_end = SMOOTH[case]
-    found = []
+    errors_by_step = []
     for k in (steps, 2 * steps):
         integrator = bd.GeneralizedAlpha(step=t_end / k, newton_tolerance=1e-10, **settings)
-        found.append(errors(bd.simulate(equations, integrator, t_end, t_end / k), answer))
-    return np.log2(found[0] / found[1])
+        errors_by_step.append(errors(bd.simulate(equations, integrator, t_end, t_end / k), answer))
+    return np.log2(errors_by_step[0] / errors_by_step[1])
 
 
 @every_smooth_case
@@ -266,12 +268,12 @@ def test_damped_newmark_is_of_first_order(case, formulation):
 @pytest.mark.parametrize("family", ["generalized-alpha", "hht", "newmark"])
 def test_without_damping_every_family_is_of_second_order(family):
     # Without constraints: nothing damps the multipliers then.
-    found = []
+    errors_by_step = []
     for step in (0.01, 0.005):
         integrator = bd.GeneralizedAlpha(step=step, rho_inf=1.0, family=family)
         solution = bd.simulate(oscillator(3.0), integrator, 2.0, 0.01)
-        found.append(np.max(np.abs(solution.q[:, 0] - np.cos(3.0 * solution.t))))
-    assert_allclose(np.log2(found[0] / found[1]), 2.0, rtol=0.0, atol=0.02)
+        errors_by_step.append(np.max(np.abs(solution.q[:, 0] - np.cos(3.0 * solution.t))))
+    assert_allclose(np.log2(errors_by_step[0] / errors_by_step[1]), 2.0, rtol=0.0, atol=0.02)
 
 
 @every_formulation
@@ -310,21 +312,21 @@ STORED = {
 
 
 @pytest.mark.parametrize(("formulation", "rho_inf"), STORED)
-def test_fixed_steps_of_generalized_alpha_are_what_they_were(formulation, rho_inf):
+def test_fixed_steps_match_stored_values(formulation, rho_inf):
     integrator = bd.GeneralizedAlpha(1e-2, rho_inf, formulation, newton_tolerance=1e-12)
     solution = bd.simulate(SLIDER_CRANK.equations, integrator, 1.0)
     last = solution.trajectory.intervals[0].state
     assert solution.statistics.steps == 100
     assert solution.statistics.rejected_steps == 0
     # What iteration leaves at rounding adds up in the multipliers of index 3.
-    found = [*last.q[-1], *last.lam[-1]]
-    assert_allclose(found, STORED[formulation, rho_inf], rtol=2e-8)
+    values = [*last.q[-1], *last.lam[-1]]
+    assert_allclose(values, STORED[formulation, rho_inf], rtol=2e-8)
 
 
 # Steps that change ----------------------------------------------------------------------------
 
 
-def marched(case, steps, family, formulation):
+def step_change_errors(case, steps, family, formulation):
     """Largest errors of q, v and lam with steps that change by a factor of two, every time."""
     equations, answer, t_end = SMOOTH[case]
     h = np.where(np.arange(steps) % 2, 2.0, 1.0)
@@ -332,53 +334,53 @@ def marched(case, steps, family, formulation):
     march = March(equations, family, 0.8, formulation)
     for step in h:
         march.step(step)
-    t, found = march.found
-    known = answer(t)
-    pairs = ((found.q, known["q"]), (found.v, known["v"]), (found.lam, known["lam"]))
+    t, states = march.found
+    exact = answer(t)
+    pairs = ((states.q, exact["q"]), (states.v, exact["v"]), (states.lam, exact["lam"]))
     return np.array([np.max(np.abs(x - y)) for x, y in pairs])
 
 
 @every_smooth_case
 @pytest.mark.parametrize("family", ["generalized-alpha", "hht"])
-def test_second_order_is_kept_when_the_step_changes_every_time(case, family, formulation):
+def test_second_order_with_a_step_change_at_every_step(case, family, formulation):
     # Without the conversion in `step_loop._change_step` the orders of q and v lie between 1 and 2,
     # and that of lam is 1. The multipliers converge to second order from above.
-    coarse, fine = (marched(case, steps, family, formulation) for steps in (800, 1600))
+    coarse, fine = (step_change_errors(case, steps, family, formulation) for steps in (800, 1600))
     orders = np.log2(coarse / fine)
     assert_allclose(orders[:2], 2.0, rtol=0.0, atol=0.1)
     assert 1.9 < orders[2] < 2.6
 
 
-def test_a_change_of_the_step_costs_the_multipliers_nothing(monkeypatch):
+def test_step_change_does_not_disturb_the_multipliers(monkeypatch):
     """One change, where the start-up cure has long done its work."""
     equations, answer, _ = SMOOTH["pendulum"]
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
     largest = []
-    for resume in (alpha_loop._change_step, untreated):
-        monkeypatch.setattr(alpha_loop, "_change_step", resume)
+    for resume in (step_loop._change_step, keep_motion):
+        monkeypatch.setattr(step_loop, "_change_step", resume)
         march = March(equations, "generalized-alpha", 0.8)
         for k in range(150):
             march.step(2e-3 if k < 100 else 1e-3)
-        t, found = march.found
-        largest.append(np.max(np.abs(found.lam - answer(t)["lam"])[101:]))
+        t, states = march.found
+        largest.append(np.max(np.abs(states.lam - answer(t)["lam"])[101:]))
     assert largest[0] < 0.02 * largest[1]
 
 
-def untreated(run, h):
-    alpha_loop._copy_motion(run.current, run.accepted)
-    alpha_loop.set_step(run, h)
+def keep_motion(run, h):
+    step_loop._copy_motion(run.current, run.accepted)
+    step_loop.set_step(run, h)
     return DONE
 
 
-def test_the_step_that_stays_is_left_alone(monkeypatch):
+def test_unchanged_step_is_not_converted(monkeypatch):
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
-    changed, resume = [], alpha_loop._change_step
+    changed, resume = [], step_loop._change_step
 
-    def counted(run, h):
+    def record_change(run, h):
         changed.append(h)
         return resume(run, h)
 
-    monkeypatch.setattr(alpha_loop, "_change_step", counted)
+    monkeypatch.setattr(step_loop, "_change_step", record_change)
     march = March(SWING, "generalized-alpha", 0.8)
     for h in (1e-3, 1e-3 * (1.0 + 1e-12), 1e-3):
         march.step(h)
@@ -388,7 +390,7 @@ def test_the_step_that_stays_is_left_alone(monkeypatch):
 
 
 @pytest.mark.parametrize("equations", [PENDULUM.equations, SLIDER_CRANK.equations])
-def test_the_jerk_within_loops_is_that_of_the_start(equations):
+def test_loop_jerk_equals_start_jerk(equations):
     random = np.random.default_rng(0)
     time, delta = np.array([0.1, 0.5]), 1e-5
     q = equations.q0 + 1e-2 * random.normal(size=equations.n)
@@ -405,15 +407,15 @@ def test_the_jerk_within_loops_is_that_of_the_start(equations):
 
 
 @pytest.mark.skipif(not is_native_enabled(), reason="without machine code")
-def test_changes_of_the_step_stay_within_the_loop(monkeypatch):
+def test_step_changes_do_not_leave_the_loop(monkeypatch):
     calls, call = [], CompiledLoop.__call__
 
-    def counted(loop):
+    def count_call(loop):
         code = call(loop)
         calls.append(code)
         return code
 
-    monkeypatch.setattr(CompiledLoop, "__call__", counted)
+    monkeypatch.setattr(CompiledLoop, "__call__", count_call)
     equations = SLIDER_CRANK.equations
     # With scales given no scout goes before the run.
     equations = replace(equations, scales=equations.position_scales)
@@ -426,7 +428,7 @@ def test_changes_of_the_step_stay_within_the_loop(monkeypatch):
     assert len(calls) <= 6 + solution.statistics.steps // 64
 
 
-def test_adaptive_steps_are_the_same_in_plain_python(monkeypatch):
+def test_adaptive_steps_match_interpreted_steps(monkeypatch):
     integrator = replace(ADAPTIVE, rtol=1e-4)
     compiled = bd.simulate(PENDULUM.equations, integrator, 0.3)
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
@@ -443,20 +445,20 @@ def test_error_falls_with_rtol_and_stays_in_bounds(case):
     rtols = np.array([1e-3, 1e-4])
     solutions = [case.run(bd.GeneralizedAlpha(rtol=rtol)) for rtol in rtols]
     assert all(s.status.success for s in solutions)
-    found = np.array([case.errors(s).max() for s in solutions])
-    assert found[1] < found[0]
-    assert np.all(found <= case.bound * rtols)
+    max_errors = np.array([case.errors(s).max() for s in solutions])
+    assert max_errors[1] < max_errors[0]
+    assert np.all(max_errors <= case.bound * rtols)
 
 
 @pytest.mark.slow(reason="an undamped beam at 1e-5 takes tens of thousands of steps")
 @every_case
 def test_error_keeps_falling_at_a_tight_tolerance(case):
     rtols = np.array([1e-4, 1e-5])
-    found = np.array(
+    max_errors = np.array(
         [case.errors(case.run(bd.GeneralizedAlpha(rtol=rtol))).max() for rtol in rtols]
     )
-    assert found[1] < found[0]
-    assert np.all(found <= case.bound * rtols)
+    assert max_errors[1] < max_errors[0]
+    assert np.all(max_errors <= case.bound * rtols)
 
 
 @pytest.mark.slow(reason="every case with seven members")
@@ -474,18 +476,18 @@ def test_error_keeps_falling_at_a_tight_tolerance(case):
     ],
     ids=str,
 )
-def test_every_member_and_first_step_stays_in_bounds(case, settings):
+def test_error_bound_for_all_members_and_first_steps(case, settings):
     rtols = np.array([1e-3, 1e-4])
     solutions = [case.run(bd.GeneralizedAlpha(rtol=rtol, **settings)) for rtol in rtols]
-    found = np.array([case.errors(s).max() for s in solutions])
-    assert np.all(found <= 100.0 * rtols)
+    max_errors = np.array([case.errors(s).max() for s in solutions])
+    assert np.all(max_errors <= 100.0 * rtols)
 
 
 @every_smooth_case
 @pytest.mark.parametrize(("family", "rho_inf"), [("generalized-alpha", 0.8), ("hht", 0.6)])
-def test_adaptive_steps_keep_second_order(case, family, rho_inf, formulation):
+def test_adaptive_steps_are_second_order(case, family, rho_inf, formulation):
     equations, answer, t_end = SMOOTH[case]
-    found, steps = [], []
+    errors_by_rtol, steps = [], []
     for rtol in (1e-5, 1e-6):
         integrator = replace(
             ADAPTIVE,
@@ -496,16 +498,16 @@ def test_adaptive_steps_keep_second_order(case, family, rho_inf, formulation):
             newton_tolerance=1e-10,
         )
         solution = bd.simulate(equations, integrator, t_end, t_end / 200)
-        found.append(errors(solution, answer))
+        errors_by_rtol.append(errors(solution, answer))
         steps.append(solution.statistics.steps)
     # Of the multipliers that of Arevalo's problem only. The error test does not see them: it lets
     # the step of a pendulum grow where the jerk passes zero, at the cost of their error there.
-    seen = slice(0, 3 if case == "Arevalo" else 2)
-    ratio = (found[0] / found[1])[seen]
+    components = slice(0, 3 if case == "Arevalo" else 2)
+    ratio = (errors_by_rtol[0] / errors_by_rtol[1])[components]
     # Proportional to rtol, and that with steps that grow as its root.
     assert_allclose(ratio, 10.0, rtol=0.15)
     assert_allclose(np.log(ratio) / np.log(steps[1] / steps[0]), 2.0, rtol=0.0, atol=0.2)
-    assert np.all(found[1] < found[0])
+    assert np.all(errors_by_rtol[1] < errors_by_rtol[0])
 
 
 def test_steps_follow_the_motion():
@@ -513,7 +515,7 @@ def test_steps_follow_the_motion():
     def push(t):
         return 100.0 * np.exp(-(((t - 1.0) / 0.1) ** 2))
 
-    solution = bd.simulate(pushed(push), bd.GeneralizedAlpha(rtol=1e-5), 5.0)
+    solution = bd.simulate(pushed_particle(push), bd.GeneralizedAlpha(rtol=1e-5), 5.0)
     (segment,) = solution.trajectory.intervals
     h, t = np.diff(segment.t), segment.t[1:]
     during = h[(t > 0.9) & (t < 1.1)]
@@ -525,9 +527,9 @@ def test_steps_follow_the_motion():
     assert solution.statistics.steps < 0.2 * 5.0 / np.mean(during)
 
 
-def test_no_step_is_longer_than_a_quarter_of_the_time_scale_of_a_law():
-    solution = bd.simulate(pushed(bd.sine(1.0, 2.0)), bd.GeneralizedAlpha(rtol=0.1), 5.0)
-    equations = bd.equations_of_motion(pushed(bd.sine(1.0, 2.0)))
+def test_steps_are_at_most_a_quarter_of_the_law_time_scale():
+    solution = bd.simulate(pushed_particle(bd.sine(1.0, 2.0)), bd.GeneralizedAlpha(rtol=0.1), 5.0)
+    equations = bd.equations_of_motion(pushed_particle(bd.sine(1.0, 2.0)))
     longest = np.max(steps_of(solution))
     assert longest <= 0.25 * equations.time_scale * (1.0 + 1e-12)
     assert longest > 0.2 * equations.time_scale
@@ -545,7 +547,7 @@ def test_no_step_is_longer_than_a_quarter_of_the_time_scale_of_a_law():
         ([0.0] * 24, 5.0),
     ],
 )
-def test_a_step_grows_by_a_fifth_or_not_at_all(errors_seen, step):
+def test_step_grows_by_at_least_a_fifth(errors_seen, step):
     size = SimpleNamespace(next_step=1.0, max_step=5.0, steps_checked=0, max_error=0.0)
     for size.error in errors_seen:
         _accept_step(size, size.next_step)
@@ -556,13 +558,13 @@ def test_a_step_grows_by_a_fifth_or_not_at_all(errors_seen, step):
     ("error", "step"),
     [(1.001, 0.8), (8.0, 0.4), (1e9, 0.2), (1e200, 0.2), (np.inf, 0.5), (np.nan, 0.5)],
 )
-def test_a_step_shrinks_by_its_error(error, step):
+def test_rejected_step_shrinks_by_its_error(error, step):
     size = SimpleNamespace(next_step=1.0, steps_checked=0, max_error=0.0, error=error)
     _reject_step(size, 1.0)
     assert_allclose(size.next_step, step, rtol=1e-3)
 
 
-def test_factors_are_kept_while_the_step_stays():
+def test_factors_are_reused_while_the_step_is_constant():
     solution = bd.simulate(oscillator(2.0), ADAPTIVE, 20.0)
     h = steps_of(solution)
     changes = np.count_nonzero(np.abs(np.diff(h) / h[1:]) > 1e-6)
@@ -572,7 +574,7 @@ def test_factors_are_kept_while_the_step_stays():
     assert s.factorizations < 0.1 * s.steps
 
 
-def test_rejected_steps_are_counted_and_do_not_show():
+def test_rejected_steps_are_counted_but_not_returned():
     equations, answer, t_end = SMOOTH["pendulum"]
     solution = bd.simulate(equations, replace(ADAPTIVE, step=1.0), t_end)
     s = solution.statistics
@@ -582,8 +584,8 @@ def test_rejected_steps_are_counted_and_do_not_show():
     assert errors(solution, answer)[0] < 100.0 * 1e-4
 
 
-def test_breakpoints_are_hit_and_the_first_step_after_them_is_the_one_set():
-    solution = bd.simulate(pushed(bd.piecewise((0.1234567, 5.0), 0.0)), ADAPTIVE, 1.0)
+def test_breakpoints_are_hit_and_followed_by_the_first_step():
+    solution = bd.simulate(pushed_particle(bd.piecewise((0.1234567, 5.0), 0.0)), ADAPTIVE, 1.0)
     first, second = (segment.t for segment in solution.trajectory.intervals)
     assert (first[0], first[-1], second[0], second[-1]) == (0.0, 0.1234567, 0.1234567, 1.0)
     assert_allclose([first[1], second[1] - second[0]], 1e-3, rtol=1e-9)
@@ -592,16 +594,16 @@ def test_breakpoints_are_hit_and_the_first_step_after_them_is_the_one_set():
 
 def test_the_last_two_steps_before_a_breakpoint_are_equal():
     # What is left over is shared out, not taken as a tiny step.
-    solution = bd.simulate(pushed(bd.piecewise((0.12345, 5.0), 0.0)), ADAPTIVE, 1.0)
+    solution = bd.simulate(pushed_particle(bd.piecewise((0.12345, 5.0), 0.0)), ADAPTIVE, 1.0)
     for segment in solution.trajectory.intervals:
         h = np.diff(segment.t)
         assert_allclose(h[-1], h[-2], rtol=1e-6)
         assert np.min(h) > 0.9e-3
 
 
-def test_an_interval_shorter_than_the_step_is_one_step():
+def test_interval_shorter_than_the_step_is_one_step():
     law = bd.piecewise((0.5, 0.0), (0.5002, 5.0), 0.0)
-    solution = bd.simulate(pushed(law), ADAPTIVE, 1.0)
+    solution = bd.simulate(pushed_particle(law), ADAPTIVE, 1.0)
     assert_allclose(solution.trajectory.intervals[1].t, [0.5, 0.5002], rtol=0.0, atol=0.0)
 
 
@@ -609,8 +611,8 @@ def test_an_interval_shorter_than_the_step_is_one_step():
 
 
 @pytest.mark.parametrize("rtol", [1e-3, 1e-6])
-def test_a_law_that_breaks_down_is_approached_closely(rtol):
-    law = pushed(lambda t: np.sqrt(0.5 - t))
+def test_steps_approach_the_singularity_of_a_law(rtol):
+    law = pushed_particle(lambda t: np.sqrt(0.5 - t))
     solution = bd.simulate(law, replace(ADAPTIVE, rtol=rtol), 1.0, 1e-3)
     assert not solution.status.success
     for words in ("t = 0.5 s", "not finite", "even with a step of"):
@@ -620,7 +622,7 @@ def test_a_law_that_breaks_down_is_approached_closely(rtol):
     assert_allclose(solution.v[:, 0], exact, rtol=0.0, atol=1e-3)
 
 
-def test_a_force_that_grows_beyond_all_bounds_is_a_status():
+def test_unbounded_force_fails_the_run():
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 1), ca.SX.sym("v", 1)
     force = 1.0 / (0.5 - t) ** 2
     system = bd.ConstrainedSystem(
@@ -634,7 +636,7 @@ def test_a_force_that_grows_beyond_all_bounds_is_a_status():
 
 
 @every_formulation
-def test_a_step_newton_cannot_take_is_made_smaller(formulation):
+def test_newton_failure_shrinks_the_step(formulation):
     # No point of the plane is on this circle once the center has moved two radii away.
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
     reach = ca.vertcat(ca.dot(q, q) - 1.0, q[0] - t)
@@ -651,44 +653,46 @@ def test_a_step_newton_cannot_take_is_made_smaller(formulation):
     assert np.all(np.isfinite(solution.q))
 
 
-def test_joints_that_become_dependent_are_a_status(monkeypatch):
+def test_dependent_joints_fail_the_run(monkeypatch):
     def singular(*_):
         return SINGULAR
 
-    def nameless(self, time, q, v, stiff_time=0.0):
+    def raise_no_inertia(self, time, q, v, stiff_time=0.0):
         raise bd.BeamdaeError("rail: this coordinate has no inertia at t = 0.1.")
 
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
-    monkeypatch.setattr(alpha_loop, "evaluate_normal_jerk", singular)
+    monkeypatch.setattr(step_loop, "evaluate_normal_jerk", singular)
     solution = bd.simulate(PENDULUM.equations, ADAPTIVE, 2.0)
     assert not solution.status.success
     assert "joints have become dependent" in solution.status.sentence
     assert f"stopped at t = {solution.trajectory.end:.6g} s" in solution.status.sentence
     acceleration = ConsistencySolver.acceleration
 
-    def spoilt(self, time, *given, **more):
-        return (nameless if time[0] > 0.0 else acceleration)(self, time, *given, **more)
+    def fail_later(self, time, *arguments, **keywords):
+        return (raise_no_inertia if time[0] > 0.0 else acceleration)(
+            self, time, *arguments, **keywords
+        )
 
-    monkeypatch.setattr(ConsistencySolver, "acceleration", spoilt)
+    monkeypatch.setattr(ConsistencySolver, "acceleration", fail_later)
     solution = bd.simulate(PENDULUM.equations, ADAPTIVE, 2.0)
     assert "rail: this coordinate has no inertia" in solution.status.sentence
 
 
-def test_too_many_steps_are_a_status():
+def test_max_steps_limits_the_run():
     law = bd.piecewise(*((0.1 * k, float(k)) for k in range(1, 10)), 0.0)
-    whole = bd.simulate(pushed(law), ADAPTIVE, 1.0)
+    whole = bd.simulate(pushed_particle(law), ADAPTIVE, 1.0)
     assert whole.status.success
     steps = whole.statistics.steps
-    assert bd.simulate(pushed(law), replace(ADAPTIVE, max_steps=steps), 1.0).status.success
+    assert bd.simulate(pushed_particle(law), replace(ADAPTIVE, max_steps=steps), 1.0).status.success
     # Of the run, not of a segment.
-    limited = bd.simulate(pushed(law), replace(ADAPTIVE, max_steps=steps - 1), 1.0)
+    limited = bd.simulate(pushed_particle(law), replace(ADAPTIVE, max_steps=steps - 1), 1.0)
     assert not limited.status.success
     assert f"max_steps = {steps - 1} taken" in limited.status.sentence
     assert limited.statistics.steps == steps - 1
     assert 0.9 < limited.trajectory.end < 1.0
 
 
-def test_too_much_time_is_a_status():
+def test_time_limit_limits_the_run():
     integrator = replace(ADAPTIVE, rtol=1e-8, time_limit=0.05)
     solution = bd.simulate(PENDULUM.equations, integrator, 100.0, 0.1)
     assert not solution.status.success
@@ -696,7 +700,7 @@ def test_too_much_time_is_a_status():
     assert 0.0 < solution.trajectory.end < 100.0
 
 
-def test_an_interrupted_run_keeps_what_it_has():
+def test_interrupted_run_keeps_its_steps():
     def interrupt(t):
         if t > 0.3:
             raise KeyboardInterrupt
@@ -708,7 +712,7 @@ def test_an_interrupted_run_keeps_what_it_has():
     assert 0.3 < solution.trajectory.end < 4.0
 
 
-def test_a_run_leaves_nothing_behind():
+def test_runs_are_independent():
     first = bd.simulate(SLIDER_CRANK.equations, ADAPTIVE, 1.0, 0.1)
     bd.simulate(PENDULUM.equations, ADAPTIVE, 0.5)
     again = bd.simulate(SLIDER_CRANK.equations, ADAPTIVE, 1.0, 0.1)

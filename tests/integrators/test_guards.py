@@ -74,7 +74,7 @@ class Stepping:
 
 
 @dataclass(frozen=True)
-class Given(bd.Integrator):
+class PrescribedSteps(bd.Integrator):
     lengths: object = None
     rtol: float = 1e-5
     max_steps: int | None = None
@@ -97,9 +97,9 @@ def ball():
     return bd.equations_of_motion(mech)
 
 
-def test_regression_a_run_without_an_end_in_sight_is_given_up():
+def test_regression_stalled_run_is_stopped():
     """It went on, and its memory grew, until somebody ended it."""
-    solution = bd.simulate(ball(), Given(lambda k: 1e-10), 1.0)
+    solution = bd.simulate(ball(), PrescribedSteps(lambda k: 1e-10), 1.0)
     assert solution.status.kind == "limited"
     for words in (
         "no end in sight, steps of 1e-10 s",
@@ -112,32 +112,32 @@ def test_regression_a_run_without_an_end_in_sight_is_given_up():
     assert solution.statistics.steps == 10_304
 
 
-def test_steps_that_shrink_without_end_are_given_up():
+def test_endlessly_shrinking_steps_are_detected():
     pace, t = StallDetector(21.0), 20.0 * (1.0 - 0.9995 ** np.arange(0, 60_000, 64))
     ended = [k for k, at in enumerate(t.tolist()) if pace.stall_reason(at, 64 * k, 64)]
     assert 20_000 < 64 * ended[0] < 45_000
 
 
-def test_whoever_says_how_many_steps_there_may_be_has_them():
-    solution = bd.simulate(ball(), Given(lambda k: 1e-10, max_steps=11_000), 1.0)
+def test_max_steps_disables_stall_detection():
+    solution = bd.simulate(ball(), PrescribedSteps(lambda k: 1e-10, max_steps=11_000), 1.0)
     assert solution.status.sentence.startswith("max_steps = 11000 taken")
 
 
-def test_a_short_stiff_phase_ends_no_run():
+def test_short_stiff_phase_does_not_stall():
     """Nine thousand steps of a nanosecond, as in an impact, and fast again from there."""
-    solution = bd.simulate(ball(), Given(lambda k: 1e-9 if 200 < k < 9200 else 1e-3), 1.0)
+    solution = bd.simulate(ball(), PrescribedSteps(lambda k: 1e-9 if 200 < k < 9200 else 1e-3), 1.0)
     assert solution.status.success
     assert solution.statistics.steps > 9500
 
 
-@pytest.mark.parametrize(("steps", "between_looks"), [(9e6, 64), (1.1e6, 8)])
-def test_a_run_of_a_million_steps_is_not_given_up(steps, between_looks):
+@pytest.mark.parametrize(("steps", "steps_per_check"), [(9e6, 64), (1.1e6, 8)])
+def test_run_of_a_million_steps_does_not_stall(steps, steps_per_check):
     pace = StallDetector(1.0)
-    for k in range(0, 400_000, between_looks):
-        assert pace.stall_reason(k / steps, k, between_looks) is None
+    for k in range(0, 400_000, steps_per_check):
+        assert pace.stall_reason(k / steps, k, steps_per_check) is None
 
 
-def test_a_run_of_a_hundred_million_steps_is_given_up():
+def test_run_of_a_hundred_million_steps_stalls():
     pace = StallDetector(1.0)
     ended = [k for k in range(0, 400_000, 64) if pace.stall_reason(k / 3e7, k, 64)]
     assert ended[0] == 102_400
@@ -152,13 +152,18 @@ ADAPTIVE = [bd.Auto(), bd.Ida(), bd.Radau(), bd.GeneralizedAlpha(rtol=1e-4)]
     [{"force": 1e9, "damping": 0.0}, {"angular_velocity": 1e10}, {"law": GROWING}],
     ids=["1 GN", "1e10 rad/s", "a moment that grows"],
 )
-def test_regression_inputs_out_of_all_proportion_end_with_a_sentence(integrator, what, monkeypatch):
+def test_regression_extreme_inputs_end_with_a_reason(integrator, what, monkeypatch):
     """They ran for minutes and took gigabytes. Their pace is seen at once with a shorter look."""
     monkeypatch.setattr(limits, "_STALL_WINDOWS", ((4, 2e3),))
     solution = bd.simulate(equations(**what), integrator, 1.0)
     assert solution.status.kind in ("limited", "failed")
-    told = ("no end in sight", "the step is too small", "even with a step of", "did not converge")
-    assert any(words in solution.status.sentence for words in told)
+    reasons = (
+        "no end in sight",
+        "the step is too small",
+        "even with a step of",
+        "did not converge",
+    )
+    assert any(words in solution.status.sentence for words in reasons)
     assert solution.statistics.steps < 5000
 
 
@@ -174,7 +179,7 @@ def test_regression_inputs_out_of_all_proportion_end_with_a_sentence(integrator,
     ],
     ids=["1 GN", "1e10 rad/s", "1e10 m/s", "exp"],
 )
-def test_inputs_out_of_all_proportion_end_in_earnest(integrator, model):
+def test_extreme_inputs_end_with_default_limits(integrator, model):
     begin = time.perf_counter()
     solution = bd.simulate(model, integrator, 0.7)
     assert not solution.status.success
@@ -182,7 +187,7 @@ def test_inputs_out_of_all_proportion_end_in_earnest(integrator, model):
 
 
 @pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda integrator: integrator.label)
-def test_regression_numbers_beyond_all_numbers_end_a_run(integrator):
+def test_regression_overflow_ends_a_run(integrator):
     """A step that is no number was tried for ever."""
     dense = bd.Material(E=68.95e9, nu=0.3, rho=1e70)
     limited = type(integrator)(rtol=1e-4, time_limit=0.1)
@@ -193,7 +198,7 @@ def test_regression_numbers_beyond_all_numbers_end_a_run(integrator):
 
 
 @pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda integrator: integrator.label)
-def test_a_time_limit_ends_a_stalled_run_in_its_time(integrator):
+def test_time_limit_ends_a_stalled_run(integrator):
     limited = type(integrator)(rtol=1e-5, time_limit=0.05)
     begin = time.perf_counter()
     solution = bd.simulate(equations(force=1e9), limited, 1.0)
@@ -214,12 +219,12 @@ def test_a_time_limit_ends_a_stalled_run_in_its_time(integrator):
         (bd.GeneralizedAlpha(rtol=1e-4), FAST, "GeneralizedAlpha: the longest step"),
     ],
 )
-def test_regression_runs_of_too_many_steps_are_not_begun(integrator, law, message):
+def test_regression_runs_of_too_many_steps_are_rejected(integrator, law, message):
     with pytest.raises(bd.BeamdaeError, match=rf"^{message}.* more than 1e\+08; take"):
         bd.simulate(equations(law=law), integrator, 1.0)
 
 
-def test_steps_longer_than_the_time_scale_of_a_law_are_taken_by_request():
+def test_max_step_may_exceed_the_law_time_scale():
     integrator = bd.Radau(max_step=0.01, time_limit=0.05)
     assert bd.simulate(equations(law=FAST), integrator, 1.0).trajectory.end > 0.0
 
@@ -236,7 +241,7 @@ def test_steps_longer_than_the_time_scale_of_a_law_are_taken_by_request():
         ({"output_step": True}, "simulate: output_step must be a number, got True"),
     ],
 )
-def test_times_that_are_none_are_refused(settings, message):
+def test_invalid_times_are_rejected(settings, message):
     with pytest.raises(bd.BeamdaeError, match=f"^{message}"):
         bd.simulate(ball(), bd.Ida(), **{"t_end": 1.0, **settings})
 
@@ -252,12 +257,12 @@ def test_times_that_are_none_are_refused(settings, message):
         ({"max_steps": True}, "max_steps must be a number, got True"),
     ],
 )
-def test_settings_that_are_none_are_refused(kind, settings, message):
+def test_invalid_settings_are_rejected(kind, settings, message):
     with pytest.raises(bd.BeamdaeError, match=f"^{kind.__name__}: {message}"):
         kind(**{"rtol": 1e-5, **settings})
 
 
-def test_a_radius_that_is_no_number_is_refused():
+def test_nonfinite_radius_is_rejected():
     with pytest.raises(bd.BeamdaeError, match="rho_inf must be finite, got nan"):
         bd.GeneralizedAlpha(rho_inf=float("nan"))
 
@@ -282,13 +287,13 @@ class Once:
 
         # Wrappers of solvers look at the signature.
         @functools.wraps(bound)
-        def called(*args, **kwargs):
+        def call(*args, **kwargs):
             self.left -= 1
             if self.left == 0:
                 raise KeyboardInterrupt
             return bound(*args, **kwargs)
 
-        return called
+        return call
 
 
 @pytest.mark.parametrize(
@@ -301,9 +306,7 @@ class Once:
     ],
 )
 @pytest.mark.parametrize("n", [1, 10])
-def test_an_interrupt_in_the_callbacks_of_a_method_keeps_what_there_is(
-    integrator, owner, name, n, monkeypatch
-):
+def test_interrupt_in_a_method_keeps_the_steps(integrator, owner, name, n, monkeypatch):
     monkeypatch.setattr(owner, name, Once(getattr(owner, name), n))
     solution = bd.simulate(equations(law=SWITCHED), integrator, 1.0)
     assert solution.status.kind == "interrupted"
@@ -312,7 +315,7 @@ def test_an_interrupt_in_the_callbacks_of_a_method_keeps_what_there_is(
 
 @pytest.mark.parametrize("name", ["residual", "jacobian"])
 @pytest.mark.parametrize("n", [1, 10])
-def test_an_interrupt_in_what_scikit_sundae_calls_keeps_what_there_is(name, n, monkeypatch):
+def test_interrupt_in_a_sksundae_callback_keeps_the_steps(name, n, monkeypatch):
     use_scikit_sundae(monkeypatch)
     called = getattr(SksundaeCallbacks, name)
     monkeypatch.setattr(SksundaeCallbacks, name, Once(called, n))
@@ -321,61 +324,61 @@ def test_an_interrupt_in_what_scikit_sundae_calls_keeps_what_there_is(name, n, m
     assert np.isfinite(solution.table().to_numpy()).all()
 
 
-def scouted(of, times, scout=None, method=None):
+def run_interrupted_while_prepared(equations, times, pilot=None, method=None):
     """A run that is interrupted where its scout, or it, is made."""
-    integrator = Given()
+    integrator = PrescribedSteps()
 
-    def made(interrupt):
-        def on(plan):
+    def make_method(interrupt):
+        def method_on(plan):
             if interrupt:
                 raise KeyboardInterrupt
             return Stepping(lambda k: 0.01)
 
-        return on
+        return method_on
 
-    return drive(integrator, of, times, made(method), None, made(scout))
+    return drive(integrator, equations, times, make_method(method), None, make_method(pilot))
 
 
-def test_an_interrupt_before_the_first_step_is_one():
+def test_interrupt_before_the_first_step_is_raised():
     times = np.linspace(0.0, 1.0, 11)
     with pytest.raises(KeyboardInterrupt):
-        scouted(ball(), times, scout=True)
+        run_interrupted_while_prepared(ball(), times, pilot=True)
 
 
-def test_an_interrupt_while_a_run_is_compiled_keeps_what_its_scout_saw():
-    solution = scouted(ball(), np.linspace(0.0, 1.0, 11), method=True)
+def test_interrupt_during_compilation_keeps_the_pilot_run():
+    solution = run_interrupted_while_prepared(ball(), np.linspace(0.0, 1.0, 11), method=True)
     assert solution.status.kind == "interrupted"
     assert "at t = 1 s of the pilot run" in solution.status.sentence
     assert len(solution.t) == 11
 
 
-def test_an_interrupt_between_two_intervals_keeps_the_first(monkeypatch):
+def test_interrupt_between_intervals_keeps_the_first_one(monkeypatch):
     whole = ConsistencySolver.require_continuous
     monkeypatch.setattr(ConsistencySolver, "require_continuous", Once(whole, 1))
     solution = bd.simulate(equations(law=SWITCHED), bd.GeneralizedAlpha(step=0.01), 1.0)
     assert solution.status.sentence == "interrupted at t = 0.1 s"
 
 
-def test_an_interrupt_while_rows_are_put_together_keeps_them(monkeypatch):
+def test_interrupt_while_the_trajectory_is_built_keeps_the_rows(monkeypatch):
     monkeypatch.setattr(Trajectory, "__init__", Once(Trajectory.__init__, 1))
-    solution = bd.simulate(ball(), Given(lambda k: 0.01), 1.0)
+    solution = bd.simulate(ball(), PrescribedSteps(lambda k: 0.01), 1.0)
     assert solution.status.sentence == "interrupted at t = 1 s"
     assert len(solution.t) == 1001
 
 
-def test_an_interrupt_while_a_run_is_looked_through_keeps_it(monkeypatch):
+def test_interrupt_while_a_run_is_checked_keeps_it(monkeypatch):
     def interrupt(self):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Solution, "warnings", property(interrupt))
     with pytest.warns(bd.BeamdaeWarning, match="not finished"):
-        solution = bd.simulate(ball(), Given(lambda k: 0.01), 1.0)
+        solution = bd.simulate(ball(), PrescribedSteps(lambda k: 0.01), 1.0)
     assert solution.status.kind == "interrupted"
     assert solution.status.sentence == "interrupted at t = 1 s, while the run was checked"
 
 
 @pytest.mark.parametrize("ask", [bd.error_estimate, bd.verify])
-def test_regression_an_interrupt_of_an_error_estimate_is_none_of_its_numbers(ask, monkeypatch):
+def test_regression_interrupt_of_an_error_estimate_is_raised(ask, monkeypatch):
     """It was told as NaN."""
     solution = bd.simulate(equations(), bd.GeneralizedAlpha(step=0.01), 0.1)
     monkeypatch.setattr(FixedAlphaStepper, "advance", Once(FixedAlphaStepper.advance, 2))
@@ -388,7 +391,7 @@ def test_regression_an_interrupt_of_an_error_estimate_is_none_of_its_numbers(ask
 @pytest.mark.parametrize(
     "integrator", [*ADAPTIVE, bd.GeneralizedAlpha(step=2e-3)], ids=lambda i: i.label
 )
-def test_a_signal_at_any_moment_keeps_what_there_is_or_is_an_interrupt(integrator):
+def test_signal_at_any_moment_keeps_the_steps_or_is_raised(integrator):
     def run():
         return bd.simulate(strip(law=bd.piecewise((0.1, 0.1), 0.0), elements=2), integrator, 0.5)
 

@@ -18,9 +18,8 @@ from support import use_scikit_sundae
 
 import beamdae as bd
 from beamdae.equations.formulations.first_order import formulate_first_order
-from beamdae.integrators import compiled_run as looping
-from beamdae.integrators.ida import compiled_solver as ida_compiled
-from beamdae.integrators.ida import ida, python_solver, stepper
+from beamdae.integrators import compiled_run
+from beamdae.integrators.ida import compiled_solver, ida, python_solver, stepper
 from beamdae.integrators.ida.python_solver import SksundaeCallbacks, suppress_stdout
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.linear.pivots import propose_plans
@@ -41,7 +40,7 @@ class Copying(IDA):
         super().__init__(copied, **options)
 
 
-def test_regression_a_wrapper_that_hands_out_copies_is_refused(monkeypatch):
+def test_regression_sksundae_with_copied_vectors_is_rejected(monkeypatch):
     """Runs ended 600 rtol off, and said that they had reached the end."""
     use_scikit_sundae(monkeypatch)
     monkeypatch.setattr(python_solver, "IDA", Copying)
@@ -65,13 +64,13 @@ def made(monkeypatch):
 
 
 @pytest.mark.parametrize("formulation", ida.FIRST_ORDER)
-def test_the_vectors_of_the_wrapper_there_is_are_shared(formulation, made):
+def test_installed_sksundae_shares_its_vectors(formulation, made):
     settings = bd.Ida(rtol=1e-6, formulation=formulation, error_control="positions")
     assert bd.simulate(PENDULUM.equations, settings, 0.5).status.success
     assert made[0]._vectors_are_shared
 
 
-def test_regression_what_is_kept_of_a_run_does_not_grow_with_it(made):
+def test_regression_solver_memory_does_not_grow_with_the_run(made):
     """The time of every residual was kept, gigabytes in a long run."""
     for t_end in (0.1, 2.0):
         solution = bd.simulate(PENDULUM.equations, bd.Ida(rtol=1e-6), t_end)
@@ -81,7 +80,7 @@ def test_regression_what_is_kept_of_a_run_does_not_grow_with_it(made):
     assert short == long
 
 
-def test_regression_runs_that_overlap_leave_stdout_as_it_was():
+def test_regression_overlapping_runs_restore_stdout():
     before = sys.stdout
     inside, turns = threading.Barrier(3), [threading.Event() for _ in range(4)]
     turns[0].set()
@@ -107,9 +106,9 @@ def test_regression_runs_that_overlap_leave_stdout_as_it_was():
     assert sys.stdout is before
 
 
-def test_silence_is_of_the_thread_that_asks_for_it(monkeypatch):
-    heard = io.StringIO()
-    monkeypatch.setattr(sys, "stdout", heard)
+def test_stdout_is_suppressed_for_one_thread_only(monkeypatch):
+    stream = io.StringIO()
+    monkeypatch.setattr(sys, "stdout", stream)
     entered, spoken = threading.Event(), threading.Event()
 
     def quiet():
@@ -124,11 +123,11 @@ def test_silence_is_of_the_thread_that_asks_for_it(monkeypatch):
     sys.stdout.write("heard")
     spoken.set()
     thread.join()
-    assert sys.stdout is heard
-    assert heard.getvalue() == "heard"
+    assert sys.stdout is stream
+    assert stream.getvalue() == "heard"
 
 
-def test_sundials_says_nothing_where_a_status_says_it(capfd):
+def test_sundials_prints_nothing(capfd):
     mech = bd.Mechanism()
     body = mech.add(bd.PointMass("body", 1.0, at=(0.0, 0.0)))
     mech.add(bd.Force("push", body.point, (lambda t: np.sqrt(0.5 - t), 0.0)))
@@ -139,17 +138,17 @@ def test_sundials_says_nothing_where_a_status_says_it(capfd):
 
 def test_regression_memory_of_large_systems_does_not_grow_with_their_square(monkeypatch):
     """A full matrix for the identity took 6 GB and most of the time at 1024 elements."""
-    kept = {}
+    sizes = {}
 
-    def watched(residual, **options):
+    def make_watched(residual, **options):
         def jacobian(t, y, yp, res, c, out):
-            kept[y.size] = out.size
+            sizes[y.size] = out.size
             options["jacfn"](t, y, yp, res, c, out)
 
         return IDA(residual, **{**options, "jacfn": jacobian})
 
     use_scikit_sundae(monkeypatch)
-    monkeypatch.setattr(python_solver, "IDA", watched)
+    monkeypatch.setattr(python_solver, "IDA", make_watched)
     for bodies in (2, 30):
         mech = bd.Mechanism(gravity=(0.0, -9.81))
         before = mech.ground.at(0.0, 0.0)
@@ -159,19 +158,19 @@ def test_regression_memory_of_large_systems_does_not_grow_with_their_square(monk
             before = rod.at(k + 1.0, 0.0)
         solution = bd.simulate(mech, bd.Ida(rtol=1e-3), 0.01)
         assert solution.status.success
-    (small, few), (large, many) = sorted(kept.items())
+    (small, few), (large, many) = sorted(sizes.items())
     assert few == small**2
     assert many == large
 
 
-def test_an_unstable_order_that_is_set_does_not_enlarge_the_amplitudes():
+def test_unstable_max_order_does_not_affect_the_pilot_run():
     # BDF of order 5 makes undamped modes grow: a scout of that order saw seven times the motion.
-    seen = [
+    solutions = [
         bd.simulate(hub_beam(elements=4), bd.Ida(1e-4, max_order=k, max_steps=5), t_end=2.0)
         for k in ("auto", 5)
     ]
-    assert seen[0].integrator["amplitudes"] == seen[1].integrator["amplitudes"]
-    assert seen[1].integrator["max_order"] == 5
+    assert solutions[0].integrator["amplitudes"] == solutions[1].integrator["amplitudes"]
+    assert solutions[1].integrator["max_order"] == 5
 
 
 UNDAMPED, DAMPED = (bd.equations_of_motion(hub_beam(elements=2, damping=d)) for d in (0.0, 0.01))
@@ -180,7 +179,7 @@ UNDAMPED, DAMPED = (bd.equations_of_motion(hub_beam(elements=2, damping=d)) for 
 @compiled
 @pytest.mark.parametrize("formulation", ida.FIRST_ORDER)
 @pytest.mark.parametrize("equations", [UNDAMPED, DAMPED], ids=["undamped", "damped"])
-def test_machine_code_takes_the_steps_of_scikit_sundae(equations, formulation, monkeypatch):
+def test_compiled_steps_equal_sksundae_steps(equations, formulation, monkeypatch):
     settings = bd.Ida(1e-5, formulation=formulation)
     one = bd.simulate(equations, settings, 0.1)
     use_scikit_sundae(monkeypatch)
@@ -197,24 +196,24 @@ def test_machine_code_takes_the_steps_of_scikit_sundae(equations, formulation, m
 
 @compiled
 @pytest.mark.parametrize("formulation", ida.FIRST_ORDER)
-def test_ida_tells_of_its_steps(formulation):
+def test_step_report_lists_orders_and_limiting_unknowns(formulation):
     settings = bd.Ida(1e-4, formulation=formulation, error_control="velocities", max_order=3)
     solution = bd.simulate(PENDULUM.equations, settings, 2.0)
-    told, counts = solution.integrator, solution.statistics
-    assert sum(told["orders"].values()) == counts.steps
-    assert {"1", "2"} <= set(told["orders"]) <= {"1", "2", "3"}
-    assert 0 < told["error_test_failures"] <= counts.rejected_steps
+    report, counts = solution.integrator, solution.statistics
+    assert sum(report["orders"].values()) == counts.steps
+    assert {"1", "2"} <= set(report["orders"]) <= {"1", "2", "3"}
+    assert 0 < report["error_test_failures"] <= counts.rejected_steps
     assert counts.factorizations == counts.jacobian_calls > 1
     names = set(
         formulate_first_order(PENDULUM.equations, formulation).names[: 2 * PENDULUM.equations.n]
     )
-    assert 1 <= len(told["limited_by"]) <= 3
-    assert set(told["limited_by"]) <= names
-    assert 1.0 / 3.0 < sum(told["limited_by"].values()) <= 1.0 + 1e-9
+    assert 1 <= len(report["limited_by"]) <= 3
+    assert set(report["limited_by"]) <= names
+    assert 1.0 / 3.0 < sum(report["limited_by"].values()) <= 1.0 + 1e-9
 
 
 @compiled
-def test_what_limits_the_step_is_the_coordinate_that_moves():
+def test_limiting_unknown_is_the_moving_coordinate():
     mech = bd.Mechanism()
     for name, rate in (("slow", 0.1), ("fast", 30.0)):
         ball = mech.add(bd.PointMass(name, 1.0, at=(0.0, 0.0)))
@@ -225,7 +224,7 @@ def test_what_limits_the_step_is_the_coordinate_that_moves():
 
 
 @pytest.mark.parametrize("formulation", ida.FIRST_ORDER)
-def test_every_unknown_has_a_name(formulation):
+def test_all_unknowns_have_names(formulation):
     form = formulate_first_order(UNDAMPED, formulation)
     assert len(set(form.names)) == form.size
 
@@ -244,7 +243,7 @@ def test_failures_before_a_restart_are_counted():
     assert failures > 0.5 * first.integrator["error_test_failures"] > 10
 
 
-class Counted:
+class CountedProposals:
     """Plans, of which the first ones are none that serve; counts how often they are asked for."""
 
     def __init__(self, spoiled=0):
@@ -260,33 +259,33 @@ class Counted:
 
 
 @compiled
-def test_pivots_are_found_once_for_a_run_and_its_scouts(monkeypatch):
-    counted = Counted()
-    monkeypatch.setattr(looping, "propose_plans", counted)
+def test_pivots_of_the_pilot_run_are_reused(monkeypatch):
+    proposals = CountedProposals()
+    monkeypatch.setattr(compiled_run, "propose_plans", proposals)
     solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.2)
     assert solution.statistics.jacobian_calls > 2
-    assert counted.calls == 1
+    assert proposals.calls == 1
 
 
 @compiled
-def test_pivots_that_do_not_serve_change_no_step(monkeypatch):
+def test_failing_pivots_do_not_change_the_steps(monkeypatch):
     expected = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.2)
-    counted = Counted(spoiled=1)
-    monkeypatch.setattr(looping, "propose_plans", counted)
-    found = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.2)
-    assert counted.calls == 1
-    assert counted._spoiled == 0
-    assert_allclose(found.q, expected.q, rtol=0.0, atol=0.0)
-    assert found.statistics.steps == expected.statistics.steps
+    proposals = CountedProposals(spoiled=1)
+    monkeypatch.setattr(compiled_run, "propose_plans", proposals)
+    solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.2)
+    assert proposals.calls == 1
+    assert proposals._spoiled == 0
+    assert_allclose(solution.q, expected.q, rtol=0.0, atol=0.0)
+    assert solution.statistics.steps == expected.statistics.steps
 
 
 @compiled
-def test_pivots_that_no_longer_serve_are_replaced_in_the_middle_of_a_run(monkeypatch):
+def test_pivots_are_replaced_during_a_run(monkeypatch):
     settings = bd.Ida(1e-4, formulation="ggl")
     expected = bd.simulate(DAMPED, settings, 0.2)
-    counted, calls = Counted(), []
-    monkeypatch.setattr(looping, "propose_plans", counted)
-    advance = ida_compiled.CompiledIda.advance
+    proposals, calls = CountedProposals(), []
+    monkeypatch.setattr(compiled_run, "propose_plans", proposals)
+    advance = compiled_solver.CompiledIda.advance
 
     def spoiling(self, most):
         calls.append(None)
@@ -295,16 +294,16 @@ def test_pivots_that_no_longer_serve_are_replaced_in_the_middle_of_a_run(monkeyp
             self._newton.linear.plan.starts[:] = 0
         return advance(self, 8)
 
-    monkeypatch.setattr(ida_compiled.CompiledIda, "advance", spoiling)
-    found = bd.simulate(DAMPED, settings, 0.2)
-    assert found.status.success
-    assert counted.calls == 2
-    assert_allclose(found.q, expected.q, rtol=0.0, atol=10.0 * settings.rtol)
-    assert_allclose(found.statistics.steps, expected.statistics.steps, rtol=0.1)
+    monkeypatch.setattr(compiled_solver.CompiledIda, "advance", spoiling)
+    solution = bd.simulate(DAMPED, settings, 0.2)
+    assert solution.status.success
+    assert proposals.calls == 2
+    assert_allclose(solution.q, expected.q, rtol=0.0, atol=10.0 * settings.rtol)
+    assert_allclose(solution.statistics.steps, expected.statistics.steps, rtol=0.1)
 
 
 @compiled
-def test_a_jacobian_without_pivots_is_tried_again_with_a_shorter_step(monkeypatch):
+def test_singular_jacobian_shortens_the_step(monkeypatch):
     failed = []
 
     def singular_once(pattern, nonzeros):
@@ -313,7 +312,7 @@ def test_a_jacobian_without_pivots_is_tried_again_with_a_shorter_step(monkeypatc
             raise SingularMatrixError("the matrix is singular")
         return propose_plans(pattern, nonzeros)
 
-    monkeypatch.setattr(looping, "propose_plans", singular_once)
+    monkeypatch.setattr(compiled_run, "propose_plans", singular_once)
     solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.1)
     assert failed
     assert solution.status.success
@@ -321,11 +320,11 @@ def test_a_jacobian_without_pivots_is_tried_again_with_a_shorter_step(monkeypatc
 
 @pytest.mark.slow(reason="half a second and more")
 @compiled
-def test_a_jacobian_that_never_has_pivots_is_a_status(monkeypatch):
+def test_permanently_singular_jacobian_fails_the_run(monkeypatch):
     def singular(pattern, nonzeros):
         raise SingularMatrixError("the matrix is singular")
 
-    monkeypatch.setattr(looping, "propose_plans", singular)
+    monkeypatch.setattr(compiled_run, "propose_plans", singular)
     solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.1)
     assert solution.status.kind == "failed"
     assert solution.status.sentence.startswith("stopped at t = 0 s: ")
@@ -333,23 +332,23 @@ def test_a_jacobian_that_never_has_pivots_is_a_status(monkeypatch):
 
 @compiled
 @pytest.mark.parametrize("problem", [KeyboardInterrupt, MemoryError])
-def test_what_is_raised_inside_the_jacobian_comes_out_of_the_run(problem, monkeypatch, capfd):
+def test_exception_in_the_jacobian_is_raised_by_the_run(problem, monkeypatch, capfd):
     def raising(pattern, nonzeros):
         raise problem
 
-    monkeypatch.setattr(looping, "propose_plans", raising)
+    monkeypatch.setattr(compiled_run, "propose_plans", raising)
     solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.1)
     kinds = {KeyboardInterrupt: "interrupted", MemoryError: "limited"}
     assert solution.status.kind == kinds[problem]
     assert capfd.readouterr() == ("", "")
 
 
-def test_an_interrupt_that_waited_for_python_is_met():
+def test_pending_interrupt_is_caught_in_the_callback():
     """It is raised as soon as the interpreter is entered, in front of the first line."""
     problems = []
-    renewing = ida_compiled._pivot_renewal(None, None, None, problems)
+    renewing = compiled_solver._pivot_renewal(None, None, None, problems)
     next(renewing)
-    called = ida_compiled._RENEW_CALLBACK(renewing.__next__)
+    called = compiled_solver._RENEW_CALLBACK(renewing.__next__)
     # Nothing is interpreted between the two calls.
     (_, done) = map(operator.call, [_thread.interrupt_main, called])
     assert done == 0
@@ -358,22 +357,22 @@ def test_an_interrupt_that_waited_for_python_is_met():
 
 
 @compiled
-def test_regression_a_method_goes_with_its_last_reference():
+def test_regression_solver_is_freed_with_its_last_reference():
     """What SUNDIALS holds is freed at once, not when garbage is collected."""
-    kept = []
-    made = stepper._make_solver
+    references = []
+    make_solver = stepper._make_solver
 
-    def watched(*arguments):
-        found = made(*arguments)
-        kept.append(weakref.ref(found._solver))
-        return found
+    def make_watched(*arguments):
+        solver = make_solver(*arguments)
+        references.append(weakref.ref(solver._solver))
+        return solver
 
     gc.disable()
     try:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(stepper, "_make_solver", watched)
+            patch.setattr(stepper, "_make_solver", make_watched)
             bd.simulate(UNDAMPED, bd.Ida(1e-3), 0.02)
-        assert kept
-        assert all(reference() is None for reference in kept)
+        assert references
+        assert all(reference() is None for reference in references)
     finally:
         gc.enable()

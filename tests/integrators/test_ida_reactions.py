@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from benchmarks.systems import knife_edge
-from equations.test_own_rows import GRAVITY, MASS, body_with
+from equations.test_nonholonomic_statements import GRAVITY, MASS, body_with
 from governor import governor
 from numpy.testing import assert_allclose
 from quick_return import quick_return
@@ -21,7 +21,7 @@ first, *others, _ = [(f, e) for f in FIRST_ORDER for e in ("positions", "velocit
     ("formulation", "error_control"),
     [first, *(pytest.param(*other, marks=slow) for other in others)],
 )
-def test_regression_reactions_that_friction_feeds_on_are_iterated(formulation, error_control):
+def test_regression_reactions_in_friction_are_iterated(formulation, error_control):
     """Energy was off by 27 to 100 %, reactions by up to 1e7 times their size where friction turns.
 
     Where modes are fast beside the motion "auto" tests positions alone, and so for other forms.
@@ -35,7 +35,7 @@ def test_regression_reactions_that_friction_feeds_on_are_iterated(formulation, e
 
 @pytest.mark.slow(reason="a model with a beam of its own")
 @pytest.mark.parametrize("rtol", [1e-3, 1e-5])
-def test_regression_friction_beside_fast_modes(rtol):
+def test_regression_friction_with_fast_modes(rtol):
     """A flexible link in quick_return: the energy was off by 59 % at 1e-3."""
     solution = bd.simulate(with_flexible_link(), bd.Ida(rtol), 3.0)
     assert solution.integrator["error_control"] == "positions"
@@ -89,21 +89,21 @@ def test_regression_the_reaction_of_a_driven_nonholonomic_row(formulation, rtol)
     "integrator",
     [bd.GeneralizedAlpha, *(pytest.param(x, marks=slow) for x in (bd.Ida, bd.Radau))],
 )
-def test_regression_tolerances_do_not_grow_with_the_turns_of_a_body(integrator):
+def test_regression_tolerances_do_not_grow_with_rotations(integrator):
     """Ten turns of the rotor: its weights were off by 800 rtol, and after 20 by 1700 rtol."""
     rtol = 1e-4
-    exact, found = (
+    exact, solution = (
         bd.simulate(governor, settings, 1.0, 0.01)
         for settings in (bd.Radau(1e-7), integrator(rtol=rtol))
     )
     lengths = [k for k, c in enumerate(exact.equations.coordinates) if c.unit == "m"]
     moves = [k for k in lengths if np.ptp(exact.q[:, k]) > 1e-3]
-    error = np.max(np.abs(found.q - exact.q)[:, moves], axis=0)
+    error = np.max(np.abs(solution.q - exact.q)[:, moves], axis=0)
     assert np.max(error / (0.5 * np.ptp(exact.q[:, moves], axis=0))) < 100.0 * rtol
 
 
 @pytest.mark.parametrize("formulation", ["stabilized-index1", pytest.param("ggl", marks=slow)])
-def test_regression_errors_of_what_turns_do_not_go_to_what_hardly_moves(formulation):
+def test_regression_rotation_errors_do_not_move_slow_parts(formulation):
     """Half of them went to the frame, and a longer step was rejected: every fifth was tried twice.
 
     In ring_mount that was every single one, at order 1.
@@ -121,7 +121,7 @@ def test_regression_errors_of_what_turns_do_not_go_to_what_hardly_moves(formulat
     assert counts.jacobian_calls < 0.1 * counts.steps
 
 
-def test_regression_a_run_does_not_end_with_a_sliver_of_a_step():
+def test_regression_last_step_is_not_very_short():
     """A last step of 1e-4 of the one before left the reaction off by a fifth of its size."""
     model = knife_edge()
     for rtol in np.geomspace(1e-5, 1e-3, 9):

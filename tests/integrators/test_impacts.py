@@ -32,22 +32,22 @@ def test_a_ball_bounces_at_times_of_the_geometric_series(integrator):
     solution = bd.simulate(bouncing(e, velocity=(0.3, 0.0)), integrator, 2.3)
     speed = G * FALL * e ** np.arange(4)
     times = FALL + np.cumsum([0.0, *(2.0 * e * speed[:-1] / G)])
-    found = solution.events
+    events = solution.events
     # 100 rtol of a second, of fixed steps rounding: they are exact for parabolas.
-    assert_allclose(found["t [s]"], times, atol=1e-5)
-    assert_allclose(found["ball.y_dot [m/s]"], -speed, rtol=1e-5)
-    assert_allclose(found["impulse.bounce.gap"], 2.0 * (1.0 + e) * speed, rtol=1e-5)
+    assert_allclose(events["t [s]"], times, atol=1e-5)
+    assert_allclose(events["ball.y_dot [m/s]"], -speed, rtol=1e-5)
+    assert_allclose(events["impulse.bounce.gap"], 2.0 * (1.0 + e) * speed, rtol=1e-5)
     lost = 0.5 * 2.0 * (1.0 - e**2) * speed**2
-    assert_allclose(found["energy lost [J]"], lost, rtol=1e-5)
+    assert_allclose(events["energy lost [J]"], lost, rtol=1e-5)
     assert_allclose(solution.columns["ball.x [m]"], 0.3 * solution.t, atol=1e-9)
     assert solution.columns["gap [m]"].min() > -1e-6
     assert solution.quality.energy_imbalance < 1e-6
     dissipated = solution.ledger["energy.dissipated [J]"].iloc[-1]
-    assert_allclose(dissipated, found["energy lost [J]"].sum(), rtol=1e-9)
+    assert_allclose(dissipated, events["energy lost [J]"].sum(), rtol=1e-9)
 
 
 @RUNS
-def test_bounces_that_accumulate_end_the_run_with_the_reason(integrator):
+def test_accumulating_bounces_end_the_run(integrator):
     """Zeno: all of them are over at FALL (1 + e) / (1 - e)."""
     e = 0.5
     with pytest.warns(bd.BeamdaeWarning, match="impacts of event bounce accumulate"):
@@ -59,7 +59,7 @@ def test_bounces_that_accumulate_end_the_run_with_the_reason(integrator):
 
 
 @pytest.mark.parametrize("e", [0.0, 1.0])
-def test_a_dull_and_a_perfect_impact(e):
+def test_inelastic_and_elastic_impact(e):
     solution = bd.simulate(bouncing(e), bd.Radau(1e-7), 0.9)
     if e == 0.0:
         assert solution.status.kind == "limited"
@@ -70,7 +70,7 @@ def test_a_dull_and_a_perfect_impact(e):
         assert_allclose(solution.event_records[0].energy_lost, 0.0, atol=1e-9)
 
 
-def test_an_impact_on_a_slope_keeps_the_speed_along_it():
+def test_impact_on_a_slope_keeps_the_tangential_speed():
     slope, e = -0.4, 0.6
     solution = bd.simulate(bouncing(e, slope=slope), bd.Radau(1e-8), 0.6)
     (bounce,) = solution.event_records
@@ -82,7 +82,7 @@ def test_an_impact_on_a_slope_keeps_the_speed_along_it():
 
 
 @RUNS
-def test_a_bar_is_thrown_back_by_a_stop(integrator):
+def test_bar_rebounds_from_a_stop(integrator):
     """Newton's restitution on a hinge's angle, from either side, with the hinge's impulses."""
     mech = bd.Mechanism()
     bar = mech.add(
@@ -117,7 +117,7 @@ def test_a_bar_is_thrown_back_by_a_stop(integrator):
     assert solution.quality.energy_imbalance < 1e-6
 
 
-def test_a_rod_that_falls_on_its_end_turns():
+def test_rod_falling_on_its_end_rotates():
     """Impulse at the end of a free rod: v+ of the end -e v-, of momentum and spin about it."""
     mech = bd.Mechanism(gravity=(0.0, -G))
     rod = mech.add(bd.RigidBody("rod", mass=1.5, inertia=0.2, center=(0.0, 1.0)))
@@ -132,7 +132,7 @@ def test_a_rod_that_falls_on_its_end_turns():
     assert_allclose(after, [0.0, impulse / 1.5 - speed, 0.6 * impulse / 0.2], atol=1e-5)
 
 
-def test_a_gap_that_opens_is_left_alone():
+def test_opening_gap_has_no_impulse():
     """The event asks for an impact where nothing meets."""
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0), velocity=(1.0, 1.0)))
@@ -145,7 +145,7 @@ def test_a_gap_that_opens_is_left_alone():
     assert_allclose(solution.q[-1], [1.0, 2.0], rtol=1e-9)
 
 
-def test_a_moving_floor_gives_its_speed():
+def test_moving_floor_reverses_the_relative_speed():
     """A racket at 2 m/s: the speed relative to it is reversed."""
     mech = bd.Mechanism()
     racket = mech.add(bd.RigidBody("racket", mass=1.0, inertia=1.0))
@@ -166,7 +166,7 @@ def test_a_moving_floor_gives_its_speed():
     assert solution.quality.energy_imbalance < 1e-9
 
 
-def test_impacts_that_make_no_sense_are_refused():
+def test_invalid_impacts_are_rejected():
     mech = bouncing(0.5)
     gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(mech.part("ball").point)
     for arguments, sentence in (

@@ -6,7 +6,7 @@ from benchmarks.cases import AREVALO, CYCLOID, KNIFE_EDGE, ROTATING_ROD, pendulu
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.integrators.radau import stepper as radau_method
+from beamdae.integrators.radau import stepper as radau_stepper
 
 ANGLE, SPEED, GRAVITY = 0.4 * np.pi, 0.5, 9.81
 
@@ -29,9 +29,9 @@ def largest_errors(case, steps, **settings):
     integrator = bd.GeneralizedAlpha(step=step, newton_tolerance=1e-10, **settings)
     solution = bd.simulate(equations, integrator, t_end, output_step=step)
     assert solution.status.success, solution.status.sentence
-    known = answer(solution.t)
-    found = {"q": solution.q, "v": solution.v, "lam": solution.lam}
-    return np.array([np.max(np.abs(found[name] - known[name])) for name in ("q", "v", "lam")])
+    exact = answer(solution.t)
+    values = {"q": solution.q, "v": solution.v, "lam": solution.lam}
+    return np.array([np.max(np.abs(values[name] - exact[name])) for name in ("q", "v", "lam")])
 
 
 def observed_orders(case, steps, **settings):
@@ -112,7 +112,7 @@ def test_radau_is_of_order_five_in_positions_and_velocities_three_in_multipliers
 ):
     # Hairer, Lubich & Roche 1989 for index 2. At the loosest tolerance max_step is every step,
     # and Newton's iteration is taken to rounding: its error would cover that of the method.
-    monkeypatch.setattr(radau_method, "_MAX_ITERATION_FRACTION", 1e-12)
+    monkeypatch.setattr(radau_stepper, "_MAX_ITERATION_FRACTION", 1e-12)
     equations, answer, t_end = CASES[case]
     errors = []
     for count in (steps, 2 * steps):
@@ -120,15 +120,15 @@ def test_radau_is_of_order_five_in_positions_and_velocities_three_in_multipliers
         solution = bd.simulate(equations, bd.Radau(0.1, max_step=step), t_end, output_step=step)
         (segment,) = solution.trajectory.intervals
         assert_allclose(np.diff(segment.t), step, rtol=1e-9)
-        known = answer(solution.t)
-        found = {"q": solution.q, "v": solution.v, "lam": solution.lam}
-        errors.append([np.max(np.abs(found[name] - known[name])) for name in ("q", "v", "lam")])
+        exact = answer(solution.t)
+        values = {"q": solution.q, "v": solution.v, "lam": solution.lam}
+        errors.append([np.max(np.abs(values[name] - exact[name])) for name in ("q", "v", "lam")])
     assert_allclose(np.log2(np.divide(*errors)), [5.0, 5.0, order], rtol=0.0, atol=0.1)
 
 
 @pytest.mark.slow(reason="a hundred thousand steps of order 1")
 @pytest.mark.parametrize(("max_order", "tightest"), [(1, 2e-5), (2, 1e-6)])
-def test_steps_of_ida_grow_with_the_tolerance_as_its_order_says(max_order, tightest):
+def test_ida_step_length_scales_with_its_order(max_order, tightest):
     # A local error proportional to h^(k+1) held at the local tolerance: steps grow as its power
     # -1/(k+1), were it not for the start at order 1 and the slow adaptation of step and order.
     # From order 3 on the exponents of neighbors are closer than that.

@@ -13,7 +13,7 @@ from beamdae.native.loops import CompiledLoop
 from beamdae.native.object_code import is_native_enabled
 
 
-def test_pivots_of_a_matrix_serve_another_of_its_pattern_and_its_own_follow():
+def test_pivots_of_another_matrix_are_tried_first():
     pattern = sp.csc_array(np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 1.0], [0.0, 1.0, 1.0]]))
     real = FactorizedMatrix.from_pattern(pattern)
     pair = FactorizedMatrix.from_pattern(pattern, complex, pivot_source=real)
@@ -31,7 +31,7 @@ def test_pivots_of_a_matrix_serve_another_of_its_pattern_and_its_own_follow():
     assert pair_factors.singular == 0
 
 
-def test_a_matrix_alone_is_given_its_own_pivots():
+def test_matrix_without_pivot_source_finds_its_pivots():
     matrix = FactorizedMatrix.from_pattern(sp.csc_array(np.eye(2)))
     matrix.nonzeros[:] = [2.0, np.nan]
     factors = matrix.make_solver(True, "auto")
@@ -65,16 +65,16 @@ def beam():
     ],
     ids=lambda x: f"{x.label}",
 )
-def test_runs_are_in_machine_code_where_there_is_any(integrator, monkeypatch):
+def test_runs_use_machine_code_if_available(integrator, monkeypatch):
     """Nothing else fails where a loop cannot be compiled: it runs as plain Python."""
     loops = []
-    prepared = CompiledLoop.__init__
+    compile_loop = CompiledLoop.__init__
 
-    def seen(self, *arguments, **more):
-        prepared(self, *arguments, **more)
+    def record_loop(self, *arguments, **more):
+        compile_loop(self, *arguments, **more)
         loops.append(self)
 
-    monkeypatch.setattr(CompiledLoop, "__init__", seen)
+    monkeypatch.setattr(CompiledLoop, "__init__", record_loop)
     with warnings.catch_warnings():
         warnings.simplefilter("error", KernelWarning)
         solution = bd.simulate(beam(), integrator, 0.01)

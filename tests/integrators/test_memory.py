@@ -13,9 +13,9 @@ from support import use_scikit_sundae
 
 import beamdae as bd
 from beamdae.equations.assembly import assemble
-from beamdae.integrators import step_history as rows
+from beamdae.integrators import step_history
 from beamdae.integrators.alpha.stepper import FixedAlphaStepper
-from beamdae.integrators.ida import python_solver as preconditioned
+from beamdae.integrators.ida import python_solver
 from beamdae.results.solution import Solution
 
 GIGABYTE = 1e9
@@ -38,12 +38,12 @@ INTEGRATORS = [
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda i: i.method)
-def test_states_that_fill_the_memory_end_a_run_with_what_there_is(integrator, monkeypatch):
+def test_full_memory_ends_a_run_and_keeps_its_steps(integrator, monkeypatch):
     whole = bd.simulate(pendulum(), integrator, 1.0)
     assert whole.statistics.steps > 1900
-    monkeypatch.setattr(rows, "available_memory", lambda: 1e5)
-    monkeypatch.setattr(rows, "_UNCHECKED_BYTES", 0.0)
-    monkeypatch.setattr(rows, "_MAX_BLOCK_ROWS", 1024)
+    monkeypatch.setattr(step_history, "available_memory", lambda: 1e5)
+    monkeypatch.setattr(step_history, "_UNCHECKED_BYTES", 0.0)
+    monkeypatch.setattr(step_history, "_MAX_BLOCK_ROWS", 1024)
     solution = bd.simulate(pendulum(), integrator, 1.0)
     assert solution.status.kind == "limited"
     assert "states stored take 9.8e-05 GB" in solution.status.sentence
@@ -55,22 +55,22 @@ def test_states_that_fill_the_memory_end_a_run_with_what_there_is(integrator, mo
     assert_allclose(solution.q, whole.q[:reached], atol=1e-6)
 
 
-def test_blocks_of_long_states_are_short():
+def test_blocks_of_large_states_have_few_rows():
     from beamdae.equations.equations_of_motion import State
 
     state = State(*(np.zeros(50_000) for _ in range(4)))
-    kept = rows.StepHistory(0.0, state)
-    assert sum(block.nbytes for block in kept._blocks) < 2e7
+    history = step_history.StepHistory(0.0, state)
+    assert sum(block.nbytes for block in history._blocks) < 2e7
     for k in range(20):
-        kept.append(float(k + 1), state)
-    assert kept.interval(0.5).rows.q.shape == (21, 50_000)
+        history.append(float(k + 1), state)
+    assert history.interval(0.5).rows.q.shape == (21, 50_000)
 
 
-def test_memory_that_is_short_in_a_step_ends_a_run_with_what_there_is(monkeypatch):
-    advance, left = FixedAlphaStepper.advance, iter(range(3))
+def test_memory_error_in_a_step_keeps_the_steps(monkeypatch):
+    advance, remaining = FixedAlphaStepper.advance, iter(range(3))
 
     def short(self, most):
-        if next(left, None) is None:
+        if next(remaining, None) is None:
             raise MemoryError
         return advance(self, 10)
 
@@ -82,7 +82,7 @@ def test_memory_that_is_short_in_a_step_ends_a_run_with_what_there_is(monkeypatc
 
 
 @pytest.mark.parametrize("problem", [MemoryError(), RuntimeError("std::bad_alloc")])
-def test_memory_that_is_short_before_a_run_is_an_error_in_words(problem, monkeypatch):
+def test_memory_error_before_a_run_is_a_beamdae_error(problem, monkeypatch):
     def short(*arguments):
         raise problem
 
@@ -92,7 +92,7 @@ def test_memory_that_is_short_before_a_run_is_an_error_in_words(problem, monkeyp
 
 
 @pytest.mark.parametrize("problem", [MemoryError(), RuntimeError("std::bad_alloc")])
-def test_memory_that_is_short_after_a_run_loses_none_of_it(problem, monkeypatch):
+def test_memory_error_after_a_run_keeps_it(problem, monkeypatch):
     def short(self):
         raise problem
 
@@ -102,7 +102,7 @@ def test_memory_that_is_short_after_a_run_loses_none_of_it(problem, monkeypatch)
     assert solution.status.success
 
 
-def test_other_errors_are_not_put_down_to_memory(monkeypatch):
+def test_other_errors_are_not_reported_as_memory_errors(monkeypatch):
     def wrong(*arguments):
         raise RuntimeError("something else")
 
@@ -111,7 +111,7 @@ def test_other_errors_are_not_put_down_to_memory(monkeypatch):
         bd.simulate(pendulum(), bd.Ida(), 1.0)
 
 
-def test_more_rows_than_there_is_memory_for_are_refused(monkeypatch):
+def test_output_rows_that_exceed_memory_are_rejected(monkeypatch):
     monkeypatch.setattr("beamdae.memory._free_physical_memory", lambda: 1e6)
     with pytest.raises(
         bd.BeamdaeError,
@@ -128,9 +128,9 @@ def beam(elements):
     return bd.equations_of_motion(mech)
 
 
-def test_regression_ida_without_a_sparse_solver_asks_for_no_more_than_there_is(monkeypatch):
+def test_regression_ida_without_sparse_solver_checks_memory(monkeypatch):
     """At 10 000 elements scikit-sundae asked for 241 GiB."""
-    solver = preconditioned.IDA
+    solver = python_solver.IDA
 
     def without(residual, **options):
         if options["linsolver"] == "sparse":
@@ -139,7 +139,7 @@ def test_regression_ida_without_a_sparse_solver_asks_for_no_more_than_there_is(m
 
     equations = beam(40)
     use_scikit_sundae(monkeypatch)
-    monkeypatch.setattr(preconditioned, "IDA", without)
+    monkeypatch.setattr(python_solver, "IDA", without)
     assert bd.simulate(equations, bd.Ida(), 1e-3).status.success
     monkeypatch.setattr("beamdae.memory._free_physical_memory", lambda: 1e6)
     with pytest.raises(
@@ -149,7 +149,7 @@ def test_regression_ida_without_a_sparse_solver_asks_for_no_more_than_there_is(m
         bd.simulate(equations, bd.Ida(), 1e-3, output_step=1e-3)
 
 
-def test_more_bodies_than_there_is_memory_for_are_refused(monkeypatch):
+def test_mechanism_that_exceeds_memory_is_rejected(monkeypatch):
     monkeypatch.setattr(
         "beamdae.memory._free_physical_memory", lambda: 10.0 * assemble._BYTES_PER_COORDINATE
     )
@@ -161,9 +161,9 @@ def test_more_bodies_than_there_is_memory_for_are_refused(monkeypatch):
 
 
 @pytest.mark.slow(reason="a process with a limit of its own for each integrator")
-@pytest.mark.parametrize("left", [0.05, 0.3, 0.6])
+@pytest.mark.parametrize("remaining", [0.05, 0.3, 0.6])
 @pytest.mark.parametrize("integrator", ["Ida()", "Radau()", "GeneralizedAlpha()"])
-def test_a_process_with_little_memory_ends_in_words(integrator, left):
+def test_process_with_little_memory_ends_with_a_message(integrator, remaining):
     if not Path("/proc/self/statm").exists():
         pytest.skip("the system does not tell how much memory a process has")
     program = f"""
@@ -172,7 +172,7 @@ def test_a_process_with_little_memory_ends_in_words(integrator, left):
         warnings.simplefilter("ignore")
         import beamdae.simulation
         pages = int(open("/proc/self/statm").read().split()[0])
-        most = pages * resource.getpagesize() + {int(left * GIGABYTE)}
+        most = pages * resource.getpagesize() + {int(remaining * GIGABYTE)}
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
         try:
             mech = bd.Mechanism(gravity=(0.0, -9.81))

@@ -9,14 +9,12 @@ from pendulum import pendulum
 
 import beamdae as bd
 from beamdae.integrators.error_control import MotionScales
-from beamdae.integrators.radau import stages as radau_stages
-from beamdae.integrators.radau import step_loop as radau_loop
+from beamdae.integrators.radau import stages, step_loop
 from beamdae.integrators.radau.coefficients import COMPLEX_EIGENVALUE, REAL_EIGENVALUE, A, C, T
 from beamdae.integrators.radau.stages import estimate_error, solve_stages
 from beamdae.integrators.radau.stepper import StepTolerance
 from beamdae.integrators.run_plan import plan_run
-from beamdae.native import loop_functions as vectors
-from beamdae.native import loops
+from beamdae.native import loop_functions, loops
 from beamdae.native.llvm import MachineCodeError
 from beamdae.native.return_codes import DONE, NEW_PIVOTS, SINGULAR
 
@@ -30,7 +28,7 @@ def oscillator(omega, damping=0.0):
     ).equations
 
 
-def pushed(law):
+def pushed_particle(law):
     mech = bd.Mechanism()
     particle = mech.add(bd.PointMass("particle", 2.0, at=(0.0, 0.0)))
     mech.add(bd.Force("push", particle.point, (law, 0.0)))
@@ -38,13 +36,13 @@ def pushed(law):
 
 
 @pytest.fixture
-def plain(monkeypatch):
+def interpreted(monkeypatch):
     """Loops as the Python they are stated in."""
 
-    def none(*_):
+    def raise_unavailable(*_):
         raise MachineCodeError("it is not wanted")
 
-    monkeypatch.setattr(loops, "CompiledLoop", none)
+    monkeypatch.setattr(loops, "CompiledLoop", raise_unavailable)
 
 
 def one_step(equations, h):
@@ -53,8 +51,8 @@ def one_step(equations, h):
     method = bd.Radau(linear_solver="dense").method_on(plan)
     method.begin(0.0, h, 0.5 * h, plan.state)
     run = method._run
-    known = run.yp[: 2 * equations.n]
-    run.iteration_weights[:] = 1e13 / np.maximum(np.abs(known) * h, 1.0)
+    rates = run.yp[: 2 * equations.n]
+    run.iteration_weights[:] = 1e13 / np.maximum(np.abs(rates) * h, 1.0)
     run.velocity_weights[:] = run.iteration_weights[equations.n :]
     run.velocity_rounding_weights[:] = np.inf
     assert solve_stages(run, h, True) == DONE
@@ -90,7 +88,7 @@ def test_the_transformation_decouples_the_stages():
 
 
 @pytest.mark.parametrize("z", [0.1, 1.0, 10.0, 1e3, 1e6])
-def test_a_step_multiplies_an_oscillation_by_the_stability_function(z, plain):
+def test_a_step_multiplies_an_oscillation_by_the_stability_function(z, interpreted):
     omega = 50.0
     run = one_step(oscillator(omega), z / omega)
     y = run.y + T[2] @ run.w
@@ -103,27 +101,27 @@ def test_a_step_multiplies_an_oscillation_by_the_stability_function(z, plain):
 
 @pytest.mark.parametrize("damping", [0.0, 0.4])
 @pytest.mark.parametrize("z", [0.1, 3.0, 1e4])
-def test_the_error_estimate_is_that_of_radau5(z, damping, plain):
+def test_the_error_estimate_is_that_of_radau5(z, damping, interpreted):
     omega = 50.0
     h = z / omega
     run = one_step(oscillator(omega, damping), h)
     y = run.y
     jacobian = np.array([[0.0, 1.0], [-(omega**2), -2.0 * damping * omega]])
-    stages = np.linalg.solve(
+    stage_changes = np.linalg.solve(
         np.eye(6) - h * np.kron(A, jacobian), np.kron(A, h * jacobian) @ np.tile(y, 3)
     ).reshape(3, 2)
     # Hairer & Wanner, IV (8.19) and before.
     root = np.sqrt(6.0)
     e = np.array([-13.0 - 7.0 * root, -13.0 + 7.0 * root, -1.0]) / (3.0 * REAL_EIGENVALUE)
     matrix = REAL_EIGENVALUE / h * np.eye(2) - jacobian
-    expected = np.linalg.solve(matrix, jacobian @ y + REAL_EIGENVALUE / h * e @ stages)
+    expected = np.linalg.solve(matrix, jacobian @ y + REAL_EIGENVALUE / h * e @ stage_changes)
     estimate_error(run, h)
     assert_allclose(run.error, expected, rtol=1e-8, atol=1e-12 * np.abs(y).max())
 
 
-def test_a_force_of_degree_three_is_met_exactly():
+def test_cubic_force_is_integrated_exactly():
     # v by quadrature of degree 4, q by the condition b A c^3 = 1/20 of order 5.
-    mech = pushed(lambda t: 2.0 * (1.0 + t**3))
+    mech = pushed_particle(lambda t: 2.0 * (1.0 + t**3))
     solution = bd.simulate(mech, bd.Radau(0.1, max_step=1.0), 1.0, 1.0)
     assert_allclose(solution.v[-1, 0], 1.25, rtol=1e-12)
     assert_allclose(solution.q[-1, 0], 0.55, rtol=1e-12)
@@ -132,9 +130,9 @@ def test_a_force_of_degree_three_is_met_exactly():
 # Newton's iteration ------------------------------------------------------------------------------
 
 
-def test_factors_are_kept_while_the_step_is():
+def test_factors_are_reused_while_the_step_is_constant():
     # Linear, and steps of one size after the first few.
-    steps = bd.simulate(pushed(3.0), bd.Radau(1e-6, max_step=1e-3), 1.0).statistics
+    steps = bd.simulate(pushed_particle(3.0), bd.Radau(1e-6, max_step=1e-3), 1.0).statistics
     assert steps.steps > 1000
     # A real and a complex one each.
     assert steps.factorizations <= 12
@@ -143,14 +141,14 @@ def test_factors_are_kept_while_the_step_is():
     assert steps.residual_calls == 3 * (steps.steps + 1)
 
 
-def test_factors_are_kept_while_the_step_would_change_little():
+def test_factors_are_reused_while_the_step_changes_little():
     steps = bd.simulate(oscillator(5.0), bd.Radau(1e-8), 5.0).statistics
     # Twice as many if each step had its own.
     assert steps.factorizations < steps.steps
 
 
 @pytest.mark.parametrize("velocities", [True, False])
-def test_the_iteration_is_held_to_velocities_whatever_is_tested(velocities):
+def test_iteration_weights_include_velocities(velocities):
     """Over a short step an error that is nothing for a position is one of 100 m/s."""
     scales = MotionScales(np.array([2.0, 1.0]), np.array([4.0, 1.0]), 5.0, 1.0)
     tolerance = StepTolerance(1e-4, scales, velocities)
@@ -160,7 +158,7 @@ def test_the_iteration_is_held_to_velocities_whatever_is_tested(velocities):
     assert_allclose(bounds, tolerance.weights / 0.03, rtol=1e-14)
 
 
-def test_rounding_of_the_positions_bounds_the_iteration_over_the_shortest_steps(plain):
+def test_rounding_bounds_the_iteration_in_short_steps(interpreted):
     run = one_step(oscillator(50.0), 1e-3)
     run.velocity_weights[:], run.velocity_rounding_weights[:] = 7.0, 1e10
     for h, bound in ((1e-3, 7.0), (1e-11, 0.1)):
@@ -168,7 +166,7 @@ def test_rounding_of_the_positions_bounds_the_iteration_over_the_shortest_steps(
         assert_allclose(run.iteration_weights[1:], bound, rtol=1e-14)
 
 
-def test_no_tolerance_is_below_what_rounding_leaves_of_a_position():
+def test_tolerances_are_at_least_position_rounding():
     tolerance = StepTolerance(
         1e-9, MotionScales(np.array([1e-6, 1.0]), np.ones(2), 1.0, 1.0), False
     )
@@ -178,9 +176,9 @@ def test_no_tolerance_is_below_what_rounding_leaves_of_a_position():
 
 
 @pytest.mark.slow(reason="thousands of steps")
-def test_iterations_that_fail_halve_the_step_and_are_told(plain, monkeypatch):
+def test_newton_failures_halve_the_step_and_are_counted(interpreted, monkeypatch):
     usual = bd.simulate(pendulum, bd.Radau(1e-4), t_end=0.5)
-    for module in (radau_loop, radau_stages):
+    for module in (step_loop, stages):
         monkeypatch.setattr(module, "MAX_ITERATIONS", 3)
     impatient = bd.simulate(pendulum, bd.Radau(1e-4), t_end=0.5)
     assert impatient.status.success
@@ -189,9 +187,9 @@ def test_iterations_that_fail_halve_the_step_and_are_told(plain, monkeypatch):
     assert_allclose(impatient.q, usual.q, rtol=0.0, atol=1e-4)
 
 
-def test_an_iteration_that_never_converges_is_a_status(plain, monkeypatch):
-    monkeypatch.setattr(radau_stages, "MAX_ITERATIONS", 1)
-    monkeypatch.setattr(radau_stages, "FIRST_RATE", 1.0)
+def test_permanent_newton_failure_fails_the_run(interpreted, monkeypatch):
+    monkeypatch.setattr(stages, "MAX_ITERATIONS", 1)
+    monkeypatch.setattr(stages, "FIRST_RATE", 1.0)
     solution = bd.simulate(pendulum, bd.Radau(1e-4), t_end=1.0)
     assert not solution.status.success
     assert "t = 0 s: Newton's iteration did not converge" in solution.status.sentence
@@ -210,24 +208,24 @@ def eight_steps(of, rtol=1e-4):
     run = method._run
     run.most = 8
     entered = 1
-    while radau_loop.take_radau_steps(run) == NEW_PIVOTS:
+    while step_loop.take_radau_steps(run) == NEW_PIVOTS:
         entered += 1
     return run.rows.copy(), run, entered
 
 
 @pytest.mark.parametrize("of_pair", [False, True])
-def test_a_step_that_asks_for_other_pivots_is_repeated_as_it_was(of_pair, plain, monkeypatch):
+def test_step_is_repeated_exactly_after_new_pivots(of_pair, interpreted, monkeypatch):
     rows, run, entered = eight_steps(pendulum)
     assert entered == 1
-    asked = []
+    requests = []
 
     def factorize(linear, nonzeros):
-        asked.append(linear)
-        if len(asked) % 10 == (4 if of_pair else 5):
+        requests.append(linear)
+        if len(requests) % 10 == (4 if of_pair else 5):
             return NEW_PIVOTS
-        return vectors.factorize(linear, nonzeros)
+        return loop_functions.factorize(linear, nonzeros)
 
-    monkeypatch.setattr(radau_stages, "factorize", factorize)
+    monkeypatch.setattr(stages, "factorize", factorize)
     again, other, entered = eight_steps(pendulum)
     assert entered > 2
     assert_allclose(again, rows, rtol=0.0, atol=0.0)
@@ -235,16 +233,16 @@ def test_a_step_that_asks_for_other_pivots_is_repeated_as_it_was(of_pair, plain,
         assert getattr(other, count) == getattr(run, count)
 
 
-def test_a_matrix_without_pivots_refuses_the_step_and_no_other(plain, monkeypatch):
+def test_singular_matrix_rejects_only_its_step(interpreted, monkeypatch):
     _, usual, _ = eight_steps(pendulum)
     left = iter(range(3))
 
     def factorize(linear, nonzeros):
         if next(left, None) is not None:
             linear.singular = 1
-        return SINGULAR if linear.singular else vectors.factorize(linear, nonzeros)
+        return SINGULAR if linear.singular else loop_functions.factorize(linear, nonzeros)
 
-    monkeypatch.setattr(radau_stages, "factorize", factorize)
+    monkeypatch.setattr(stages, "factorize", factorize)
     _, run, _ = eight_steps(pendulum)
     assert run.filled == 24
     assert run.real_solver.singular == run.complex_solver.singular == 0
@@ -256,7 +254,7 @@ def test_a_matrix_without_pivots_refuses_the_step_and_no_other(plain, monkeypatc
 # Steps -------------------------------------------------------------------------------------------
 
 
-def test_steps_grow_with_the_tolerance_as_the_order_of_the_estimate_says():
+def test_step_length_scales_with_the_order_of_the_estimate():
     steps, tolerances = [], []
     for rtol in (1e-5, 1e-8):
         solution = bd.simulate(oscillator(5.0), bd.Radau(rtol), 5.0)
@@ -266,7 +264,7 @@ def test_steps_grow_with_the_tolerance_as_the_order_of_the_estimate_says():
     assert_allclose(growth, 0.25, rtol=0.05)
 
 
-def test_undamped_fast_modes_are_passed_over():
+def test_undamped_fast_modes_are_not_resolved():
     solution = bd.simulate(hub_beam, bd.Radau(1e-4))
     assert solution.status.success
     assert solution.integrator["error_control"] == "positions"
@@ -275,7 +273,7 @@ def test_undamped_fast_modes_are_passed_over():
     assert solution.statistics.steps < 150
 
 
-def test_a_motion_that_drivers_prescribe_is_followed_to_the_tolerance():
+def test_fully_driven_motion_meets_the_tolerance():
     """Constraints hold it at any step: only the unfiltered error tells how well it is known."""
     errors = []
     for rtol in (1e-4, 1e-6, 1e-8):
@@ -296,7 +294,7 @@ def test_a_motion_that_drivers_prescribe_is_followed_to_the_tolerance():
 
 
 @pytest.mark.slow(reason="velocities of an undamped beam are resolved")
-def test_positions_alone_take_longer_steps_than_velocities_too():
+def test_error_control_of_positions_allows_longer_steps():
     solutions = [
         bd.simulate(hub_beam, bd.Radau(1e-5, error_control=control))
         for control in ("positions", "velocities")
@@ -326,7 +324,7 @@ def test_a_sudden_moment_on_a_light_section_starts(moment):
     assert_allclose(tips[0], tips[1], rtol=3e-2, atol=0.0)
 
 
-def test_a_step_newton_cannot_take_is_a_status():
+def test_newton_failure_fails_the_run():
     # No point of the plane is on this circle once the line has moved a radius away.
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
     reach = ca.vertcat(ca.sumsqr(q) - 1.0, q[0] - t)
@@ -339,9 +337,9 @@ def test_a_step_newton_cannot_take_is_a_status():
     assert np.all(np.isfinite(solution.q))
 
 
-def test_breakpoints_closer_than_the_smallest_step_are_passed():
+def test_breakpoints_closer_than_the_smallest_step_are_skipped():
     law = bd.piecewise((1.0, 2.0), (1.0 + 1e-15, 5.0), 2.0)
-    solution = bd.simulate(pushed(law), bd.Radau(1e-6), 2.0)
+    solution = bd.simulate(pushed_particle(law), bd.Radau(1e-6), 2.0)
     assert solution.status.success
     assert_allclose(solution.v[-1, 0], 2.0, rtol=1e-9)
 

@@ -28,7 +28,7 @@ def slider():
 
 
 @RUNS
-def test_a_run_goes_on_as_if_it_had_not_ended(integrator):
+def test_continued_run_equals_the_uninterrupted_one(integrator):
     whole = bd.simulate(slider(), integrator, 1.0, 0.01)
     first = bd.simulate(slider(), integrator, 0.4, 0.01)
     later = bd.simulate(slider(), integrator, 1.0, 0.01, start=first)
@@ -41,7 +41,7 @@ def test_a_run_goes_on_as_if_it_had_not_ended(integrator):
     assert both.statistics.steps == first.statistics.steps + later.statistics.steps
 
 
-def test_what_a_limit_ended_goes_on_between_two_rows():
+def test_limited_run_continues_between_output_rows():
     with pytest.warns(bd.BeamdaeWarning, match="max_steps"):
         first = bd.simulate(pendulum(), bd.Radau(1e-7, max_steps=30), 2.0, 0.01)
     later = bd.simulate(pendulum(), bd.Radau(1e-7), 2.0, 0.01, start=first)
@@ -51,7 +51,7 @@ def test_what_a_limit_ended_goes_on_between_two_rows():
     assert_allclose(both.q, whole.q, atol=2e-5)
 
 
-def test_what_the_user_interrupted_goes_on():
+def test_interrupted_run_continues():
     def stop(t):
         if t > 0.5:
             raise KeyboardInterrupt
@@ -63,7 +63,7 @@ def test_what_the_user_interrupted_goes_on():
     assert later.status.sentence == "reached the end"
 
 
-def test_a_file_holds_the_last_state_exactly(tmp_path):
+def test_checkpoint_stores_the_last_state_exactly(tmp_path):
     first = bd.simulate(slider(), bd.Radau(), 0.4)
     path = first.checkpoint(tmp_path / "end.json")
     from_file = bd.simulate(slider(), bd.Radau(), 1.0, start=path)
@@ -72,7 +72,7 @@ def test_a_file_holds_the_last_state_exactly(tmp_path):
     assert np.array_equal(from_file.v, from_memory.v)
 
 
-def test_a_run_goes_on_through_the_event_that_ended_it(tmp_path):
+def test_run_continues_after_a_stop_event(tmp_path):
     stopped = bd.simulate(falling(HIT), bd.Ida(1e-6), 5.0)
     path = stopped.checkpoint(tmp_path / "impact.json")
     for start in (stopped, path):
@@ -114,7 +114,7 @@ def pushed_beyond_a_line():
 
 @pytest.mark.parametrize("off", [-1.1e-16, 0.0, 2.2e-16])
 @COARSE
-def test_an_event_where_a_run_ends_happens_once_when_it_goes_on(integrator, off, tmp_path):
+def test_event_at_the_end_of_a_run_happens_once(integrator, off, tmp_path):
     """To rounding on its value at the end of the first run, on whichever side."""
     first = bd.simulate(pushed_beyond_a_line(), integrator, 1.0 + off)
     start = first.checkpoint(tmp_path / "end.json") if off == 0.0 else first
@@ -125,7 +125,7 @@ def test_an_event_where_a_run_ends_happens_once_when_it_goes_on(integrator, off,
 
 
 @COARSE
-def test_a_run_that_is_stopped_right_after_its_start(integrator):
+def test_run_stopped_right_after_its_start(integrator):
     """A scout sees no more than rounding move."""
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
@@ -136,7 +136,7 @@ def test_a_run_that_is_stopped_right_after_its_start(integrator):
     assert [one.name for one in first.followed_by(later).event_records] == ["end"]
 
 
-def test_a_checkpoint_of_another_model_is_refused(tmp_path):
+def test_checkpoint_of_another_model_is_rejected(tmp_path):
     path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
     with pytest.raises(bd.BeamdaeError, match=r"coordinate 1 is 'bar\..*' in the start and 'x' in"):
         bd.simulate(pendulum(), bd.Radau(), 1.0, start=path)
@@ -149,48 +149,48 @@ def test_a_checkpoint_of_another_model_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (lambda told: told | {"version": 1}, "has version 1, but this beamdae reads version"),
-        (lambda told: told | {"version": 7}, "has version 7, but this"),
-        (lambda told: [1], "not a complete checkpoint"),
-        (lambda told: told | {"events": "bounce"}, "damaged"),
-        (lambda told: {k: x for k, x in told.items() if k != "states"}, "damaged"),
-        (lambda told: told | {"t": float("nan")}, "damaged"),
-        (lambda told: told | {"t": 0.05}, "damaged, its checksum does not match"),
+        (lambda record: record | {"version": 1}, "has version 1, but this beamdae reads version"),
+        (lambda record: record | {"version": 7}, "has version 7, but this"),
+        (lambda record: [1], "not a complete checkpoint"),
+        (lambda record: record | {"events": "bounce"}, "damaged"),
+        (lambda record: {k: x for k, x in record.items() if k != "states"}, "damaged"),
+        (lambda record: record | {"t": float("nan")}, "damaged"),
+        (lambda record: record | {"t": 0.05}, "damaged, its checksum does not match"),
     ],
 )
-def test_a_damaged_checkpoint_is_refused(tmp_path, change, sentence):
+def test_damaged_checkpoint_is_rejected(tmp_path, change, sentence):
     path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
     path.write_text(json.dumps(change(json.loads(path.read_text()))))
     with pytest.raises(bd.BeamdaeError, match=sentence):
         bd.simulate(slider(), bd.Radau(), 1.0, start=path)
 
 
-def test_a_checkpoint_without_end_is_refused(tmp_path):
+def test_checkpoint_without_end_state_is_rejected(tmp_path):
     end = Checkpoint.of(bd.simulate(slider(), bd.Radau(), 0.1))
     path = replace(end, t=float("nan")).write(tmp_path / "end.json")
     with pytest.raises(bd.BeamdaeError, match="not finite"):
         bd.simulate(slider(), bd.Radau(), 1.0, start=path)
 
 
-def test_a_checkpoint_with_one_other_bit_is_refused_or_says_the_same(tmp_path):
+def test_checkpoint_with_a_flipped_bit_is_rejected_or_equal(tmp_path):
     path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
-    whole, known = path.read_bytes(), Checkpoint.read(path)
+    whole, original = path.read_bytes(), Checkpoint.read(path)
     refused = 0
     for k in range(0, 8 * len(whole), 11):
         changed = bytearray(whole)
         changed[k // 8] ^= 1 << k % 8
         path.write_bytes(changed)
         try:
-            found = Checkpoint.read(path)
+            checkpoint = Checkpoint.read(path)
         except bd.BeamdaeError:
             refused += 1
         else:
-            assert found == known
+            assert checkpoint == original
     # What is left is white space.
     assert refused > 0.5 * len(whole)
 
 
-def test_a_checkpoint_that_was_cut_off_is_refused(tmp_path):
+def test_truncated_checkpoint_is_rejected(tmp_path):
     path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
     whole = path.read_bytes()
     for part in (b"", whole[: len(whole) // 2], whole[:-3], b"[" * 100_000, bytes(range(256))):
@@ -199,7 +199,7 @@ def test_a_checkpoint_that_was_cut_off_is_refused(tmp_path):
             bd.simulate(slider(), bd.Radau(), 1.0, start=path)
 
 
-def test_files_that_cannot_be_had_are_told(tmp_path):
+def test_unreadable_files_are_reported(tmp_path):
     with pytest.raises(bd.BeamdaeError, match="cannot be read"):
         bd.simulate(slider(), bd.Radau(), 1.0, start=tmp_path / "none.json")
     solution = bd.simulate(slider(), bd.Radau(), 0.1)
@@ -207,7 +207,7 @@ def test_files_that_cannot_be_had_are_told(tmp_path):
         solution.checkpoint(3)
 
 
-def test_where_a_run_failed_or_was_a_scout_is_not_trusted(tmp_path):
+def test_end_of_a_failed_or_pilot_run_causes_a_warning(tmp_path):
     def halted(t):
         raise KeyboardInterrupt
 
@@ -222,8 +222,8 @@ def test_where_a_run_failed_or_was_a_scout_is_not_trusted(tmp_path):
     mech.add(bd.ForceLaw("pull", ends, pull))
     failed = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-3), 2.0)
     assert failed.status.kind == "failed"
-    scouted = bd.simulate(pendulum(), bd.Radau(), 2.0, progress=halted)
-    for first, model in ((failed, mech), (scouted, pendulum())):
+    stopped_pilot = bd.simulate(pendulum(), bd.Radau(), 2.0, progress=halted)
+    for first, model in ((failed, mech), (stopped_pilot, pendulum())):
         path = first.checkpoint(tmp_path / "end.json")
         for start in (first, path):
             end = first.trajectory.end + 1e-3
@@ -238,7 +238,7 @@ def test_where_a_run_failed_or_was_a_scout_is_not_trusted(tmp_path):
     assert bd.simulate(pendulum(), bd.Radau(), 2.0, start=limited).warnings == ()
 
 
-def test_runs_that_do_not_meet_are_not_joined():
+def test_runs_that_do_not_connect_are_not_joined():
     first = bd.simulate(slider(), bd.Radau(), 0.1)
     with pytest.raises(bd.BeamdaeError, match="begins at t = 0 s"):
         first.followed_by(first)
@@ -246,7 +246,7 @@ def test_runs_that_do_not_meet_are_not_joined():
         first.followed_by(3)
 
 
-def test_other_parameters_are_refused_or_told(tmp_path):
+def test_other_parameters_are_rejected_or_reported(tmp_path):
     @bd.model(t_end=1.0)
     def thrown(gravity=-9.81):
         return falling(gravity=gravity)
@@ -284,7 +284,7 @@ def driven(law, mass=1.0):
     ],
     ids=["formula", "number in a formula", "mass", "breakpoint"],
 )
-def test_other_formulas_and_numbers_are_refused(tmp_path, other):
+def test_other_formulas_and_numbers_are_rejected(tmp_path, other):
     first = bd.simulate(driven(lambda t: np.sin(t)), bd.Radau(), 0.5)
     path = first.checkpoint(tmp_path / "end.json")
     watched = driven(lambda t: np.sin(t))

@@ -29,7 +29,7 @@ def spinning(**bar):
 
 @pytest.mark.slow(reason="half a second and more")
 @RUNS
-def test_a_bob_that_is_released_flies_on(integrator):
+def test_released_bob_flies_freely(integrator):
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     bob = mech.add(bd.RigidBody("bob", mass=2.0, inertia=0.1, center=(1.0, 0.0)))
     string = mech.add(bd.Revolute("string", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
@@ -53,7 +53,7 @@ def test_a_bob_that_is_released_flies_on(integrator):
 
 @pytest.mark.slow(reason="half a second and more")
 @RUNS
-def test_a_bar_that_is_locked_stands_still(integrator):
+def test_locked_bar_stands_still(integrator):
     mech, bar = spinning()
     lock = mech.add(bd.Driver("lock", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=0.5))
     mech.deactivate(lock)
@@ -79,7 +79,7 @@ def test_a_bar_that_is_locked_stands_still(integrator):
 
 
 @RUNS
-def test_a_bar_caught_off_its_center_swings_on(integrator):
+def test_bar_caught_off_center_keeps_angular_momentum(integrator):
     """Free until it is caught at a point: its angular momentum about that point is kept."""
     mech = bd.Mechanism()
     bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.4, angular_velocity=2.0 * np.pi))
@@ -103,7 +103,7 @@ def test_a_bar_caught_off_its_center_swings_on(integrator):
 
 
 @RUNS
-def test_a_driver_gives_way_to_another(integrator):
+def test_one_driver_replaces_another(integrator):
     mech, bar = spinning(angular_velocity=0.0)
     sides = (mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0))
     slow = mech.add(bd.Driver("slow", *sides, law=lambda t: 1.0 * t))
@@ -117,7 +117,7 @@ def test_a_driver_gives_way_to_another(integrator):
 
 
 @SOME
-def test_a_force_ends_and_comes_back(integrator):
+def test_force_is_switched_off_and_on(integrator):
     """1 N pushes 1 kg from 0 to 1 m, not from there to 2 m, and again from there on."""
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
@@ -136,7 +136,7 @@ def test_a_force_ends_and_comes_back(integrator):
     assert_allclose(works[-1], 1.0 + solution.q[-1, 0] - 2.0, rtol=1e-6)
 
 
-def test_a_joint_that_is_open_is_not_switched_on():
+def test_open_joint_cannot_be_switched_on():
     mech, bar = spinning()
     lock = mech.add(bd.Driver("lock", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=0.7))
     mech.deactivate(lock)
@@ -148,7 +148,7 @@ def test_a_joint_that_is_open_is_not_switched_on():
 
 
 @pytest.mark.slow(reason="thousands of switches")
-def test_switching_without_end_ends_the_run_with_the_reason():
+def test_endless_switching_ends_the_run():
     """A mass is pushed back from the line x + v = 0 on either side: it slides along it."""
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0)))
@@ -164,7 +164,7 @@ def test_switching_without_end_ends_the_run_with_the_reason():
     assert solution.status.kind == "limited"
 
 
-def test_runs_with_switches_repeat_themselves_and_are_estimated():
+def test_runs_with_switches_are_repeatable_and_estimated():
     mech, bar = spinning()
     lock = mech.add(bd.Driver("lock", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=0.5))
     mech.deactivate(lock)
@@ -174,7 +174,7 @@ def test_runs_with_switches_repeat_themselves_and_are_estimated():
     assert bd.verify(first)["verdict"].iloc[2] == "agrees"
 
 
-def test_what_cannot_be_switched_is_refused():
+def test_invalid_switches_are_rejected():
     mech, bar = spinning()
     mech.deactivate(bar)
     with pytest.raises(bd.BeamdaeError, match="bar: it has coordinates and cannot be switched"):
@@ -191,7 +191,7 @@ def test_what_cannot_be_switched_is_refused():
         mech.when("bar.angle", do=[])
 
 
-def test_events_at_one_time_all_happen():
+def test_simultaneous_events_all_happen():
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
     right = mech.add(bd.Force("right", ball.point, (1.0, 0.0)))
@@ -208,7 +208,7 @@ def test_events_at_one_time_all_happen():
     assert_allclose(solution.q[-1], [2.5, 0.5], rtol=1e-9)
 
 
-def test_a_checkpoint_holds_what_was_switched(tmp_path):
+def test_checkpoint_stores_switched_parts(tmp_path):
     def caught(integrator, t_end, **more):
         mech, bar = spinning()
         lock = mech.add(bd.Driver("lock", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=0.5))
@@ -228,7 +228,7 @@ def test_a_checkpoint_holds_what_was_switched(tmp_path):
 
 
 @SOME
-def test_a_driver_takes_over_where_another_one_is(integrator):
+def test_driver_takes_over_at_the_current_position(integrator):
     """Continuous in position wherever that is: by the laws alone they would be 7 rad apart."""
     mech, bar = spinning(angular_velocity=0.0)
     sides = (mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0))
@@ -257,7 +257,7 @@ def braked(brake_of, **bar):
 
 
 @SOME
-def test_a_hinge_is_locked_wherever_it_is_and_let_go(integrator):
+def test_hinge_is_locked_at_any_angle_and_released(integrator):
     mech, brake = braked(
         lambda m, b: bd.Driver("brake", m.ground.at(0.0, 0.0), b.at(0.0, 0.0), law=0.0)
     )
@@ -280,7 +280,7 @@ def test_a_hinge_is_locked_wherever_it_is_and_let_go(integrator):
     assert solution.quality.max_position_drift < 1e-9
 
 
-def test_a_slide_and_a_link_are_locked_wherever_they_are():
+def test_slide_and_link_are_locked_at_any_position():
     for brake_of in (
         lambda g, b: bd.TranslationalDriver("brake", g, b, 0.0, (1.0, 0.0)),
         lambda g, b: bd.Distance("brake", g, b),
@@ -302,7 +302,7 @@ def test_a_slide_and_a_link_are_locked_wherever_they_are():
 
 @pytest.mark.parametrize("joint", [bd.Weld, bd.Revolute])
 @pytest.mark.parametrize("swapped", [False, True])
-def test_a_turning_gripper_takes_what_it_finds(joint, swapped):
+def test_rotating_gripper_keeps_the_offset(joint, swapped):
     """Momentum is kept, and what it holds stays where it is on it."""
     mech = bd.Mechanism()
     hand = mech.add(
@@ -341,7 +341,7 @@ def test_a_turning_gripper_takes_what_it_finds(joint, swapped):
     assert solution.quality.energy_imbalance < 1e-6
 
 
-def test_a_checkpoint_holds_what_was_found(tmp_path):
+def test_checkpoint_stores_frozen_gaps(tmp_path):
     def locked(t_end, **more):
         mech, _ = braked(
             lambda m, b: bd.Driver("brake", m.ground.at(0.0, 0.0), b.at(0.0, 0.0), law=0.0)
@@ -364,7 +364,7 @@ def test_a_checkpoint_holds_what_was_found(tmp_path):
         bd.simulate(mech, bd.Radau(), 3.0, start=path, accept_changes=True)
 
 
-def test_what_an_event_could_not_do_is_due_when_the_run_goes_on(tmp_path):
+def test_failed_event_is_due_when_the_run_continues(tmp_path):
     """The lock is open in the first run; in the second it holds what it finds."""
 
     def caught(as_is, t_end, **more):
@@ -384,7 +384,7 @@ def test_what_an_event_could_not_do_is_due_when_the_run_goes_on(tmp_path):
         assert once.energy_lost > 0.5
 
 
-def test_what_cannot_hold_what_it_finds_is_refused():
+def test_invalid_as_is_switches_are_rejected():
     mech, bar = spinning()
     push = mech.add(bd.Moment("push", bar.at(0.0, 0.0), 0.9))
     with pytest.raises(bd.BeamdaeError, match="push: as_is=True is for joints with a gap"):
@@ -425,7 +425,7 @@ def angle_of(t):
 
 
 @pytest.mark.parametrize("integrator", CYCLES, ids=lambda one: one.method)
-def test_a_driver_follows_another_law_from_an_event_on(integrator):
+def test_driver_follows_another_law_after_an_event(integrator):
     solution = cycled(integrator)
     assert_allclose([one.t for one in solution.event_records], [0.6, 2.5], atol=1e-6)
     x, t = solution.columns, solution.t
@@ -445,7 +445,7 @@ def test_a_driver_follows_another_law_from_an_event_on(integrator):
     assert_allclose(ends, [0.6, 1.1, 2.1, 2.5, 3.0], atol=1e-6)
 
 
-def test_a_checkpoint_holds_the_law_an_event_gave(tmp_path):
+def test_checkpoint_stores_changed_laws(tmp_path):
     first = cycled(bd.Radau(1e-7), 0.9)
     path = first.checkpoint(tmp_path / "end.json")
     for start in (first, path):
@@ -462,7 +462,7 @@ def test_a_checkpoint_holds_the_law_an_event_gave(tmp_path):
         bd.simulate(mech, bd.Radau(), 2.0, start=path)
 
 
-def test_laws_that_cannot_be_changed_to_are_refused():
+def test_invalid_law_changes_are_rejected():
     mech, bar = spinning()
     ends = mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)
     drive = mech.add(bd.Driver("drive", *ends, law=lambda t: SPEED * t))
@@ -479,7 +479,7 @@ def test_laws_that_cannot_be_changed_to_are_refused():
     assert solution.status.kind == "failed"
 
 
-def test_what_is_added_after_the_equations_were_built_changes_no_run_of_them():
+def test_parts_added_later_do_not_change_built_equations():
     mech, bar = spinning()
     lock = mech.add(bd.Driver("lock", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=0.5))
     mech.deactivate(lock)

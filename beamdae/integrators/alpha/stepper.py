@@ -88,7 +88,9 @@ class AlphaStepper:
                 defect=member.defect,
                 current=make_motion(),
                 accepted=make_motion(),
-                prediction=StepPrediction(*(np.zeros(n) for _ in range(4)), np.zeros(3)),
+                prediction=StepPrediction(
+                    np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(3)
+                ),
                 a_predicted=np.zeros(n),
                 ddq_n=np.zeros(n),
                 a_n=np.zeros(n),

@@ -1,4 +1,11 @@
-"""IDA by scikit-sundae's class: the fallback without machine code or shared libraries."""
+"""IDA by scikit-sundae's class: the fallback without machine code or shared libraries.
+
+Used with BEAMDAE_NATIVE=off, without numba or llvmlite, and where the functions of SUNDIALS cannot
+be loaded (`sundials.library`): in builds with static libraries, with MPI, with 64-bit indices or
+with another major version. It takes the same steps as IDA by its C interface in plain Python, 15 to
+30 times as long as machine code. It also raises an interrupt at any moment of a callback, which
+callbacks of ctypes cannot.
+"""
 
 from __future__ import annotations
 
