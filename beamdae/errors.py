@@ -1,4 +1,4 @@
-"""What users are told by: errors, with the checks that raise them, and warnings of results."""
+"""Exceptions and warnings of beamdae, and the argument checks that raise them."""
 
 from __future__ import annotations
 
@@ -12,80 +12,80 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
-# No quantity in SI units is as large, and its fourth power is still a number.
-_LARGEST = 1e75
-_SMALLEST = 1e-75
-_LONGEST_SHOWN = 80
-# Letters of a path on any system.
-_LONGEST_PATH = 4096
+_MAX_MAGNITUDE = 1e75  # no SI quantity is larger, and its fourth power does not overflow
+_MIN_POSITIVE = 1e-75
+_MAX_REPR_LENGTH = 80  # characters of a value in a message
+_MAX_MESSAGE_LENGTH = 200  # characters of a quoted exception
+_MAX_PATH_LENGTH = 4096  # characters of a path, on any system
+_MAX_NAME_LENGTH = 100  # characters of the name of a part
 
 
 class BeamdaeError(ValueError):
-    """A mistake in a model, a setting or a command.
+    """An error in a model, a setting or a command.
 
-    The message is one sentence that names the part, the value and what is allowed.
+    The message names the part, the value and what is allowed.
     """
 
 
 class BeamdaeWarning(UserWarning):
-    """A result that is not to be trusted as it stands.
+    """A result that may be unreliable.
 
-    The message is one sentence that names the part, the value and what helps.
+    The message names the part, the value and the remedy.
     """
 
 
 class KernelWarning(UserWarning):
-    """Machine code that cannot be had or kept: runs are slower, their numbers the same to rounding.
+    """Machine code that cannot be compiled or cached: runs are slower, results agree to rounding.
 
-    No `BeamdaeWarning`, which commands leave to the tables: it says nothing of a result.
+    It is not a `BeamdaeWarning`, because it does not concern a result.
     """
 
 
 def short_repr(value: Any) -> str:
-    """A value as messages have it: on one line, short, without its place in memory."""
+    """Return the `repr` of a value for a message: one short line without memory addresses."""
     try:
         text = repr(value)
     except Exception:
-        # Such as whole numbers of thousands of digits.
+        # For example integers with thousands of digits.
         return f"a value of type {type(value).__name__}"
     return _shorten(text)
 
 
-def format_exception(problem: BaseException) -> str:
-    """Type and message of an exception of the user's own code, on one line."""
-    return ": ".join(filter(None, (type(problem).__name__, format_message(problem))))
+def format_exception(exception: BaseException) -> str:
+    """Return type and message of an exception raised by user code, on one line."""
+    return ": ".join(filter(None, (type(exception).__name__, format_message(exception))))
 
 
-def format_message(problem: BaseException) -> str:
-    """The message of an exception of the user's own code, on one line; CasADi's in other words."""
-    trace = problem.__traceback__
+def format_message(exception: BaseException) -> str:
+    """Return the message of an exception raised by user code, on one line, CasADi's reworded."""
+    trace = exception.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
     if trace is not None and Path(trace.tb_frame.f_code.co_filename).parent.name == "casadi":
-        return "shapes or kinds of CasADi expressions do not fit there"
+        return "shapes or types of CasADi expressions do not match"
     try:
-        return _shorten(str(problem), 200).rstrip(".")
+        return _shorten(str(exception), _MAX_MESSAGE_LENGTH).rstrip(".")
     except Exception:
-        # Its own text may fail.
+        # The __str__ of a user's exception may fail.
         return ""
 
 
-def _shorten(text: str, longest: int = _LONGEST_SHOWN) -> str:
-    whole = " ".join(re.sub(r" at 0x[0-9a-fA-F]+", "", text[: 10 * longest]).split())
-    printable = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in whole)
-    return printable if len(printable) <= longest else f"{printable[: longest - 3]}..."
+def _shorten(text: str, max_length: int = _MAX_REPR_LENGTH) -> str:
+    line = " ".join(re.sub(r" at 0x[0-9a-fA-F]+", "", text[: 10 * max_length]).split())
+    printable = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
+    return printable if len(printable) <= max_length else f"{printable[: max_length - 3]}..."
 
 
 def is_valid_path(text: str) -> bool:
-    """Whether a text may be a path on any system: not too long, and free of control characters."""
-    return text.isprintable() and len(text) <= _LONGEST_PATH
+    """Return whether a text is a valid path: not too long and without control characters."""
+    return text.isprintable() and len(text) <= _MAX_PATH_LENGTH
 
 
 def as_real(value: Any) -> float | None:
-    """Return `value` as a float if it is a real number, perhaps infinite, and None if not.
+    """Return `value` as a float if it is a real number, possibly infinite, otherwise None.
 
-    Numbers of NumPy, fractions, decimals and arrays without dimensions are numbers; texts, truth
-    values, lists of one number and symbols are not.
+    NumPy numbers, fractions, decimals and zero-dimensional arrays are numbers; strings, booleans,
+    lists of one number and symbols are not.
     """
     value = unbox_scalar(value)
     if isinstance(value, bool) or not isinstance(value, (Real, Decimal)):
@@ -93,72 +93,72 @@ def as_real(value: Any) -> float | None:
     try:
         return float(value)
     except OverflowError:
-        # Of whole numbers and fractions.
+        # Raised by large integers and fractions.
         return math.inf
     except ValueError:
         return math.nan
 
 
 def unbox_scalar(value: Any) -> Any:
-    """What an array without dimensions, or a number of NumPy, holds."""
+    """Return the Python scalar of a NumPy scalar or zero-dimensional array, other values as is."""
     return value.item() if getattr(value, "ndim", None) == 0 else value
 
 
 def require_finite(part: str, name: str, value: Any) -> float:
-    """Return `value` as a float, or say that it is not a finite number."""
-    found = as_real(value)
-    if found is None:
+    """Return `value` as a float, or raise an error if it is not a finite number."""
+    number = as_real(value)
+    if number is None:
         raise BeamdaeError(
             f"{part}: {name} must be a number, got {short_repr(unbox_scalar(value))}."
         )
-    if not math.isfinite(found):
+    if not math.isfinite(number):
         raise BeamdaeError(f"{part}: {name} must be finite, got {short_repr(unbox_scalar(value))}.")
-    if abs(found) > _LARGEST:
+    if abs(number) > _MAX_MAGNITUDE:
         raise BeamdaeError(
-            f"{part}: {name} must lie within {_LARGEST:g} in absolute value, got {found:g}."
+            f"{part}: {name} must lie within {_MAX_MAGNITUDE:g} in absolute value, got {number:g}."
         )
-    return found
+    return number
 
 
 def require_positive(part: str, name: str, value: Any) -> float:
     """Return `value` as a float > 0."""
-    found = require_finite(part, name, value)
-    if found <= 0.0:
-        raise BeamdaeError(f"{part}: {name} must be positive, got {found:g}.")
-    if found < _SMALLEST:
-        raise BeamdaeError(f"{part}: {name} must be at least {_SMALLEST:g}, got {found:g}.")
-    return found
+    number = require_finite(part, name, value)
+    if number <= 0.0:
+        raise BeamdaeError(f"{part}: {name} must be positive, got {number:g}.")
+    if number < _MIN_POSITIVE:
+        raise BeamdaeError(f"{part}: {name} must be at least {_MIN_POSITIVE:g}, got {number:g}.")
+    return number
 
 
 def require_non_negative(part: str, name: str, value: Any) -> float:
     """Return `value` as a float >= 0."""
-    found = require_finite(part, name, value)
-    if found < 0.0:
-        raise BeamdaeError(f"{part}: {name} must not be negative, got {found:g}.")
-    return found
+    number = require_finite(part, name, value)
+    if number < 0.0:
+        raise BeamdaeError(f"{part}: {name} must not be negative, got {number:g}.")
+    return number
 
 
 def require_count(part: str, name: str, value: Any, least: int = 1, most: int | None = None) -> int:
     """Return `value` as a whole number >= `least`, and <= `most` if that is given."""
-    found = require_finite(part, name, value)
-    if found != int(found) or found < least:
+    number = require_finite(part, name, value)
+    if number != int(number) or number < least:
         raise BeamdaeError(
             f"{part}: {name} must be a whole number of at least {least}, "
             f"got {short_repr(unbox_scalar(value))}."
         )
-    if most is not None and found > most:
-        raise BeamdaeError(f"{part}: {name} must be at most {most}, got {found:g}.")
-    return int(found)
+    if most is not None and number > most:
+        raise BeamdaeError(f"{part}: {name} must be at most {most}, got {number:g}.")
+    return int(number)
 
 
 def require_sequence(part: str, name: str, value: Any, what: str) -> list[Any]:
-    """Return the entries of a list, a tuple or an array, `what` says of what; sets have no order.
+    """Return the entries of a list, tuple or array; `what` describes the expected value.
 
-    Texts, and whatever can be gone through only once, are no lists.
+    Sets, strings and iterators are rejected.
     """
-    listed = isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray))
+    is_sequence = isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray))
     dimensions = getattr(value, "ndim", 0)
-    if not listed and not (isinstance(dimensions, int) and dimensions > 0):
+    if not is_sequence and not (isinstance(dimensions, int) and dimensions > 0):
         raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")
     return list(value)
 
@@ -166,19 +166,19 @@ def require_sequence(part: str, name: str, value: Any, what: str) -> list[Any]:
 def require_iterable(
     part: str, name: str, value: Any, what: str, most: int | None = None
 ) -> list[Any]:
-    """Return what comes of going through `value` once, at most so many of it."""
+    """Return the first `most` items of an iterable; `what` describes the expected value."""
     try:
         return list(islice(value, most))
-    except Exception:  # Such as symbols, which are iterable in name alone.
+    except Exception:  # CasADi symbols declare __iter__ but cannot be iterated.
         raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.") from None
 
 
 def require_pair(part: str, name: str, value: Any, what: str = "a pair (x, y)") -> tuple[Any, Any]:
-    """Return `value` as a pair, whatever of."""
-    found = require_sequence(part, name, value, what)
-    if len(found) != 2:
+    """Return `value` as a pair; `what` describes the expected value."""
+    entries = require_sequence(part, name, value, what)
+    if len(entries) != 2:
         raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")
-    return found[0], found[1]
+    return entries[0], entries[1]
 
 
 def require_point(part: str, name: str, value: Any) -> tuple[float, float]:
@@ -191,27 +191,25 @@ def require_choice(part: str, name: str, value: Any, allowed: Sequence[Any]) -> 
     """Return `value` if it is one of `allowed`."""
     value = unbox_scalar(value)
     if not any(type(value) is type(a) and value == a for a in allowed):
-        names = ", ".join(repr(a) for a in allowed)
+        choices = ", ".join(repr(a) for a in allowed)
         raise BeamdaeError(
-            f"{part}: {name} must be one of {names}, got {short_repr(value)}{suggest(value, allowed)}."
+            f"{part}: {name} must be one of {choices}, got {short_repr(value)}"
+            f"{suggest(value, allowed)}."
         )
     return value
 
 
 def suggest(value: Any, allowed: Iterable[Any]) -> str:
-    """A hint ' (did you mean ...?)' with the nearest allowed name, or nothing."""
-    wanted = value[:_LONGEST_SHOWN] if isinstance(value, str) else short_repr(value)
-    found = difflib.get_close_matches(wanted, [str(a) for a in allowed], n=1, cutoff=0.5)
-    return f" (did you mean {found[0]!r}?)" if found else ""
+    """Return the hint ' (did you mean ...?)' with the closest allowed name, or an empty string."""
+    text = value[:_MAX_REPR_LENGTH] if isinstance(value, str) else short_repr(value)
+    closest = difflib.get_close_matches(text, [str(a) for a in allowed], n=1, cutoff=0.5)
+    return f" (did you mean {closest[0]!r}?)" if closest else ""
 
 
-def set_fields(instance: Any, **checked: Any) -> None:
-    """Set fields of a frozen dataclass to their checked values: plain floats, tuples and texts."""
-    for name, value in checked.items():
+def set_fields(instance: Any, **values: Any) -> None:
+    """Set fields of a frozen dataclass to their checked values."""
+    for name, value in values.items():
         object.__setattr__(instance, name, value)
-
-
-_MAX_NAME_LENGTH = 100
 
 
 def require_name(kind: str, name: Any) -> str:
@@ -220,16 +218,16 @@ def require_name(kind: str, name: Any) -> str:
     Names become column headers of tables, as "name.x [m]".
     """
     if not isinstance(name, str) or not name.strip():
-        raise BeamdaeError(f"{kind}: the name must be a non-empty text, got {short_repr(name)}.")
+        raise BeamdaeError(f"{kind}: the name must be a non-empty string, got {short_repr(name)}.")
     # Spreadsheets read a cell that begins with one of these signs as a formula.
     if name[0] in "=+-@" or name != name.strip() or set(name) & set("[]"):
         raise BeamdaeError(
-            f"{kind}: a name must not begin with =, +, - or @, hold brackets or begin or end with "
-            f"a space, got {short_repr(name)}."
+            f"{kind}: a name must not start with =, +, - or @, contain brackets, or start or end "
+            f"with a space, got {short_repr(name)}."
         )
     if len(name) > _MAX_NAME_LENGTH or not name.isprintable():
         raise BeamdaeError(
-            f"{kind}: a name must be a text of at most {_MAX_NAME_LENGTH} letters without line breaks "
+            f"{kind}: a name must have at most {_MAX_NAME_LENGTH} characters, without line breaks "
             f"and other control characters, got {short_repr(name)}."
         )
     return str(name)

@@ -484,7 +484,7 @@ def test_a_mistyped_public_name_is_still_an_attribute_error():
         ({"v": ca.MX.sym("v", 2)}, "t, q and v must be all SX or all MX symbols"),
         ({"scales": "x"}, "scales must have 2 entries, finite numbers"),
         ({"breakpoints": 1.0}, "breakpoints must be a list of times, got 1.0"),
-        ({"observe": {3: T}}, "the name must be a non-empty text, got 3"),
+        ({"observe": {3: T}}, "the name must be a non-empty string, got 3"),
         ({"observe": {"x []": T}}, "units must be strings such as 'm' and 'rad', got ''"),
         ({"observe": {"x [deg]": T}}, "angles must be in 'rad', got 'deg'"),
         ({"observe": {"x [m]": T, "x [s]": T}}, "names must differ, got q0, q1, x, x"),

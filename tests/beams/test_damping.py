@@ -534,7 +534,7 @@ BODY = bd.RigidBody("body", mass=1.0, inertia=1.0)
         (lambda: bd.AirDrag("air", BEAM, -1.5), "air: coefficient must not be negative, got -1.5"),
         (lambda: bd.AirDrag("air", BEAM, np.nan), "air: coefficient must be finite, got nan"),
         (lambda: bd.AirDrag("air", BEAM, "2"), "air: coefficient must be a number, got '2'"),
-        (lambda: bd.AirDrag("", BEAM, 1.0), "AirDrag: the name must be a non-empty text"),
+        (lambda: bd.AirDrag("", BEAM, 1.0), "AirDrag: the name must be a non-empty string"),
         (lambda: bd.RayleighDamping("oil", "beam"), "oil: beam must be a Beam, got 'beam'"),
         (
             lambda: bd.RayleighDamping("oil", BEAM, mass=-0.1),
@@ -548,7 +548,10 @@ BODY = bd.RigidBody("body", mass=1.0, inertia=1.0)
             lambda: bd.RayleighDamping("oil", BEAM, stiffness=np.inf),
             "oil: stiffness must be finite, got inf",
         ),
-        (lambda: bd.RayleighDamping(3, BEAM), "RayleighDamping: the name must be a non-empty text"),
+        (
+            lambda: bd.RayleighDamping(3, BEAM),
+            "RayleighDamping: the name must be a non-empty string",
+        ),
         (
             lambda: bd.Mechanism().add(bd.AirDrag("air", BEAM, 1.0)),
             "air: it refers to 'beam', which must be added to this mechanism first",

@@ -659,5 +659,5 @@ def test_invalid_beam_settings_are_rejected():
         beam.deformation(1.0, axes="global")
     with pytest.raises(bd.BeamdaeError, match="offset must be finite"):
         beam.strain(1.0, offset=np.inf)
-    with pytest.raises(bd.BeamdaeError, match="the name must be a non-empty text"):
+    with pytest.raises(bd.BeamdaeError, match="the name must be a non-empty string"):
         bd.Beam("", ARC, section)

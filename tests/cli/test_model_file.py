@@ -156,7 +156,7 @@ def test_a_file_that_deletes_itself_is_a_model(file):
             "import casadi as ca\nca.SX.sym('x', 2) + ca.SX.sym('y', 3)",
             "RuntimeError at line 3: sh",
         ),
-        ("import casadi as ca\nca.sin('x')", "at line 3: shapes or kinds of CasADi expressions do"),
+        ("import casadi as ca\nca.sin('x')", "at line 3: shapes or types of CasADi expressions do"),
     ],
 )
 def test_whatever_a_file_raises_is_told_with_its_line(file, line, words):

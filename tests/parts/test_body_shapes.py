@@ -35,7 +35,7 @@ def test_a_plate_is_the_polygon_of_its_corners(center, angle, sizes):
     plate = bd.RigidBody.plate("plate", center, *sizes, angle=angle, mass=2.0)
     polygon = bd.RigidBody.polygon("plate", plate.shape, mass=2.0)
     assert_allclose(plate.inertia, 2.0 * (sizes[0] ** 2 + sizes[1] ** 2) / 12.0, rtol=1e-14)
-    # Corners round at the size of their coordinates, 2e-15, in plates of 0.01 m.
+    # Rounding error of the coordinates, 2e-15 m, in plates of 0.01 m.
     assert_allclose(polygon.inertia, plate.inertia, rtol=1e-9)
     assert_allclose(polygon.center, center, atol=1e-13)
 
@@ -50,19 +50,21 @@ def test_a_polygon_is_the_sum_of_its_rectangles():
     center = sum(part.mass * np.array(part.center) for part in parts) / mass
     apart = [np.sum((np.array(part.center) - center) ** 2) for part in parts]
     inertia = sum(p.inertia + p.mass * d for p, d in zip(parts, apart, strict=True))
-    # Rounding.
+    # Rounding error.
     assert_allclose(whole.mass, mass, rtol=1e-13)
     assert_allclose(whole.center, center, rtol=1e-13)
     assert_allclose(whole.inertia, inertia, rtol=1e-13)
 
 
 @given(turn=st.floats(-7.0, 7.0), by=places, first=st.integers(0, 5), backwards=st.booleans())
-def test_a_polygon_may_lie_anywhere_and_be_gone_around_either_way(turn, by, first, backwards):
+def test_a_polygon_has_the_same_mass_properties_at_any_place_and_orientation(
+    turn, by, first, backwards
+):
     reference = bd.RigidBody.polygon("angle", L_SHAPE, **STEEL)
     c, s = np.cos(turn), np.sin(turn)
     moved = np.roll(L_SHAPE, first, axis=0)[:: -1 if backwards else 1] @ [(c, s), (-s, c)] + by
     body = bd.RigidBody.polygon("angle", moved, **STEEL)
-    # Corners round at 2e-15 of 0.1 m.
+    # Rounding error of the coordinates, 2e-15 m, relative to 0.1 m.
     assert_allclose((body.mass, body.inertia), (reference.mass, reference.inertia), rtol=1e-11)
     center = np.array(reference.center) @ [(c, s), (-s, c)] + by
     assert_allclose(body.center, center, atol=1e-13)
@@ -75,7 +77,7 @@ def test_polygons_of_any_size():
         assert_allclose(body.inertia, reference.inertia * scale**2, rtol=1e-13)
 
 
-def test_a_shape_is_drawn_and_tells_how_large_the_body_is():
+def test_a_shape_is_the_outline_of_the_body():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     body = mech.add(bd.RigidBody.polygon("angle", L_SHAPE, **STEEL))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.2), body.at(0.0, 0.2)))
@@ -132,6 +134,6 @@ POLYGON = bd.RigidBody.polygon
         (lambda: bd.RigidBody("b", 1.0, 1.0, shape=3), r"b: shape must be points \(x, y\), got 3"),
     ],
 )
-def test_refusals(make, message):
+def test_error_messages(make, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         make()

@@ -1,4 +1,4 @@
-"""One-sided contact: times of impact, restitution, friction, what it is seen from."""
+"""Contact: times of impact, restitution, friction, invariance under rigid motions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ GRAVITY = 9.81
 
 
 def bouncing(stiffness, **contact):
-    """A ball dropped from 1 m."""
+    """Return a mechanism with a ball dropped from 1 m."""
     mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
     floor = bd.LineSurface(mech.ground.at(3.0, 0.0))
@@ -25,7 +25,7 @@ def bouncing(stiffness, **contact):
 
 
 def rebound(restitution, of, speed):
-    """Speed after an impact: X v - ln(1 + X v) is the same of v before and -v after."""
+    """Return the speed after an impact: X v - ln(1 + X v) is equal for v before and -v after."""
     factor = bd.Contact(
         "c",
         bd.PointMass("p", 1.0, at=(0.0, 0.0)).point,
@@ -45,7 +45,7 @@ def rebound(restitution, of, speed):
 
 @pytest.mark.parametrize("restitution", [0.05, 0.3, 0.8, 0.99, 0.9999])
 def test_restitution_is_exact_at_its_speed(restitution):
-    # Near 1 the equation holds the loss with (1 - e)^2 of its digits.
+    # Near 1 cancellation in the equation leaves (1 - e)^2 of the digits of the loss.
     after = rebound(restitution, 2.0, 2.0)
     assert_allclose(after, 2.0 * restitution, rtol=1e-7)
 
@@ -53,8 +53,8 @@ def test_restitution_is_exact_at_its_speed(restitution):
 @pytest.mark.parametrize(
     "integrator", [bd.Ida(rtol=1e-6), bd.Radau(rtol=1e-6), bd.GeneralizedAlpha(rtol=1e-6)]
 )
-def test_bouncing_ball_hits_the_floor_when_it_has_to(integrator):
-    """Stiff: impacts of the closed form, each with the restitution of its speed."""
+def test_bouncing_ball_hits_the_floor_at_the_times_of_the_closed_form(integrator):
+    """A stiff contact has the impacts of the closed form, with the restitution of each speed."""
     speed = np.sqrt(2.0 * GRAVITY)
     mech = bouncing(1e9, restitution=0.7, impact_speed=speed)
     solution = bd.simulate(mech, integrator, t_end=2.2, output_step=1e-4)
@@ -67,7 +67,7 @@ def test_bouncing_ball_hits_the_floor_when_it_has_to(integrator):
         expected.append(t)
         speed = rebound(0.7, np.sqrt(2.0 * GRAVITY), speed)
         t += 2.0 * speed / GRAVITY
-    # Contacts of half a millisecond each, rows 0.1 ms apart.
+    # Each contact lasts half a millisecond; rows are 0.1 ms apart.
     assert_allclose(found, expected, rtol=0.0, atol=2e-3)
     assert np.all(solution.observed["floor.N [N]"] >= 0.0)
     assert solution.observed["gap [m]"].min() > -1e-3
@@ -94,7 +94,7 @@ def test_rest_on_the_floor(exponent):
 
 @integrators(rtol=1e-6, step=1e-3)
 def test_a_block_slides_to_rest_under_friction(integrator):
-    """v = v0 - mu g t, and then a creep that dies in friction_speed / (mu g)."""
+    """v = v0 - mu g t, then creep that decays within friction_speed / (mu g)."""
     mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
     depth = (2.0 * GRAVITY / 1e6) ** (1.0 / 1.5)
     block = mech.add(bd.PointMass("block", 2.0, at=(0.0, -depth), velocity=(2.0, 0.0)))
@@ -105,7 +105,7 @@ def test_a_block_slides_to_rest_under_friction(integrator):
     slowing = 0.4 * GRAVITY
     t = solution.t
     speed = np.maximum(2.0 - slowing * t, 0.0)
-    # Regularized: tanh(v / 1 mm/s), to which 1 mm/s are 0.76 of a sign.
+    # Regularization: tanh(v / 1 mm/s) reaches 0.76 at 1 mm/s.
     assert_allclose(solution.v[:, 0], speed, rtol=0.0, atol=1.5e-3)
     assert_allclose(solution.ledger["energy.dissipated [J]"].iloc[-1], 4.0, rtol=1e-3)
 
@@ -113,7 +113,7 @@ def test_a_block_slides_to_rest_under_friction(integrator):
 @pytest.mark.parametrize(
     "integrator", [bd.Ida(), bd.Radau(), bd.GeneralizedAlpha(rtol=1e-5)], ids=lambda x: str(x)[:5]
 )
-def test_no_step_jumps_over_a_post_that_says_how_long_steps_may_be(integrator):
+def test_longest_step_keeps_integrators_from_stepping_over_a_post(integrator):
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(100.0, 0.0)))
     post = bd.CircleSurface(mech.ground.at(4.0, 0.0), 0.05)
@@ -135,15 +135,15 @@ def test_circles_from_outside_and_inside():
     v = np.array([-4.0, 3.0])
     for name in ("out", "in"):
         assert_allclose(numeric.observed(f"{name} gap"), [-0.5], rtol=1e-13)
-        # Counter-clockwise; friction is full, tanh(5000), and against it.
+        # Counter-clockwise motion with full friction, tanh(5000), against it.
         assert_allclose(numeric.observed(f"{name} force", v=v), [5.0, -2.5], rtol=1e-13)
-    # Normal forces cancel, frictions add up.
+    # Normal forces cancel, friction forces add up.
     assert_allclose(numeric.force(v=v), 5.0 * np.array([-0.8, 0.6]), atol=1e-13)
     assert np.all(np.isfinite(numeric.stiffness(np.zeros(2), v)))
 
 
-def test_nothing_moves_a_pair_in_contact_as_a_whole():
-    """What the point gets the body of the surface gives, at the same place, whoever turns."""
+def test_contact_forces_of_a_pair_are_balanced():
+    """Forces on the point and on the body of the surface are opposite, in any rotation."""
     mech = bd.Mechanism()
     plate = mech.add(bd.RigidBody("plate", 1.0, 1.0))
     ball = mech.add(bd.PointMass("ball", 1.0, at=(1.2, -0.1)))
@@ -159,7 +159,7 @@ def test_nothing_moves_a_pair_in_contact_as_a_whole():
     assert_allclose(force[:2] + force[3:], 0.0, atol=1e-13)
     moment = force[2] + q[0] * force[1] - q[1] * force[0] + q[3] * force[4] - q[4] * force[3]
     assert_allclose(moment, 0.0, atol=1e-13)
-    # Carried along by a turn about the origin nothing slips or sinks in: the force at rest.
+    # A rigid rotation about the origin causes no slip and no penetration rate: force at rest.
     spin = 0.7 * np.array([-q[1], q[0], 1.0, -q[4], q[3]])
     assert_allclose(numeric.force(q, spin), numeric.force(q, np.zeros(5)), atol=1e-10)
 
@@ -196,7 +196,7 @@ FLOOR = bd.LineSurface(GROUND)
         (lambda: bd.CircleSurface(BALL, 1.0, "in"), "CircleSurface: side must be one of"),
     ],
 )
-def test_refusals(make, message):
+def test_error_messages(make, message):
     with pytest.raises(bd.BeamdaeError, match=f"^{message}") as refused:
         make()
     assert str(refused.value).endswith(".")

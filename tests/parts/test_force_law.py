@@ -1,4 +1,4 @@
-"""Forces of the user's own: what they see, what they do, how they are booked, what is refused."""
+"""ForceLaw: arguments, virtual work, energy balance and error messages."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from support import NumericEquations
 import beamdae as bd
 
 
-def test_the_law_sees_the_motion_that_is_observed():
-    """And does virtual work on it: forces at the point, moments on the turn."""
+def test_the_law_receives_the_observed_motion():
+    """It does virtual work on that motion: forces at the point, moments on the rotation."""
     seen = []
     mech = bd.Mechanism()
     body = mech.add(bd.RigidBody("body", 1.0, 1.0))
@@ -36,8 +36,8 @@ def test_the_law_sees_the_motion_that_is_observed():
     assert_allclose(numeric.force(q, v), [-expected[0], -expected[1], -moment], rtol=1e-13)
 
 
-def test_a_law_between_two_is_a_spring():
-    """The same as the built-in one to rounding, run by the same kernels."""
+def test_a_law_between_two_points_equals_a_spring():
+    """Equal to the built-in spring up to rounding, with the same kernels."""
 
     def run(lawful):
         mech = bd.Mechanism(gravity=(0.0, -9.81))
@@ -74,7 +74,7 @@ def test_a_law_between_two_is_a_spring():
 
 @integrators(rtol=1e-6, step=1e-3)
 def test_coulomb_damped_oscillator_decays_linearly(integrator):
-    """By 4 mu m g / k of amplitude a period, as far as the friction is Coulomb's."""
+    """The amplitude decreases by 4 mu m g / k per period under Coulomb friction."""
     stiffness, friction, speed = 100.0, 0.8, 1e-3
     mech = bd.Mechanism()
     block = mech.add(bd.PointMass("block", 1.0, at=(1.2, 0.0)))
@@ -89,7 +89,7 @@ def test_coulomb_damped_oscillator_decays_linearly(integrator):
     assert solution.status.success, solution.status.sentence
     lost = 2.0 * friction / stiffness * np.arange(7)
     amplitude = (solution.q[:, 0] - 1.0) * (-1.0) ** np.arange(7)
-    # tanh loses in the width of the velocity: speed / (w A) of the decrement, below 3 %.
+    # Regularization by tanh reduces the decrement by speed / (w A), below 3 %.
     assert_allclose(amplitude, 0.2 - lost, rtol=0.0, atol=0.03 * lost[1])
     assert solution.quality.energy_imbalance < 1e-4
     taken = 0.5 * stiffness * (0.2**2 - (0.2 - lost[-1]) ** 2)
@@ -97,8 +97,8 @@ def test_coulomb_damped_oscillator_decays_linearly(integrator):
 
 
 @pytest.mark.parametrize("native", [True, False])
-def test_all_of_numpy_that_has_symbols(native, monkeypatch):
-    """Formulas give in kernels what they give of numbers."""
+def test_numpy_functions_of_symbols(native, monkeypatch):
+    """Formulas have the same values in kernels as for numbers."""
     if not native:
         monkeypatch.setenv("BEAMDAE_NATIVE", "off")
 
@@ -170,7 +170,7 @@ GROUND = bd.Mechanism().ground.at(0.0, 0.0)
         ),
     ],
 )
-def test_refusals(make, message):
+def test_error_messages(make, message):
     with pytest.raises(bd.BeamdaeError, match=f"^{message}") as refused:
         make()
     assert str(refused.value).endswith(".")

@@ -16,17 +16,17 @@ from support import (
 
 import beamdae as bd
 
-# A load sees how a section moves; strain, quadrature and damping have no part in that.
+# Loads depend on the motion of a section alone, not on strain, quadrature and damping.
 every_variant = parametrize_variants(
     v for v in VARIANTS if v.strain == "nonlinear" and v.quadrature == "reduced" and v.damping > 0.0
 )
-# Differences of five points and step 1e-3 of positions of order one: rounding, 1e-13.
+# Rounding error, 1e-13, of five-point differences of step 1e-3 of positions of order one.
 DIFFERENCES = {"atol": 1e-11}
 PLACES = (0.0, 0.9, ARC.length)
 
 
 def with_load(variant, s, make):
-    """(with, without) the load that `make` puts on a beam at s."""
+    """Return the equations with and without the load that `make` adds to a beam at s."""
     numerics = []
     for loaded in (True, False):
         mech = bd.Mechanism()
@@ -56,7 +56,7 @@ def test_dead_force_works_on_the_displacement_of_its_point(variant, s):
 
 @pytest.mark.parametrize("s", PLACES)
 @every_variant
-def test_body_force_turns_with_its_section(variant, s):
+def test_body_force_rotates_with_its_section(variant, s):
     force = np.array([1.7, -0.6])
     loaded, bare = with_load(variant, s, lambda on: bd.Force("load", on, tuple(force), "body"))
     q, v, _ = random_state(loaded, seed=2)
@@ -70,7 +70,7 @@ def test_body_force_turns_with_its_section(variant, s):
 
 @pytest.mark.parametrize("s", PLACES)
 @every_variant
-def test_moment_works_on_the_turn_of_its_section(variant, s):
+def test_moment_works_on_the_rotation_of_its_section(variant, s):
     loaded, bare = with_load(variant, s, lambda on: bd.Moment("load", on, 2.3))
     q, v, _ = random_state(loaded, seed=3)
     work = finite_differences(lambda x: 2.3 * loaded.observed("place", q=x)[2], q)
@@ -101,14 +101,14 @@ def test_point_mass_on_a_beam_has_the_inertia_and_weight_of_its_point(variant):
     acceleration = (16.0 * near - far) / (12.0 * h**2)
     lever = finite_differences(lambda x: loaded.observed("tip", q=x)[:2], q)
     expected = mass * (acceleration - gravity) @ lever
-    # Second differences round at 1e-16 / step^2.
+    # Rounding error of second differences, 1e-16 / step^2.
     assert_allclose(loaded.force(q, v, a) - bare.force(q, v, a), expected, atol=1e-8)
     energy = loaded.energies(q, v) - bare.energies(q, v)
     assert_allclose(energy[0], 0.5 * mass * np.sum((lever @ v) ** 2), rtol=1e-10)
     assert_allclose(energy[2], -mass * gravity @ place(0.0), rtol=1e-12)
 
 
-def test_loads_follow_their_laws_and_their_phase():
+def test_loads_follow_the_piece_of_their_law_that_the_branch_selects():
     law = bd.piecewise((0.5, lambda t: 3.0 * t), -1.0)
     mech = bd.Mechanism()
     body = mech.add(bd.RigidBody("body", mass=1.0, inertia=1.0))
@@ -121,15 +121,15 @@ def test_loads_follow_their_laws_and_their_phase():
         assert_allclose(numeric.force(time=time), expected, rtol=1e-14)  # rounding
 
 
-def test_an_eccentric_force_turns_a_rigid_body():
+def test_an_eccentric_force_rotates_a_rigid_body():
     mech = bd.Mechanism(gravity=(0.0, -10.0))
     body = mech.add(bd.RigidBody("body", mass=2.0, inertia=0.3, center=(1.0, 1.0)))
     mech.add(bd.Force("push", body.at(1.5, 1.0), (0.0, 4.0)))
     mech.add(bd.Force("thrust", body.at(1.0, 3.0), (3.0, 0.0), axes="body"))
     numeric = NumericEquations(mech)
     quarter = np.array([1.0, 1.0, 0.5 * np.pi])
-    # By hand: the push at the arm (0, 0.5) after a quarter turn has no moment, the thrust
-    # points up at the arm (-2, 0).
+    # By hand: after a quarter revolution the push at the arm (0, 0.5) has no moment, and the
+    # thrust points up at the arm (-2, 0).
     expected = -np.array([0.0, 4.0 + 3.0 - 20.0, -6.0])
     assert_allclose(numeric.force(quarter), expected, atol=1e-14)  # rounding
     assert_allclose(numeric.force(), -np.array([3.0, 4.0 - 20.0, 4.0 * 0.5 - 3.0 * 2.0]))
@@ -161,7 +161,7 @@ ON = BODY.at(0.0, 0.0)
             lambda: bd.Force("push", ON, (1.0, 2.0), axes="bdy"),
             r"push: axes must be one of 'inertial', 'body', got 'bdy' \(did you mean 'body'\?\)",
         ),
-        (lambda: bd.Force("", ON, (1.0, 2.0)), "Force: the name must be a non-empty text"),
+        (lambda: bd.Force("", ON, (1.0, 2.0)), "Force: the name must be a non-empty string"),
         (lambda: bd.Moment("twist", "hub", 1.0), "twist: on must be an attachment .*got 'hub'"),
         (
             lambda: bd.Moment("twist", ON, (1.0, 2.0)),
@@ -172,9 +172,9 @@ ON = BODY.at(0.0, 0.0)
             lambda: bd.Moment("twist", bd.PointMass("bob", 1.0, at=(1.0, 2.0)).point, 1.0),
             r"twist: bob at \(1, 2\) is a particle and has no angle",
         ),
-        (lambda: bd.Moment(3, ON, 1.0), "Moment: the name must be a non-empty text, got 3"),
+        (lambda: bd.Moment(3, ON, 1.0), "Moment: the name must be a non-empty string, got 3"),
     ],
 )
-def test_refusals(make, message):
+def test_error_messages(make, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         make()

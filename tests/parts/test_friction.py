@@ -1,4 +1,4 @@
-"""Friction in joints: closed forms, tangents, books, refusals."""
+"""Friction in joints: closed forms, tangents, energy balance, error messages."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ GRAVITY, MASS, COEFFICIENT = 9.81, 2.0, 0.3
 
 
 def run(model, integrator, t_end, step=None):
-    """A run that reached its end."""
+    """Return the solution of a run that reached its end."""
     found = bd.simulate(model, integrator, t_end, step)
     assert found.status.success, found.status.sentence
     return found
 
 
 class Spring(Part):
-    """Pulls the x of a body to where it is zero."""
+    """Linear spring that pulls the x of a body to zero."""
 
     def __init__(self, name, body, stiffness):
         self.name, self.body, self.stiffness = name, body, stiffness
@@ -42,7 +42,7 @@ class Spring(Part):
 
 
 def block(speed=2.0, turn=0.0, at=(0.0, 0.0), spring=None, start=0.0, **friction):
-    """A block on a guide that turns with the drawing, pressed onto it by its weight."""
+    """Return a block on an inclined guide, pressed onto it by its weight."""
     c, s = np.cos(turn), np.sin(turn)
     mech = bd.Mechanism(gravity=(GRAVITY * s, -GRAVITY * c))
     center = (at[0] + c * start, at[1] + s * start)
@@ -67,7 +67,7 @@ def test_block_on_a_plane_slows_down_by_mu_g(integrator, turn):
     found = run(block(turn=turn, at=(2.0, -1.0)), integrator, 0.5, 0.1)
     travel = 2.0 * found.t - 0.5 * COEFFICIENT * GRAVITY * found.t**2
     gone = np.hypot(found.q[:, 0] - 2.0, found.q[:, 1] + 1.0)
-    # Smoothing takes (1e-3 / N)^2 / 2 of the reaction N of 20 N, 1e-9; the rest is rtol.
+    # Smoothing reduces the reaction N of 20 N by (1e-3 / N)^2 / 2 = 1e-9; the rest is rtol.
     assert_allclose(gone, travel, rtol=0.0, atol=2e-8)
     held = COEFFICIENT * MASS * GRAVITY
     assert_allclose(found.columns["friction.F [N]"], -held, rtol=1e-6)
@@ -76,8 +76,8 @@ def test_block_on_a_plane_slows_down_by_mu_g(integrator, turn):
     assert_allclose(found.ledger["energy.dissipated [J]"], held * travel, atol=1e-6)
 
 
-def test_more_than_it_can_be_pushed_by_holds_it():
-    """A spring that pulls by less than mu N: it creeps by v = regularization atanh(F / (mu N))."""
+def test_a_force_below_the_friction_limit_makes_it_creep():
+    """Under F < mu N it creeps with v = regularization atanh(F / (mu N))."""
     pull = 3.0
     mech = block(speed=0.0, start=1.0, spring=pull)
     found = run(mech, bd.Radau(rtol=1e-8), 1.0, 0.5)
@@ -98,7 +98,7 @@ def test_stribeck(speed):
 
 
 def pendulum(turn=0.0, at=(0.0, 0.0), swap=False, **friction):
-    """A bar in a bearing that rubs."""
+    """Return a bar in a bearing with friction."""
     c, s = np.cos(turn), np.sin(turn)
     mech = bd.Mechanism(gravity=(GRAVITY * s, -GRAVITY * c))
     bar = mech.add(bd.RigidBody("bar", MASS, 0.2, (at[0] + 0.5 * c, at[1] + 0.5 * s)))
@@ -111,12 +111,12 @@ def pendulum(turn=0.0, at=(0.0, 0.0), swap=False, **friction):
 
 
 @integrators(1e-7, 1e-3)
-def test_a_bearing_takes_what_the_pendulum_loses(integrator):
+def test_a_bearing_dissipates_the_energy_the_pendulum_loses(integrator):
     peak = {"static": 0.4, "stribeck": 0.05}
     found = run(pendulum(**peak), integrator, 5.0, 0.01)
     assert found.quality.energy_imbalance < 1e-4
     reference = run(pendulum(**peak), bd.Radau(rtol=1e-10), 5.0, 0.01)
-    # Generalized-alpha is off by 1e-4 at this step, the others by 2e-6.
+    # Error of generalized-alpha at this step is 1e-4, of the others 2e-6.
     assert_allclose(found.q[:, 2], reference.q[:, 2], rtol=0.0, atol=2e-4)
     held = np.hypot(reference.columns["pin.Fx [N]"], reference.columns["pin.Fy [N]"])
     slip = 0.05 * reference.v[:, 2]
@@ -126,12 +126,12 @@ def test_a_bearing_takes_what_the_pendulum_loses(integrator):
     assert_allclose(reference.columns["friction.M [N m]"], moment, rtol=1e-6, atol=1e-9)
 
 
-def test_turned_moved_and_named_the_other_way_round():
+def test_results_do_not_depend_on_place_direction_and_order_of_points():
     integrator = bd.Radau(rtol=1e-10)
     plain = run(pendulum(), integrator, 2.0, 0.5)
     moved = run(pendulum(1.3, (4.0, -3.0)), integrator, 2.0, 0.5)
     swapped = run(pendulum(swap=True), integrator, 2.0, 0.5)
-    # Steps may differ where rounding does, so that runs agree to their tolerance.
+    # Rounding may change the steps: runs agree to their tolerance.
     assert_allclose(moved.q[:, 2], plain.q[:, 2], rtol=0.0, atol=1e-8)
     assert_allclose(swapped.q[:, 2], plain.q[:, 2], rtol=0.0, atol=1e-8)
     moments = [x.columns["friction.M [N m]"] for x in (plain, moved, swapped)]
@@ -139,7 +139,7 @@ def test_turned_moved_and_named_the_other_way_round():
     assert_allclose(moments[2], -moments[0], rtol=0.0, atol=1e-6)
 
 
-def test_without_a_coefficient_nothing_changes():
+def test_a_coefficient_of_zero_has_no_effect():
     frictionless = pendulum(coefficient=0.0)
     bare = bd.Mechanism(gravity=(0.0, -GRAVITY))
     bar = bare.add(bd.RigidBody("bar", MASS, 0.2, (0.5, 0.0)))
@@ -148,8 +148,8 @@ def test_without_a_coefficient_nothing_changes():
     assert_allclose(runs[0].q, runs[1].q, rtol=0.0, atol=1e-9)
 
 
-def test_a_rod_that_no_acceleration_fits_is_told_of():
-    """Painleve's: pushed ahead of its contact it digs itself in, for I = m l^2 / 3 and 135 deg."""
+def test_painleve_paradox_is_reported():
+    """Painleve's rod, pushed ahead of its contact, jams for I = m l^2 / 3 and 135 deg."""
     half, turn = 1.0, 0.75 * np.pi
 
     def rod(coefficient):
@@ -160,7 +160,7 @@ def test_a_rod_that_no_acceleration_fits_is_told_of():
         mech.add(bd.Friction("rub", mech.add(tip), coefficient, regularization=1e-3))
         return mech
 
-    # N (1 + 3 cos^2) + 3 mu |N| cos sin = m g: from mu = (1 + 1.5) / 1.5 on there is no N.
+    # N (1 + 3 cos^2) + 3 mu |N| cos sin = m g: no solution N for mu above (1 + 1.5) / 1.5.
     run(rod(1.6), bd.Radau(), 1e-3)
     with pytest.raises(
         bd.BeamdaeError, match=r"floor: friction admits no accelerations .* at t = 0 s .*Painleve"
@@ -188,7 +188,7 @@ def test_tangents_are_derivatives():
     assert np.any(by_lam)
     assert_derivative(by_lam, lambda x: evaluator.force(numeric.time, q, v, None, x), lam)
     powers = numeric.energies(q, v, None, lam)
-    # What it dissipates is its work.
+    # The dissipated power is that of its forces.
     free = numeric.force(q, v) @ v
     assert_allclose(
         powers[4], evaluator.force(numeric.time, q, v, None, lam) @ v - free, rtol=1e-12
@@ -221,12 +221,12 @@ PIN, LINE = bd.Revolute("pin", *ENDS), bd.PointOnLine("line", *ENDS)
         (lambda: bd.Friction("f", BODY.at(0, 0), 0.1, 1e-3), "f: joint must be one that turns"),
     ],
 )
-def test_refusals(make, message):
+def test_error_messages(make, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         make()
 
 
-def test_numbers_of_any_kind_are_taken_as_floats():
+def test_numbers_of_any_type_are_converted_to_float():
     given = {name: Decimal("0.3") for name in ("static", "stribeck", "radius")}
     made = bd.Friction("f", PIN, 0.1, 1e-3, **given)
     assert all(type(getattr(made, name)) is float for name in given)
@@ -240,7 +240,7 @@ def test_its_joint_must_be_part_of_the_mechanism():
         mech.add(bd.Friction("f", line, 0.1, 1e-3))
 
 
-def test_ida_finds_reactions_in_rubbing_guides_of_what_is_driven_throughout():
+def test_ida_converges_for_friction_in_guides_of_fully_driven_bodies():
     """Nothing but Newton's iteration tells these reactions, and the friction turns round in them.
 
     They came out 1e8 times too large, and three quarters of the energy out of nothing.
@@ -262,5 +262,5 @@ def test_ida_finds_reactions_in_rubbing_guides_of_what_is_driven_throughout():
     assert ida.quality.energy_imbalance < 1e-4
     assert ida.quality.max_residual < 1e-3
     exact = radau.observed["guide.F [N]"]
-    # Rows between steps lie on polynomials, over which the friction turns round.
+    # Rows between steps are interpolated by polynomials, across the reversal of friction.
     assert_allclose(ida.observed["guide.F [N]"], exact, rtol=0, atol=1e-2 * np.ptp(exact))

@@ -24,7 +24,7 @@ def mechanism(gravity):
 @pytest.mark.parametrize(
     "law", [lambda t: -3.0 * np.cos(t), bd.piecewise((0.5, -3.0 * np.cos(0.3)), 7.0)]
 )
-def test_everything_weighs_what_it_does_under_the_gravity_of_that_time(law):
+def test_weights_equal_those_under_the_constant_gravity_of_that_time(law):
     changing = NumericEquations(mechanism((0.4, law)), time=(0.3, 0.3))
     constant = NumericEquations(mechanism((0.4, -3.0 * np.cos(0.3))))
     bare = NumericEquations(mechanism((0.0, 0.0)))
@@ -41,7 +41,7 @@ def test_everything_weighs_what_it_does_under_the_gravity_of_that_time(law):
 
 
 @integrators(rtol=1e-7, step=1e-3)
-def test_a_pendulum_whose_gravity_stops_goes_on_evenly(integrator):
+def test_a_pendulum_rotates_uniformly_after_gravity_ends(integrator):
     mech = bd.Mechanism(gravity=(0.0, bd.piecewise((0.6, -9.81), 0.0)))
     body = mech.add(bd.RigidBody("body", 2.0, 0.5, center=(1.0, 0.0)))
     mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
@@ -49,7 +49,7 @@ def test_a_pendulum_whose_gravity_stops_goes_on_evenly(integrator):
     assert solution.status.success, solution.status.sentence
     rate = solution.v[:, 2]
     assert_allclose(rate[7:], rate[6], rtol=1e-5)
-    # Energy gained until then: the fall of the weight.
+    # Energy gained until then: work of the weight.
     fall = 2.0 * 9.81 * np.sin(-solution.q[6, 2])
     assert_allclose(0.5 * 2.5 * rate[6] ** 2, fall, rtol=1e-4)
     assert_allclose(solution.ledger["energy.work_of_loads [J]"].iloc[-1], fall, rtol=1e-4)
@@ -65,6 +65,6 @@ def test_a_pendulum_whose_gravity_stops_goes_on_evenly(integrator):
         ((lambda t: 0.0 * t, np.nan), "Mechanism.gravity: law must be finite"),
     ],
 )
-def test_refusals(gravity, message):
+def test_error_messages(gravity, message):
     with pytest.raises(bd.BeamdaeError, match=f"^{message}"):
         bd.Mechanism(gravity=gravity)

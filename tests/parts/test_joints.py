@@ -1,4 +1,4 @@
-"""Joints: constraint levels along motions, virtual work of reactions, refusals."""
+"""Joints: constraint levels along motions, virtual work of reactions, error messages."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TANGENT, CHORD = VARIANTS[0], VARIANTS[2]
 
 
 def parts(variant=TANGENT):
-    """A mechanism of a disk and a beam, each apart from the other."""
+    """Return a mechanism with a disk and a beam that are not connected, and both bodies."""
     mech = bd.Mechanism(gravity=(0.2, -1.5))
     disk = mech.add(bd.RigidBody("disk", mass=1.3, inertia=0.7, center=(0.5, 0.4)))
     beam = mech.add(variant.beam(ARC))
@@ -30,7 +30,7 @@ def parts(variant=TANGENT):
 
 
 every_joint = pytest.mark.parametrize("make", JOINTS.values(), ids=list(JOINTS))
-# Those of points of bodies alone: of a slider on a beam see test_sliding.
+# Joints between points of bodies; for sliders on beams see test_sliding.
 OF_POINTS = {x: make for x, make in JOINTS.items() if not x.startswith("sliding")} | NONHOLONOMIC
 every_joint_of_points = pytest.mark.parametrize("make", OF_POINTS.values(), ids=list(OF_POINTS))
 every_frame = pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def jointed(make, variant=TANGENT):
 @every_frame
 def test_drawn_position_is_closed(make, variant):
     numeric, _ = jointed(make, variant)
-    # Coordinates of the drawing are rounded; the joints of the beam lie on its interpolated axis.
+    # Rounding error of coordinates in the drawing; joints of the beam lie on its interpolated axis.
     assert_allclose(numeric.levels[0](time=[0.0, 0.0]), 0.0, atol=1e-14)
 
 
@@ -59,7 +59,7 @@ def test_drawn_position_is_closed(make, variant):
 @every_joint
 @every_frame
 def test_levels_are_time_derivatives_along_a_motion(make, variant, phase):
-    """`phase` on either side of the run-up's end; the motion is any smooth one."""
+    """`phase` is before or after the end of the run-up; the motion is an arbitrary smooth one."""
     numeric, _ = jointed(make, variant)
     rng = np.random.default_rng(0)
     size, rate, start = rng.uniform(0.2, 1.0, (3, numeric.n))
@@ -77,27 +77,27 @@ def test_levels_are_time_derivatives_along_a_motion(make, variant, phase):
             expected = directional_derivative(
                 lambda x, k=k: level(k, x[0]), np.array([t]), np.ones(1)
             )
-            # Five-point differences of step 1e-3 of quantities of order ten.
+            # Error of five-point differences of step 1e-3 of quantities of order ten.
             assert_allclose(level(k + 1, t), expected, atol=1e-10)
 
 
 @every_joint
 @every_frame
-def test_reactions_do_virtual_work_on_the_constraints_alone(make, variant):
+def test_reactions_do_virtual_work_on_the_constraints_only(make, variant):
     numeric, _ = jointed(make, variant)
     rng = np.random.default_rng(1)
     q = numeric.equations.q0 + 0.3 * rng.standard_normal(numeric.n)
     lam = rng.standard_normal(numeric.m)
     matrix = numeric.constraint_matrix(q)
     assert_derivative(matrix, lambda x: np.atleast_1d(numeric.levels[0](x)), q)
-    # The same product, summed in another order.
+    # The same product with another order of summation.
     assert_allclose(numeric.reaction(q, lam=lam), matrix.T @ lam, atol=1e-13)
 
 
 @every_joint_of_points
 @every_frame
-def test_reactions_on_all_bodies_are_loads_that_do_what_the_joint_does(make, variant):
-    """G^T lam is what forces and moments of the size reported do, in either axes."""
+def test_reactions_on_all_bodies_are_equivalent_to_the_constraint_forces(make, variant):
+    """G^T lam equals the generalized forces of the reported loads, in both kinds of axes."""
     _, mech = jointed(make, variant)
     joint = mech.part("j")
     if not hasattr(joint, "reaction_on"):
@@ -135,7 +135,7 @@ def test_reactions_on_all_bodies_are_loads_that_do_what_the_joint_does(make, var
             assert_allclose(on_b[name], value, atol=1e-14)  # rounding
 
 
-def test_reaction_of_a_turning_line():
+def test_reaction_of_a_rotating_line():
     """Force F n on the point, -F n at the same place on the body that carries the line."""
     numeric, _ = jointed(JOINTS["turning line"])
     rng = np.random.default_rng(3)
@@ -173,7 +173,7 @@ def _drawn(numeric):
     return numeric.equations.q0, numeric.equations.v0
 
 
-def test_motor_turns_a_wheel():
+def test_a_driver_rotates_a_wheel():
     """Moment J theta'' and power J theta'' theta' of a run-up, closed forms of its law."""
     inertia, speed, duration, t = 0.7, 3.0, 0.5, 0.2
     mech = bd.Mechanism()
@@ -188,7 +188,7 @@ def test_motor_turns_a_wheel():
     theta_ddot = speed / duration * (1.0 - np.cos(turn))
     theta_dot = speed / duration * (t - duration / (2.0 * np.pi) * np.sin(turn))
     theta = speed / duration * (t**2 / 2.0 + (duration / 2.0 / np.pi) ** 2 * (np.cos(turn) - 1.0))
-    # Rounding; positions are closed to 1e-12.
+    # Rounding error; the start is closed to 1e-12.
     assert_allclose(state.q[2], theta, atol=1e-12)
     assert_allclose(state.v[2], theta_dot, rtol=1e-12)
     assert_allclose(state.a[2], theta_ddot, rtol=1e-12)
@@ -198,8 +198,8 @@ def test_motor_turns_a_wheel():
     assert_allclose(power, [inertia * theta_ddot * theta_dot], rtol=1e-12)
 
 
-def test_bead_on_a_rotating_line_feels_centrifugal_and_coriolis_acceleration():
-    """A particle on a line that turns at a constant rate: x'' = omega^2 x, F = 2 m omega x'."""
+def test_bead_on_a_rotating_line_has_centrifugal_and_coriolis_acceleration():
+    """A particle on a line that rotates at a constant rate: x'' = omega^2 x, F = 2 m omega x'."""
     omega, mass, distance, speed = 2.0, 0.4, 1.5, 0.8
     mech = bd.Mechanism()
     rod = mech.add(bd.RigidBody("rod", mass=1.0, inertia=1.0))
@@ -212,7 +212,7 @@ def test_bead_on_a_rotating_line_feels_centrifugal_and_coriolis_acceleration():
     numeric = NumericEquations(mech)
     state = ConsistencySolver(numeric.equations).state(np.zeros(2), *_drawn(numeric))
     where = numeric.index("bead.x")
-    # Rounding.
+    # Rounding error.
     assert_allclose(state.v[where:], (speed, omega * distance), rtol=1e-13)
     assert_allclose(state.a[where:], (0.0, 2.0 * omega * speed), atol=1e-13)
     force = numeric.observed("slot", q=state.q, lam=state.lam)
@@ -234,7 +234,7 @@ def test_welded_beams_continue_each_other():
     mech.add(bd.Weld("seam", first.end, second.start))
     mech.observe("tip", second.end)
     numeric = NumericEquations(mech)
-    # Rounding.
+    # Rounding error.
     assert_allclose(numeric.levels[0](), 0.0, atol=1e-14)
     assert_allclose(numeric.observed("tip")[:2], TIP, atol=1e-14)
 
@@ -291,7 +291,7 @@ def test_welded_beams_continue_each_other():
         ),
         (
             lambda m, d, b: bd.Revolute("", m.ground.at(0, 0), d.at(0, 0)),
-            "Revolute: the name must be a non-empty text, got ''",
+            "Revolute: the name must be a non-empty string, got ''",
         ),
         (
             lambda m, d, b: bd.Weld("w", m.ground.at(0, 0), bd.PointMass("p", 1, at=(0, 0)).point),
@@ -307,7 +307,7 @@ def test_welded_beams_continue_each_other():
         (lambda m, d, b: m.ground.at("left", 0.0), "ground: point x must be a number, got 'left'"),
     ],
 )
-def test_refusals(make, message):
+def test_error_messages(make, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         make(*parts())
 

@@ -1,4 +1,4 @@
-"""Laws of time: values, derivatives, and what happens at their breakpoints."""
+"""Laws of time: values, derivatives and breakpoints."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def derivative(law, order):
 
 
 def value(law, t, phase=None, order=0):
-    """The law or its derivative at t, on the branch of `phase` (t itself where not given)."""
+    """Return the law or a derivative at t, of the piece valid at `phase` (default: t)."""
     return float(derivative(law, order)([t, t if phase is None else phase]))
 
 
 @given(amplitude=numbers, frequency=times, phase=numbers, t=times)
 def test_sine(amplitude, frequency, phase, t):
     law = bd.sine(amplitude, frequency, phase)
-    # Rounding of the argument, up to 600 rad.
+    # Rounding error of the argument, up to 600 rad.
     expected = amplitude * np.sin(2.0 * np.pi * frequency * t + phase)
     assert_allclose(value(law, t), expected, atol=1e-11)
     assert law.breakpoints == ()
@@ -51,13 +51,13 @@ def test_run_up_is_twice_continuously_differentiable_and_reaches_its_speed(speed
     for order in range(3):
         before = value(law, duration, 0.5 * duration, order)
         after = value(law, duration, 2.0 * duration, order)
-        # Rounding of 1 - cos at a full turn, multiplied by (2 pi / duration)^order.
+        # Rounding error of 1 - cos at a full revolution, multiplied by (2 pi / duration)^order.
         assert_allclose(before, after, atol=1e-12 * abs(speed) * (1.0 + duration**-order))
         assert_allclose(value(law, 0.0, 0.0, order), 0.0, atol=1e-13 * abs(speed) / duration)
     assert_allclose(value(law, 3.0 * duration, order=1), speed, **ROUNDING)
     assert_allclose(value(law, 0.5 * duration, order=1), 0.5 * speed, **ROUNDING)
     assert_allclose(value(law, 3.0 * duration), 2.5 * speed * duration, **ROUNDING)
-    # The angular acceleration is 1 - cos of a full turn: twice its mean in the middle.
+    # The angular acceleration is 1 - cos over a full revolution: twice its mean in the middle.
     assert_allclose(value(law, 0.5 * duration, order=2), 2.0 * speed / duration, **ROUNDING)
 
 
@@ -76,20 +76,20 @@ def test_piecewise_changes_at_its_ends(ends, t):
     assert_allclose(value(law, t), branch if branch < len(ends) else t + 10.0, rtol=1e-15)
 
 
-def test_phase_and_not_time_chooses_the_branch():
+def test_the_piece_is_selected_by_phase_instead_of_time():
     law = bd.piecewise((1.0, lambda t: 3.0 * t), (2.0, 7.0), lambda t: -t)
     assert value(law, 1.0, phase=0.5) == 3.0
     assert value(law, 1.0, phase=1.0) == 7.0
     assert value(law, 1.0, phase=1.5) == 7.0
     assert value(law, 2.0, phase=1.5) == 7.0
     assert value(law, 2.0, phase=2.5) == -2.0
-    # A branch is continued past its end, so that an integrator may look there.
+    # A piece is defined beyond its end, because integrators may evaluate it there.
     assert value(law, 1.2, phase=0.5) == pytest.approx(3.6, rel=1e-15)
     assert value(law, 1.0, phase=0.5, order=1) == 3.0
     assert value(law, 1.0, phase=1.5, order=1) == 0.0
 
 
-def test_a_branch_that_is_not_finite_elsewhere_does_no_harm():
+def test_a_piece_may_be_singular_outside_its_interval():
     law = bd.piecewise((1.0, 2.0), lambda t: np.sqrt(t - 1.0))
     assert value(law, 0.25) == 2.0
     assert value(law, 1.25) == 0.5
@@ -98,7 +98,7 @@ def test_a_branch_that_is_not_finite_elsewhere_does_no_harm():
 
 def test_time_scales():
     assert bd.run_up(1.0, 0.5).time_scale == 0.5
-    # Integrators stop at the ends of the pieces; a short piece need not shorten all other steps.
+    # Integrators stop at the ends of pieces, so a short piece does not limit other steps.
     assert bd.piecewise((1.0, 5.0), (1.2, 3.0), 0.0).time_scale is None
     assert bd.piecewise((1.0, bd.sine(1.0, 50.0)), 0.0).time_scale == 0.02
     assert as_law("test", 5.0).time_scale is None
@@ -114,7 +114,7 @@ def test_table_interpolates_and_is_constant_outside(steps, values, start):
     t = start + np.concatenate([[0.0], np.cumsum(steps)])
     y = np.array(values[: len(t)])
     law = bd.table(t, y)
-    # Rounding: cubic polynomials of values up to 10 over intervals that differ 200-fold.
+    # Rounding error of cubic polynomials with values up to 10 on intervals that differ 200-fold.
     for ti, yi in zip(t, y, strict=True):
         assert_allclose(value(law, ti), yi, atol=1e-9)
         assert_allclose(value(law, ti, phase=0.5 * (t[0] + t[1])), yi, atol=1e-9)
@@ -130,7 +130,7 @@ def test_table_is_a_natural_cubic_spline():
     for knot in t[1:-1]:
         for order in (1, 2):
             below, above = (value(law, knot + d, inside, order) for d in (-1e-9, 1e-9))
-            # The next derivative is at most some hundreds.
+            # The next derivative is at most several hundred.
             assert_allclose(below, above, atol=1e-5)
     for end in (0.0, 2.0):
         assert_allclose(value(law, end, inside, 2), 0.0, atol=1e-12)
@@ -176,7 +176,7 @@ def test_numbers_and_numpy_formulas_are_laws(law, t, expected):
         (lambda t: 1.0 / t, "motor: the law must be finite, at t = 0 it is inf"),
     ],
 )
-def test_garbage_is_refused(law, message):
+def test_invalid_laws_are_rejected(law, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         as_law("motor", law)
 
@@ -216,7 +216,7 @@ def test_garbage_is_refused(law, message):
         ),
     ],
 )
-def test_refusals(make, message):
+def test_error_messages(make, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         make()
 
@@ -243,7 +243,7 @@ def test_equations_collect_the_breakpoints_of_drivers_and_loads():
         (lambda t: np.abs(t - 1.0), "fabs"),
     ],
 )
-def test_a_law_an_integrator_could_step_over_is_refused(law, what):
+def test_nonsmooth_laws_are_rejected(law, what):
     with pytest.raises(
         bd.BeamdaeError, match=rf"motor: the law must be smooth, .*{what}.*piecewise"
     ):
@@ -257,11 +257,11 @@ def test_a_law_an_integrator_could_step_over_is_refused(law, what):
         (3, (2.0, 1.0), "breakpoints must ascend"),
     ],
 )
-def test_law_refuses_breakpoints_that_do_not_fit(pieces, breakpoints, message):
+def test_law_rejects_invalid_breakpoints(pieces, breakpoints, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         bd.Law(tuple(lambda t: t for _ in range(pieces)), breakpoints)
 
 
-def test_law_refuses_pieces_that_are_no_functions():
+def test_law_rejects_pieces_that_are_not_functions():
     with pytest.raises(bd.BeamdaeError, match="pieces must be a tuple of functions"):
         bd.Law(np.sin)

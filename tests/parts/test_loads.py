@@ -1,4 +1,4 @@
-"""Laws every load obeys, whatever it does."""
+"""Properties of all loads: exact tangents and a complete energy balance."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from support import ARC, EXACT_VARIANT, VARIANTS, NumericEquations, assert_deriv
 import beamdae as bd
 
 CHORD = VARIANTS[2]
-# What asks a beam for more than a point.
+# Loads that use the whole beam.
 OF_BEAMS = ("Rayleigh", "air drag", "dead load by length", "pressure", "load by place")
 every_load = pytest.mark.parametrize(
     ("make", "variant"),
@@ -36,7 +36,7 @@ def mechanism(variant):
 
 @pytest.fixture
 def loaded(make, variant):
-    """The mechanism with the load, and without."""
+    """Return the equations with the load, and without it."""
     mech, disk, beam = mechanism(variant)
     mech.add(make(mech, disk, beam))
     return NumericEquations(mech, time=(0.7, 0.7)), NumericEquations(
@@ -60,8 +60,8 @@ def test_tangents_are_derivatives(loaded):
 
 
 @every_load
-def test_its_power_is_in_the_books(loaded):
-    """What it adds to F . v: the rate of its energies, less its power, plus what it dissipates."""
+def test_its_power_is_complete_in_the_energy_balance(loaded):
+    """Its share of F . v is the rate of its energies, less its power, plus its dissipation."""
     with_load, without = loaded
     q, v, a = state(with_load, 1)
 
@@ -76,6 +76,6 @@ def test_its_power_is_in_the_books(loaded):
     power, dissipated = added(q, v)[3:]
     force = with_load.force(q, v, a) - without.force(q, v, a)
     assert np.any(force)
-    # Rounding of energies of order one over the step.
+    # Rounding error of energies of order one, divided by the step.
     assert_allclose(force @ v, rate - power + dissipated, rtol=1e-9, atol=1e-9)
     assert dissipated >= 0.0

@@ -1,4 +1,4 @@
-"""Sliders, links, gears, racks and drivers against closed forms, with reactions in balance."""
+"""Sliders, links, gears, racks and drivers: closed forms and balanced reactions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from beamdae.equations.starts.consistent_start import ConsistencySolver
 
 
 def started(mech):
-    """Its equations and a consistent start."""
+    """Return its equations and a consistent start."""
     numeric = NumericEquations(mech)
     e = numeric.equations
     return numeric, ConsistencySolver(e).state(np.zeros(2), e.q0, e.v0)
@@ -30,7 +30,7 @@ def test_a_slider_keeps_its_offset_and_its_angle():
 
 
 def test_planetary_gear_train_has_the_inertia_of_its_wheels():
-    """A sun, a planet on an arm and a fixed ring: all turns follow that of the arm.
+    """A sun, a planet on an arm and a fixed ring: all rotations follow that of the arm.
 
     The ring of radius R = r_s + 2 r_p is fixed, so for each turn of the arm the planet turns by
     -(R / r_p - 1) and the sun by 1 + R / r_s.
@@ -60,7 +60,7 @@ def test_planetary_gear_train_has_the_inertia_of_its_wheels():
     turns = {"arm": 1.0, "sun": 1.0 + ring_radius / sun_radius}
     turns["planet"] = 1.0 - ring_radius / planet_radius
     total = mass * arm_length**2 + sum(j * turns[name] ** 2 for name, j in inertias.items())
-    # Rounding of a saddle-point solution.
+    # Rounding error of a saddle-point solution.
     for name, turn in turns.items():
         found = state.a[numeric.index(f"{name}.angle")]
         assert_allclose(found, turn * moment / total, rtol=1e-12)
@@ -69,7 +69,7 @@ def test_planetary_gear_train_has_the_inertia_of_its_wheels():
             numeric.observed(f"{gear.name} {place}", q=state.q, lam=state.lam)
             for place in ("a", "b", "carrier")
         ]
-        # No force, and moments that are in balance: the ring and the ground have theirs.
+        # No forces, and balanced moments, including those on the ring and the ground.
         assert_allclose(np.sum(sides, axis=0), 0.0, atol=1e-12)
         assert_allclose(sides[0][2], -gear.ratio * sides[1][2], rtol=1e-12)
 
@@ -91,7 +91,7 @@ def test_rack_and_pinion(side):
     mech.observe("on pinion", teeth.reaction_on("a"))
     numeric, state = started(mech)
     acceleration = side * moment / radius / (mass + inertia / radius**2)
-    # Rounding of a saddle-point solution.
+    # Rounding error of a saddle-point solution.
     assert_allclose(state.a[numeric.index("rack.x")], acceleration, rtol=1e-12)
     force = mass * acceleration
     assert_allclose(numeric.observed("teeth", q=state.q, lam=state.lam), [force], rtol=1e-12)
@@ -112,13 +112,13 @@ def test_a_wheel_rolls_down_a_slope():
     numeric, state = started(mech)
     acceleration = 9.81 * np.sin(-slope) / (1.0 + inertia / (mass * radius**2))
     first = numeric.index("wheel.x")
-    # Rounding of a saddle-point solution.
+    # Rounding error of a saddle-point solution.
     assert_allclose(state.a[first : first + 2], acceleration * along, rtol=1e-12)
     assert_allclose(state.a[first + 2], -acceleration / radius, rtol=1e-12)
 
 
 def double_pendulum(link):
-    """Two particles: at rest, drawn at 60 degrees and at -10 degrees from the vertical."""
+    """Return two particles on links at 60 and -10 degrees from the vertical, at rest."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     knee = (np.sin(np.pi / 3), -np.cos(np.pi / 3))
     bob = (knee[0] - 0.7 * np.sin(np.pi / 18), knee[1] - 0.7 * np.cos(np.pi / 18))
@@ -135,7 +135,7 @@ def by_distance(mech, name, a, b):
 
 
 def by_bar(mech, name, a, b):
-    """The same by a bar that has next to no mass."""
+    """Return an equivalent link, a bar of negligible mass."""
     middle = tuple(np.mean([a.point, b.point], axis=0))
     bar = mech.add(bd.RigidBody(name, 1e-9, 1e-10, middle))
     mech.add(bd.Revolute(f"{name} a", a, bar.at(*a.point)))
@@ -147,13 +147,13 @@ def test_links_make_a_double_pendulum():
         bd.simulate(double_pendulum(link), bd.Radau(rtol=1e-8), t_end=1.0)
         for link in (by_distance, by_bar)
     ]
-    # The bars have 1e-9 of the mass; 100 rtol.
+    # The bars have 1e-9 of the mass; tolerance of 100 rtol.
     assert_allclose(*(x.observed[["lower.x [m]", "lower.y [m]"]] for x in found), atol=1e-6)
     assert found[0].quality.energy_imbalance < 1e-7
 
 
 def test_a_parallelogram_of_links_keeps_its_coupler_level():
-    """The coupler of a parallelogram moves along circles and does not turn."""
+    """The coupler of a parallelogram moves along circles without rotation."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     coupler = mech.add(bd.RigidBody("coupler", 2.0, 0.3, (1.0, -0.5)))
     for name, x in (("left", 0.0), ("right", 1.0)):
@@ -170,8 +170,8 @@ def test_a_parallelogram_of_links_keeps_its_coupler_level():
 
 
 @integrators(rtol=1e-5, step=1e-3)
-def test_winding_up_a_pendulum_takes_its_power(integrator):
-    """What the law of a link's length brings in is what the energies of the bob gain."""
+def test_power_of_shortening_a_pendulum_is_that_of_its_energy(integrator):
+    """The power of the law of a link's length is the rate of the energy of the bob."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     bob = mech.add(bd.PointMass("bob", 0.8, at=(0.6, -0.8)))
     rope = bd.Distance("rope", mech.ground.at(0.0, 0.0), bob.point, lambda t: 1.0 - 0.3 * t**2)
@@ -180,9 +180,9 @@ def test_winding_up_a_pendulum_takes_its_power(integrator):
     mech.observe("bob", bob.point)
     solution = bd.simulate(mech, integrator, t_end=1.0)
     found, t = solution.observed, np.asarray(solution.t)
-    # 100 rtol.
+    # Tolerance of 100 rtol.
     assert_allclose(np.hypot(found["bob.x [m]"], found["bob.y [m]"]), 1 - 0.3 * t**2, atol=1e-6)
-    # Off by what the length drifts, relative to itself.
+    # Relative drift of the length.
     assert_allclose(found["rope.power [W]"], found["rope.F [N]"] * 0.6 * t, rtol=1e-6, atol=1e-12)
     assert found["rope.F [N]"].min() > 0.0
     assert solution.quality.energy_imbalance < 1e-4
@@ -200,8 +200,8 @@ def test_tension_of_a_link_is_positive():
     assert_allclose(numeric.observed("on bob", q=state.q, lam=state.lam), [0.0, weight], atol=1e-12)
 
 
-def test_a_travel_is_followed_by_force_and_power():
-    """F = m a and P = F v of a prescribed travel, along a line that is turned."""
+def test_force_and_power_of_a_prescribed_travel():
+    """F = m a and P = F v of a prescribed travel along an inclined line."""
     mass, angle, t = 1.4, 0.6, 0.3
     along = (np.cos(angle), np.sin(angle))
     mech = bd.Mechanism()
@@ -216,7 +216,7 @@ def test_a_travel_is_followed_by_force_and_power():
     rate = 0.4 * np.pi * np.cos(np.pi * t)
     force = -mass * 0.4 * np.pi**2 * np.sin(np.pi * t)
     found = numeric.observed("motor", q=state.q, v=state.v, lam=state.lam, time=[t, t])
-    # Rounding; positions are closed to 1e-12.
+    # Rounding error; the start is closed to 1e-12.
     assert_allclose(found, [force, force * rate], rtol=1e-11)
     assert_allclose(state.q[0] - 0.5, 0.4 * np.sin(np.pi * t) * along[0], atol=1e-11)
 
@@ -262,7 +262,7 @@ def test_a_travel_is_followed_by_force_and_power():
         ),
     ],
 )
-def test_refusals(make, message):
+def test_error_messages(make, message):
     mech = bd.Mechanism()
     disk = mech.add(bd.RigidBody("disk", 1.0, 0.1))
     with pytest.raises(bd.BeamdaeError, match=message):

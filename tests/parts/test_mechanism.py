@@ -1,4 +1,4 @@
-"""What a user builds, and the mistakes it refuses by name and value."""
+"""Mechanism: parts, observables and error messages."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def disk(name="disk", **words):
     return bd.RigidBody(name, **({"mass": 1.0, "inertia": 1.0} | words))
 
 
-def test_parts_keep_their_order_and_are_found_by_name():
+def test_parts_keep_their_order_and_are_accessible_by_name():
     mech = bd.Mechanism()
     wheel, bob = mech.add(disk("wheel")), mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
     pin = mech.add(bd.Revolute("pin", mech.ground.at(1.0, 0.0), bob.point))
@@ -29,7 +29,7 @@ def test_parts_keep_their_order_and_are_found_by_name():
     assert equations.lam_names == ("pin.x", "pin.y")
 
 
-def test_duplicate_names_are_refused():
+def test_duplicate_names_are_rejected():
     mech = bd.Mechanism()
     first = mech.add(disk())
     for again in (disk(), first, bd.PointMass("disk", 1.0, at=(0.0, 0.0)), disk("ground")):
@@ -38,7 +38,7 @@ def test_duplicate_names_are_refused():
     assert list(mech.parts) == ["disk"]
 
 
-def test_parts_of_unknown_bodies_are_refused():
+def test_parts_of_unknown_bodies_are_rejected():
     mech, other = bd.Mechanism(), bd.Mechanism()
     stranger = disk("stranger")
     here, hub = mech.ground.at(0.0, 0.0), stranger.at(0.0, 0.0)
@@ -66,7 +66,7 @@ def test_only_parts_can_be_added(thing):
         bd.Mechanism().add(thing)
 
 
-def test_the_ground_is_there_already():
+def test_the_name_of_the_ground_is_reserved():
     with pytest.raises(bd.BeamdaeError, match="the name 'ground' is taken"):
         bd.Mechanism().add(bd.Mechanism().ground)
 
@@ -79,7 +79,7 @@ def test_observing():
         with pytest.raises(bd.BeamdaeError, match=f"the observable name '{name}' is taken"):
             mech.observe(name, body.at(1.0, 0.0))
     for name in ("", "  ", 3, None):
-        with pytest.raises(bd.BeamdaeError, match="the name must be a non-empty text"):
+        with pytest.raises(bd.BeamdaeError, match="the name must be a non-empty string"):
             mech.observe(name, body.at(1.0, 0.0))
     with pytest.raises(bd.BeamdaeError, match="rim: only attachments and quantities such as"):
         mech.observe("rim", body)
@@ -126,7 +126,7 @@ class Fixture(bd.Part):
     name = "fixture"
 
 
-def test_a_mechanism_without_moving_bodies_is_refused():
+def test_a_mechanism_without_moving_bodies_is_rejected():
     mech = bd.Mechanism()
     for _ in range(2):
         with pytest.raises(bd.BeamdaeError, match="it needs at least one body that can move"):
@@ -147,7 +147,7 @@ def test_free_and_fixed_point_masses():
     expected = np.diag([5.0, 5.0, 0.5 + 3.0 * 4.0, 4.0, 4.0])
     expected[0, 2] = expected[2, 0] = -3.0 * 2.0
     assert_allclose(numeric.mass(), expected, atol=1e-14)  # rounding
-    # Weights, and the moment of the fixed mass at the arm (0, 2): x-gravity turns clockwise.
+    # Weights, and the clockwise moment of gravity along x on the fixed mass at the arm (0, 2).
     assert_allclose(-numeric.force(), [5.0, -10.0, -6.0, 4.0, -8.0], atol=1e-14)
     assert free.point.point == (5.0, 6.0)
     massless = bd.PointMass("nothing", 0.0, on=body.at(0.0, 0.0))
@@ -186,7 +186,7 @@ def test_characteristic_length_is_the_extent_of_the_drawing():
         (lambda: disk(center=(0.0, nan)), "disk: center y must be finite, got nan"),
         (lambda: disk(velocity=(nan, 0.0)), "disk: velocity x must be finite, got nan"),
         (lambda: disk(angular_velocity=np.inf), "disk: angular_velocity must be finite, got inf"),
-        (lambda: disk(name=""), "RigidBody: the name must be a non-empty text, got ''"),
+        (lambda: disk(name=""), "RigidBody: the name must be a non-empty string, got ''"),
         (lambda: bd.PointMass("bob", -2.0, at=(0, 0)), "bob: mass must not be negative, got -2"),
         (lambda: bd.PointMass("bob", nan, at=(0, 0)), "bob: mass must be finite, got nan"),
         (lambda: bd.PointMass("bob", 0.0, at=(0, 0)), "bob: mass must be positive, got 0"),
@@ -209,6 +209,6 @@ def test_characteristic_length_is_the_extent_of_the_drawing():
         (lambda: bd.Mechanism(gravity=(0.0, nan)), "Mechanism: gravity y must be finite, got nan"),
     ],
 )
-def test_refusals(make, message):
+def test_error_messages(make, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         make()

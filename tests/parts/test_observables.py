@@ -1,4 +1,4 @@
-"""Displacements of a section seen from another body."""
+"""Displacements of a section relative to another body."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from support import ARC, VARIANTS, NumericEquations, random_state
 import beamdae as bd
 
 CENTER = (-0.4, 0.1)
-# What a section does relative to its body does not depend on strain and quadrature.
+# The motion of a section relative to its body does not depend on strain and quadrature.
 FIELDS = [v for v in VARIANTS if v.strain == "nonlinear" and v.damping > 0.0]
 
 
@@ -26,7 +26,7 @@ def rotation(angle):
 
 
 def on_a_hub(variant, bodies):
-    """A beam cut into `bodies`, welded to a disk, and its cuts and end seen from the disk."""
+    """Return a beam cut into `bodies` and welded to a disk, with its displacements observed."""
     mech = bd.Mechanism()
     hub = mech.add(bd.RigidBody("hub", mass=1.1, inertia=0.4, center=CENTER))
     root = previous = hub.at(*ARC.start)
@@ -40,7 +40,7 @@ def on_a_hub(variant, bodies):
 
 
 @pytest.mark.parametrize("variant", [v for v in FIELDS if v.frame == "tangent"], ids=str)
-def test_seen_from_its_root_a_beam_moves_by_its_deformation(variant):
+def test_displacement_relative_to_its_root_is_the_deformation_of_a_beam(variant):
     mech = on_a_hub(variant, bodies=1)
     hub, beam = mech.part("hub"), mech.part("beam 0")
     roots = {"start": beam.start, "hub": hub.at(*ARC.start)}
@@ -51,14 +51,14 @@ def test_seen_from_its_root_a_beam_moves_by_its_deformation(variant):
             mech.observe(f"{name} {s}", bd.relative_displacement(of=beam.at(s), on=root))
     numeric = NumericEquations(mech)
     q, _, _ = random_state(numeric, seed=0)
-    # The floating frame sits where the hub carries the root.
+    # The floating frame is at the root, which the hub carries.
     q[3:5] = q[:2] + rotation(q[2]) @ np.subtract(ARC.start, CENTER)
     q[5] = ARC.angle + q[2]
     for s in places:
         own = numeric.observed(f"own {s}", q=q)
         assert (np.linalg.norm(own) > 0.05) == (s > 0.0)
         for name in roots:
-            # Rounding.
+            # Rounding error.
             assert_allclose(numeric.observed(f"{name} {s}", q=q), own, atol=1e-14)
 
 
@@ -73,8 +73,8 @@ def cut(variant):
     size=st.sampled_from([0.0, 0.15]),
     variant=st.sampled_from(FIELDS),
 )
-def test_rigid_motions_turn_relative_displacements_and_make_none(turn, shift, size, variant):
-    """At rest there are none, wherever the disk and the three beams lie together."""
+def test_rigid_motions_rotate_relative_displacements(turn, shift, size, variant):
+    """There are none at rest, at any common place of the disk and the three beams."""
     numeric = cut(variant)
     q, _, _ = random_state(numeric, seed=1, size=size)
     moved = q.copy()
@@ -85,7 +85,7 @@ def test_rigid_motions_turn_relative_displacements_and_make_none(turn, shift, si
     for k in range(3):
         here, there = (numeric.observed(f"end {k}", q=x) for x in (q, moved))
         assert (np.abs(here).max() > 0.05) == (size > 0.0)
-        # Rounding at places up to 16 m away.
+        # Rounding error at places up to 16 m away.
         assert_allclose(there[:2], rotation(turn) @ here[:2], atol=1e-13)
         assert_allclose(there[2], here[2], atol=1e-14)
         if size == 0.0:
@@ -102,15 +102,15 @@ def test_relative_displacement_of_disks_by_hand():
     numeric = NumericEquations(mech)
     headers = [header for o in numeric.equations.observables for header in o.headers]
     assert headers[:3] == ["on table.u [m]", "on table.v [m]", "on table.phi [rad]"]
-    # The table turns by a quarter about (1, 0): it carries (1, 1) to (0, 0) and (3, 1) to (0, 2).
-    # The cup moves its center to (3, 4) and turns by a half, its rim to (3, 3).
+    # The table rotates by 90 degrees about (1, 0), which moves (1, 1) to (0, 0), (3, 1) to (0, 2).
+    # The center of the cup moves to (3, 4), and it rotates by 180 degrees: its rim is at (3, 3).
     q = np.array([1.0, 0.0, 0.5 * np.pi, 3.0, 4.0, np.pi])
     assert_allclose(numeric.observed("on table", q=q), (3.0, 1.0, 0.5 * np.pi), atol=1e-14)
     assert_allclose(numeric.observed("on ground", q=q), (0.0, 2.0, np.pi), atol=1e-14)
 
 
 @pytest.mark.parametrize("bodies", [2, pytest.param(4, marks=pytest.mark.slow)])
-def test_a_beam_cut_into_bodies_moves_as_one_as_its_deformation_falls(bodies):
+def test_a_beam_cut_into_bodies_converges_to_one_beam_at_small_deformation(bodies):
     """The strains hold for moderate displacements: every frame is a model of its own.
 
     Deviation of the tip over its amplitude, 8 elements in all, torque 1 and 0.1 N m (amplitudes of
@@ -159,7 +159,7 @@ BOB = bd.PointMass("bob", 1.0, at=(1.0, 2.0))
         ),
     ],
 )
-def test_refusals(make, message):
+def test_error_messages(make, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         make()
 
@@ -171,5 +171,5 @@ def test_a_particle_on_a_body_has_the_angle_of_its_body():
     mech.add(rider)
     mech.observe("rider", bd.relative_displacement(of=rider.point, on=DISK.at(0.0, 0.0)))
     numeric = NumericEquations(mech)
-    # The body is rigid: rounding.
+    # Rounding error; the body is rigid.
     assert_allclose(numeric.observed("rider", q=np.array([3.0, -1.0, 2.0])), 0.0, atol=1e-14)

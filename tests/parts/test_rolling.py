@@ -1,4 +1,4 @@
-"""Rolling and skating: closed forms, levels along motions, refusals."""
+"""Rolling disks and skates: closed forms, levels along motions, error messages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from beamdae.native.return_codes import DONE
 
 
 def run(model, integrator, t_end, step=None):
-    """A run that reached its end."""
+    """Return the solution of a run that reached its end."""
     found = bd.simulate(model, integrator, t_end, step)
     assert found.status.success, found.status.sentence
     return found
@@ -42,7 +42,7 @@ def test_levels_are_linear_in_velocities_and_derivatives_of_each_other(make):
     q = numeric.equations.q0 + 0.1 * rng.standard_normal(numeric.n)
     v, a = rng.standard_normal((2, numeric.n))
     matrix = numeric.constraint_matrix(q)
-    # The drawing is closed and the constraints are at rest; rounding.
+    # Rounding error; the drawing is closed and at rest.
     assert_allclose(numeric.levels[0](), 0.0, atol=1e-13)
     assert_allclose(matrix @ v, numeric.levels[1](q, v), atol=1e-12)
     rate = directional_derivative(
@@ -52,7 +52,7 @@ def test_levels_are_linear_in_velocities_and_derivatives_of_each_other(make):
     lam = rng.standard_normal(numeric.m)
     assert_allclose(numeric.reaction(q, lam=lam), matrix.T @ lam, atol=1e-12)
     assert_allclose(numeric.observed("reaction", q=q, lam=lam), -lam, rtol=1e-15)
-    # Both of a circle hold the distance as well.
+    # Joints on a circle constrain the distance as well.
     for k in np.flatnonzero(numeric.levels[0](q)):
         assert_derivative(matrix[[k]], lambda x, k=k: numeric.levels[0](x)[[k]], q)
 
@@ -77,7 +77,7 @@ def sleigh(turn=0.0, at=(0.0, 0.0)):
 
 
 def sleigh_motion(t):
-    """Angle, angular velocity and side force."""
+    """Return angle, angular velocity and side force."""
     k = ARM * SPIN * np.sqrt(MASS / ROOTED)
     rate = SPIN / np.cosh(k * t)
     speed = SPIN * np.sqrt(ROOTED / MASS) * np.tanh(k * t)
@@ -98,7 +98,7 @@ def test_generalized_alpha_is_of_second_order(formulation, rho_inf):
         off = found.q[:, 2] - angle, found.v[:, 2] - rate, -found.lam[:, 0] - force
         return np.max(np.abs(off), axis=1)
 
-    # The next order still shows for rho_inf = 0.
+    # Terms of the next order are visible for rho_inf = 0.
     assert_allclose(np.log2(errors(200) / errors(400)), 2.0, rtol=0.0, atol=0.05)
 
 
@@ -109,8 +109,8 @@ def test_generalized_alpha_is_of_second_order(formulation, rho_inf):
 def test_chaplygin_sleigh(integrator):
     found = run(sleigh(), integrator, 4.0, 0.1)
     angle, rate, force = sleigh_motion(found.t)
-    # Ida is off by 8e-6, 4e-6 and 5e-4 where positions alone are kept to rtol; generalized-alpha by
-    # 8e-7, 4e-7 and 3e-5 at this step.
+    # Errors of Ida with error control of positions are 8e-6, 4e-6 and 5e-4; those of
+    # generalized-alpha at this step are 8e-7, 4e-7 and 3e-5.
     assert_allclose(found.q[:, 2], angle, rtol=0.0, atol=2e-5)
     assert_allclose(found.v[:, 2], rate, rtol=0.0, atol=1e-5)
     assert_allclose(found.columns["side.F [N]"], force, rtol=0.0, atol=1e-3)
@@ -118,21 +118,21 @@ def test_chaplygin_sleigh(integrator):
 
 
 @pytest.mark.parametrize("name", ["ida", "radau", "alpha adaptive"])
-def test_turned_and_moved_sleigh(name):
+def test_results_do_not_depend_on_place_and_direction_of_the_sleigh(name):
     turn, at = 1.1, (3.0, -2.0)
     integrator = tuned(1e-9, 1e-3)[name]
     plain = run(sleigh(), integrator, 3.0, 0.5).columns
     moved = run(sleigh(turn, at), integrator, 3.0, 0.5).columns
     c, s = np.cos(turn), np.sin(turn)
     x, y = plain["blade.x [m]"], plain["blade.y [m]"]
-    # Steps may differ where rounding does, so that runs agree to their tolerance.
+    # Rounding may change the steps: runs agree to their tolerance.
     assert_allclose(moved["blade.x [m]"], at[0] + c * x - s * y, rtol=0.0, atol=1e-7)
     assert_allclose(moved["blade.y [m]"], at[1] + s * x + c * y, rtol=0.0, atol=1e-7)
 
 
 @integrators(1e-7, 1e-3)
 def test_knife_edge_on_an_inclined_plane(integrator):
-    """It goes nowhere downhill: x = (g / 2 w^2) sin^2 w t, Arevalo & Loetstedt 1995."""
+    """There is no net motion downhill: x = (g / 2 w^2) sin^2 w t, Arevalo & Loetstedt 1995."""
     pull, spin = 3.0, 1.5
     mech = bd.Mechanism(gravity=(pull, 0.0))
     body = mech.add(bd.RigidBody("edge", MASS, INERTIA, angular_velocity=spin))
@@ -141,7 +141,7 @@ def test_knife_edge_on_an_inclined_plane(integrator):
     found = run(mech, integrator, 10.0, 0.1)
     turn, reach = spin * found.t, 0.5 * pull / spin**2
     place = reach * np.stack([np.sin(turn) ** 2, turn - 0.5 * np.sin(2.0 * turn)], axis=1)
-    # Generalized-alpha is off by 1e-5 at this step, and forces by 2e-4.
+    # Errors of generalized-alpha at this step are 1e-5, those of forces 2e-4.
     assert_allclose(found.q[:, :2], place, rtol=0.0, atol=2e-5)
     assert_allclose(
         found.columns["side.F [N]"], 2.0 * MASS * pull * np.sin(turn), rtol=0.0, atol=1e-3
@@ -167,7 +167,7 @@ def test_disk_rolls_down_an_incline(integrator):
         mech.observe("r", mech.add(rolling).reaction)
         found = run(mech, integrator, 1.0, 0.25)
         travel = 0.5 * rate * found.t**2
-        # A parabola, which steps of all orders follow but for rtol.
+        # Methods of all orders reproduce a parabola up to rtol.
         assert_allclose((found.q[:, :2] - center) @ direction, travel, rtol=0.0, atol=1e-7)
         assert_allclose(found.q[:, 2], -travel / radius, rtol=0.0, atol=1e-6)
         held = [MASS * gravity * np.cos(slope_angle), -INERTIA * rate / radius**2]
@@ -175,7 +175,7 @@ def test_disk_rolls_down_an_incline(integrator):
         assert_allclose(along * np.array(forces).T, np.tile(held, (5, 1)), rtol=1e-5)
 
 
-def test_jerk_of_positions_is_the_same_in_loops():
+def test_compiled_loops_compute_the_same_jerk():
     numeric = jointed(NONHOLONOMIC["inside a ring"])
     equations = numeric.equations
     rng = np.random.default_rng(1)
@@ -185,7 +185,7 @@ def test_jerk_of_positions_is_the_same_in_loops():
     jerk = JerkEquations.from_equations(equations).buffers(False)
     at = Motion(state.q, state.v, state.a, state.a, state.lam)
     assert evaluate_normal_jerk(jerk, *numeric.time, at, 1e-4) == DONE
-    # Differences over 1e-4 of accelerations of order one are rounded to 1e-12 of their sizes.
+    # Rounding error, 1e-12, of differences over 1e-4 of accelerations of order one.
     assert_allclose(jerk.unknowns[: numeric.n], expected, rtol=1e-6, atol=1e-6)
 
 
@@ -227,19 +227,19 @@ CENTER = DISK.at(0.0, 1.0)
         (lambda: bd.Skate("s", CENTER, (0, 0)), "s: direction must not be zero"),
     ],
 )
-def test_refusals(make, message):
+def test_error_messages(make, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         make()
 
 
-def test_two_skates_across_each_other_hold_a_point():
+def test_two_perpendicular_skates_fix_a_point():
     mech = bd.Mechanism()
     body = mech.add(bd.RigidBody("body", 1.0, 0.1, velocity=(1.0, 1.0), angular_velocity=0.5))
     for name, direction in (("first", (1.0, 0.0)), ("second", (0.0, 1.0))):
         mech.add(bd.Skate(name, body.at(0.2, 0.0), direction))
     mech.observe("held", body.at(0.2, 0.0))
     found = run(mech, bd.Radau(), 1.0, 0.5).columns
-    # The velocities of the point are equations of the form, its place their integral.
+    # The form constrains the velocities of the point; its position is their integral.
     assert_allclose(found["held.x [m]"], 0.2, rtol=0.0, atol=1e-6)
     assert_allclose(found["held.y_dot [m/s]"], 0.0, rtol=0.0, atol=1e-8)
     mech.add(bd.Skate("third", body.at(0.2, 0.0), (1.0, 1.0)))

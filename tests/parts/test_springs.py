@@ -1,4 +1,4 @@
-"""Springs, dampers and bushings: closed forms, books, what does not depend on the drawing."""
+"""Springs, dampers and bushings: closed forms, energy balance, invariance."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from support import ARC, VARIANTS, NumericEquations
 
 import beamdae as bd
 
-# Of the motions below, at the tolerances and steps given there.
+# Errors of the motions below, at the tolerances and steps given there.
 every_integrator = integrators(rtol=1e-7, step=1e-3)
 
 
 def oscillator(damping, stiffness=90.0, mass=2.5, start=0.3):
-    """A mass on the line through its spring; `start` beyond the free length."""
+    """Return a mass on the line of its spring, `start` beyond the free length."""
     mech = bd.Mechanism()
     block = mech.add(bd.PointMass("block", mass, at=(1.0 + start, 0.0)))
     mount = mech.ground.at(0.0, 0.0)
@@ -34,7 +34,7 @@ def test_observed_force_and_elongation(native, monkeypatch):
     numeric = NumericEquations(oscillator(4.0))
     v = np.array([0.7, 3.0])
     assert_allclose(numeric.observed("elongation", v=v), [0.3], rtol=1e-14)
-    # Tension is positive; what moves across the spring does not stretch it.
+    # Tension is positive; motion across the spring does not stretch it.
     assert_allclose(numeric.observed("force", v=v), [90.0 * 0.3 + 4.0 * 0.7], rtol=1e-14)
     assert_allclose(numeric.force(v=v), [90.0 * 0.3 + 4.0 * 0.7, 0.0], atol=1e-14)
     assert_allclose(numeric.energies(v=v)[1], 45.0 * 0.09, rtol=1e-14)
@@ -48,8 +48,8 @@ def test_preload_is_the_tension_at_the_free_length():
     assert_allclose(NumericEquations(mech).force(), [6.0, 8.0], rtol=1e-14)
 
 
-def test_a_spring_without_length_is_linear_through_its_own_point():
-    """Free length zero: k times the way, an ellipse through the origin of any slope."""
+def test_a_spring_of_free_length_zero_is_linear():
+    """Its force is k times the vector: the path is an ellipse about the origin."""
     mech = bd.Mechanism()
     block = mech.add(bd.PointMass("block", 2.0, at=(0.0, 0.0), velocity=(1.0, -0.5)))
     spring = bd.Spring("spring", mech.ground.at(0.0, 0.0), block.point, 8.0, free_length=0.0)
@@ -63,8 +63,8 @@ def test_a_spring_without_length_is_linear_through_its_own_point():
     assert_allclose(numeric.observed("force"), [0.0], atol=1e-14)
 
 
-def test_points_of_a_spring_may_meet_on_the_way():
-    """A spring of length 1 between points that pass each other: finite, its energy kept."""
+def test_points_of_a_spring_may_coincide_during_the_motion():
+    """The force of a spring between points that pass each other is finite, and energy is kept."""
     mech = bd.Mechanism()
     block = mech.add(bd.PointMass("block", 1.0, at=(1.0, 0.0), velocity=(-3.0, 0.0)))
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), block.point, 2.0))
@@ -76,7 +76,7 @@ def test_points_of_a_spring_may_meet_on_the_way():
 
 @every_integrator
 def test_torsion_spring_and_damper_of_two_disks(integrator):
-    """Free disks: the relative angle swings with the reduced inertia, their sum turns evenly."""
+    """Free disks: the relative angle oscillates with the reduced inertia, the mean is uniform."""
     mech = bd.Mechanism()
     disks = [
         mech.add(bd.RigidBody(name, 1.0, inertia, (x, 0.0), angular_velocity=spin))
@@ -106,7 +106,7 @@ def test_bushing_in_the_axes_of_its_first_body():
     mech.observe("force", joint.force)
     mech.observe("displacement", joint.displacement)
     numeric = NumericEquations(mech)
-    # Both turned by 90 degrees, the second then 0.1 along the axis of the first and twisted.
+    # Both rotated by 90 degrees, the second one displaced by 0.1 along the axis of the first.
     q = np.array([0.0, 0.0, np.pi / 2, 0.0, 2.1, np.pi / 2])
     assert_allclose(numeric.observed("displacement", q=q), [0.1, 0.0, 0.0], atol=1e-15)
     assert_allclose(numeric.observed("force", q=q), [1.0, 0.0, 0.0], atol=1e-14)
@@ -114,8 +114,8 @@ def test_bushing_in_the_axes_of_its_first_body():
     assert_allclose(numeric.energies(q)[1], 0.05, rtol=1e-12)
 
 
-def test_no_spring_feels_a_rigid_motion():
-    """Forces turn with the drawing, energies and measures stay."""
+def test_springs_are_invariant_under_rigid_motions():
+    """Forces rotate with the drawing; energies and deformations stay equal."""
     angle, shift = 1.1, np.array([3.0, -2.0])
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([[c, -s], [s, c]])
@@ -144,7 +144,7 @@ def test_no_spring_feels_a_rigid_motion():
     energies = drawn.energies(drawn.equations.q0 + step, v)
     others = moved.energies(moved.equations.q0 + whole @ step, whole @ v)
     assert_allclose(others, energies, rtol=1e-12, atol=1e-13)
-    # Nothing inside adds up to a force, or to a moment about the origin.
+    # Internal forces have no resultant, and no moment about the origin.
     q = drawn.equations.q0 + step
     assert_allclose(force[:2] + force[3:5], 0.0, atol=1e-13)
     moments = [q[k] * force[k + 1] - q[k + 1] * force[k] + force[k + 2] for k in (0, 3)]
@@ -156,17 +156,17 @@ def _laws(k):
 
 
 @pytest.mark.parametrize("given", [lambda k: {"stiffness": 1.0 + k}, _laws])
-def test_many_springs_are_one_kernel(given):
+def test_many_springs_share_one_kernel(given):
     mech = bd.Mechanism()
     body = mech.add(bd.RigidBody("body", 1.0, 1.0))
     for k in range(64):
         a, b = mech.ground.at(float(k), 2.0), body.at(0.1 * k, 0.0)
         mech.add(bd.Spring(f"spring {k}", a, b, **given(k)))
-    # The body's own, and that of all springs.
+    # The kernel of the body, and that of all springs.
     assert sorted(term.count for term in bd.equations_of_motion(mech).forces) == [1, 64]
 
 
-def test_law_of_a_spring_does_the_work_of_a_load_unless_its_energy_is_given():
+def test_law_of_a_spring_counts_as_a_load_unless_its_energy_is_given():
     def run(**given):
         mech = bd.Mechanism()
         block = mech.add(bd.PointMass("block", 1.0, at=(1.4, 0.0)))
@@ -240,10 +240,10 @@ BEAM = VARIANTS[0].beam(ARC)
             lambda: bd.Bushing("s", A, BEAM.end, law=lambda x, r: x[0]),
             "s: law must return 3 numbers",
         ),
-        (lambda: bd.Spring("", A, B, 1.0), "Spring: the name must be a non-empty text"),
+        (lambda: bd.Spring("", A, B, 1.0), "Spring: the name must be a non-empty string"),
     ],
 )
-def test_refusals(make, message):
+def test_error_messages(make, message):
     with pytest.raises(bd.BeamdaeError, match=f"^{message}") as refused:
         make()
     assert str(refused.value).endswith(".")
