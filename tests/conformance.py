@@ -156,7 +156,8 @@ NONHOLONOMIC = {
 
 NO_PARTS = ("LineSurface", "CircleSurface", "Friction", "positive_part", "smooth_sign")
 # Loads named "load" of the same mechanism.
-LOADS = catalog_parts("Loads and forces", "load", without=NO_PARTS) | {
+# The contact of the catalog is open; those below penetrate.
+LOADS = catalog_parts("Loads and forces", "load", without=(*NO_PARTS, "Contact")) | {
     "follower force": lambda m, d, b: bd.Force("load", b.at(0.7), (swing, 3.0), axes="body"),
     "force on a rigid body": lambda m, d, b: bd.Force("load", d.at(1.0, 1.0), (swing, 1.0), "body"),
     "fixed mass": lambda m, d, b: bd.PointMass("load", 0.4, on=b.at(1.1)),
