@@ -21,7 +21,7 @@ from beamdae.equations.formulations.first_order import (
     formulate_first_order,
 )
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.integrators.ida import python_solver as preconditioned
+from beamdae.integrators.ida import python_solver
 from beamdae.linear.factorizations import (
     DENSE_LIMIT,
     DenseFactorization,
@@ -158,7 +158,7 @@ def test_ida_with_these_factors_takes_the_steps_of_ida_with_its_dense_solver(
         options_of_ida.update(options)
         return IDA(residual, **options)
 
-    monkeypatch.setattr(preconditioned, "IDA", create_and_record)
+    monkeypatch.setattr(python_solver, "IDA", create_and_record)
     settings = bd.Ida(
         rtol=_RTOL,
         formulation=formulation,

@@ -1,4 +1,4 @@
-"""SUNDIALS is the one that scikit-sundae has loaded, and not any other."""
+"""SUNDIALS functions come from the libraries that scikit-sundae loads."""
 
 import ctypes
 import sys
@@ -17,42 +17,42 @@ def test_every_function_has_a_prototype():
     assert len(FunctionAddresses._fields) == len(set(load_library().addresses))
 
 
-def test_it_is_the_version_scikit_sundae_says():
+def test_version_is_that_of_scikit_sundae():
     assert ".".join(map(str, load_library().version)) == sksundae.SUNDIALS_VERSION
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-def test_there_is_one_copy_of_it_and_the_functions_are_there():
-    found = load_library().addresses
+def test_functions_belong_to_the_one_loaded_copy():
+    addresses = load_library().addresses
     lines = [line.split() for line in Path("/proc/self/maps").read_text().splitlines()]
     mapped = [line for line in lines if "libsundials_ida" in line[-1]]
     assert len({line[-1] for line in mapped}) == 1
     ranges = [[int(end, 16) for end in line[0].split("-")] for line in mapped]
-    assert any(low <= found.IDASolve < high for low, high in ranges)
+    assert any(low <= addresses.IDASolve < high for low, high in ranges)
 
 
-def refused():
+def catch_refusal():
     with pytest.raises(UnavailableError) as caught:
         load_library.__wrapped__()
     return str(caught.value)
 
 
-def other(monkeypatch, **functions):
-    """Another SUNDIALS: some functions of the one there is are replaced."""
-    made = {name: PROTOTYPES[name](function) for name, function in functions.items()}
+def replace_functions(monkeypatch, **functions):
+    """Replace some functions of SUNDIALS, and return the callbacks, which must stay alive."""
+    callbacks_by_name = {name: PROTOTYPES[name](function) for name, function in functions.items()}
     original = library_module._find_address
 
     def address(images, name):
-        if name in made:
-            return ctypes.cast(made[name], ctypes.c_void_p).value
+        if name in callbacks_by_name:
+            return ctypes.cast(callbacks_by_name[name], ctypes.c_void_p).value
         return original(images, name)
 
     monkeypatch.setattr(library_module, "_find_address", address)
-    return made
+    return callbacks_by_name
 
 
-def sized(*written):
-    """What N_VBufSize_Serial writes, by halves."""
+def write_size(*written):
+    """Return a stand-in for N_VBufSize_Serial that writes these 32-bit halves."""
 
     def size(vector, place):
         halves = (ctypes.c_int32 * len(written)).from_address(place)
@@ -63,61 +63,61 @@ def sized(*written):
 
 
 @pytest.mark.parametrize(
-    ("written", "said"),
+    ("written", "message"),
     [
         ((12,), "SUNDIALS has numbers of 4 bytes, not of 8"),
         ((48,), "SUNDIALS has numbers of 16 bytes, not of 8"),
         ((24, 0), "SUNDIALS was built with indices of 64 bits, not 32"),
     ],
 )
-def test_another_precision_or_index_is_refused(monkeypatch, written, said):
-    kept = other(monkeypatch, N_VBufSize_Serial=sized(*written))
-    assert refused() == said
-    assert kept
+def test_other_precision_or_index_width_is_refused(monkeypatch, written, message):
+    callbacks = replace_functions(monkeypatch, N_VBufSize_Serial=write_size(*written))
+    assert catch_refusal() == message
+    assert callbacks
 
 
-def test_another_version_is_refused(monkeypatch):
+def test_other_version_is_refused(monkeypatch):
     def version(major, minor, patch, label, length):
         for place, number in ((major, 8), (minor, 0), (patch, 1)):
             ctypes.c_int.from_address(place).value = number
         return 0
 
-    kept = other(monkeypatch, SUNDIALSGetVersionNumber=version)
-    assert refused() == "SUNDIALS is 8.0.1, not 7"
-    assert kept
+    callbacks = replace_functions(monkeypatch, SUNDIALSGetVersionNumber=version)
+    assert catch_refusal() == "SUNDIALS is 8.0.1, not 7"
+    assert callbacks
 
 
-def test_a_build_with_mpi_is_refused(monkeypatch):
+def test_build_with_mpi_is_refused(monkeypatch):
     (image,) = library_module._find_images()
     monkeypatch.setattr(image, "MPI_Comm_rank", None, raising=False)
     monkeypatch.setattr(library_module, "_find_images", lambda: [image])
-    assert refused() == "SUNDIALS was built with MPI"
+    assert catch_refusal() == "SUNDIALS was built with MPI"
 
 
-def test_a_library_without_the_functions_is_refused(monkeypatch):
+def test_library_without_the_functions_is_refused(monkeypatch):
     monkeypatch.setattr(library_module, "_find_images", lambda: [ctypes.CDLL(None)])
-    assert refused() == "scikit-sundae's SUNDIALS has no function SUNDIALSGetVersionNumber"
+    assert catch_refusal() == "scikit-sundae's SUNDIALS has no function SUNDIALSGetVersionNumber"
 
 
-def test_a_compiled_module_that_cannot_be_opened_is_told(monkeypatch, tmp_path):
+def test_compiled_module_that_cannot_be_opened_is_reported(monkeypatch, tmp_path):
     monkeypatch.setattr(
         library_module, "_find_extension_module", lambda: str(tmp_path / "absent.so")
     )
-    assert refused().startswith("scikit-sundae's IDA cannot be opened")
+    assert catch_refusal().startswith("scikit-sundae's IDA cannot be opened")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there it is imported")
-def test_without_its_compiled_module_there_is_nothing(monkeypatch, tmp_path):
+def test_missing_compiled_module_is_reported(monkeypatch, tmp_path):
     (tmp_path / "sksundae").mkdir()
     (tmp_path / "sksundae" / "__init__.py").touch()
     monkeypatch.setattr(sys, "path", [str(tmp_path)])
-    assert refused() == "scikit-sundae has no compiled IDA"
+    assert catch_refusal() == "scikit-sundae has no compiled IDA"
     monkeypatch.setattr(sys, "path", [])
-    assert refused() == "scikit-sundae has no compiled IDA"
+    assert catch_refusal() == "scikit-sundae has no compiled IDA"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there it is imported")
-def test_what_is_opened_is_what_would_be_imported():
+def test_opened_module_is_the_one_python_imports():
     assert library_module._find_extension_module() == sksundae._cy_ida.__file__
 
 

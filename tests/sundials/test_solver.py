@@ -1,4 +1,4 @@
-"""IDA by its C interface takes the steps it takes through scikit-sundae, to the last bit."""
+"""IDA has the same steps through its C interface and through scikit-sundae, bit by bit."""
 
 import gc
 import sys
@@ -9,11 +9,11 @@ import hub_beam
 import numpy as np
 import pendulum
 import pytest
-from sundials.both_ways import Direct, Robertson, same, wrapped
+from sundials.robertson import DirectIda, Robertson, create_sksundae_ida, steps_are_equal
 from support import use_scikit_sundae
 
 import beamdae as bd
-from beamdae.integrators.ida import python_solver as preconditioned
+from beamdae.integrators.ida import python_solver
 from beamdae.sundials import solver as solver_module
 from beamdae.sundials.library import load_library
 from beamdae.sundials.solver import IdaError, IdaSolver, IdaStatistics, describe_status
@@ -24,14 +24,14 @@ from beamdae.sundials.solver import IdaError, IdaSolver, IdaStatistics, describe
     [{}, {"max_order": 2}, {"max_order": 1, "rtol": 1e-3}, {"max_step": 1e4}, {"first_step": 10.0}],
     ids=str,
 )
-def test_robertson_takes_the_same_steps(options):
+def test_robertson_has_the_same_steps(options):
     one, other = Robertson(), Robertson()
-    expected, found = one.run(wrapped, **options), other.run(Direct, **options)
+    expected, found = one.run(create_sksundae_ida, **options), other.run(DirectIda, **options)
     assert expected[-1][:2] == (1, 4e6)
     assert len(expected) > 100
-    assert same(found, expected)
+    assert steps_are_equal(found, expected)
     assert other.calls == one.calls
-    # Concentrations add up to one at the end, so it was not the same nonsense twice.
+    # Concentrations add up to one: both runs are right.
     assert found[-1][2].sum() == pytest.approx(1.0, abs=1e-9)
 
 
@@ -45,15 +45,15 @@ def test_robertson_takes_the_same_steps(options):
     ],
     ids=["undamped", "damped", "ggl"],
 )
-def test_a_beam_takes_the_same_steps(monkeypatch, equations, settings):
-    """Newton's linear algebra is done by `PreconditionedResidual`, in IDA's own vectors."""
-    taken = {}
+def test_beam_has_the_same_steps(monkeypatch, equations, settings):
+    """`SksundaeCallbacks` solves the linear systems of Newton's method in IDA's vectors."""
+    steps_by_kind = {}
 
-    def recording(kind):
-        steps = taken[kind] = []
+    def record_steps(kind):
+        steps = steps_by_kind[kind] = []
 
-        def made(newton, size, **options):
-            solver = kind(newton.residual, jacfn=newton.jacobian, **options)
+        def create(callbacks, size, **options):
+            solver = kind(callbacks.residual, jacfn=callbacks.jacobian, **options)
 
             def step(*arguments):
                 result = solver.step(*arguments)
@@ -62,131 +62,137 @@ def test_a_beam_takes_the_same_steps(monkeypatch, equations, settings):
 
             return SimpleNamespace(init_step=solver.init_step, step=step)
 
-        return made
+        return create
 
     use_scikit_sundae(monkeypatch)
-    made = bd.equations_of_motion(equations)
-    for kind in (wrapped, Direct):
-        monkeypatch.setattr(preconditioned, "_solver", recording(kind))
-        solution = bd.simulate(made, settings, 0.3)
+    model = bd.equations_of_motion(equations)
+    for kind in (create_sksundae_ida, DirectIda):
+        monkeypatch.setattr(python_solver, "_make_ida", record_steps(kind))
+        solution = bd.simulate(model, settings, 0.3)
         assert solution.status.success
-    assert len(taken[wrapped]) > 50
-    assert same(taken[Direct], taken[wrapped])
+    assert len(steps_by_kind[create_sksundae_ida]) > 50
+    assert steps_are_equal(steps_by_kind[DirectIda], steps_by_kind[create_sksundae_ida])
 
 
-def test_a_solver_that_starts_again_is_as_good_as_new():
+def test_restarted_solver_equals_a_new_one():
     problem = Robertson()
-    direct = problem.made(Direct)
+    direct = problem.create(DirectIda)
     direct.init_step(0.0, problem.y0, problem.yp0)
     for _ in range(50):
         direct.step(1e3, "onestep", 1e3)
     problem.inverse = np.eye(3)
     again = problem.run(lambda *_, **__: direct)
-    assert same(again, Robertson().run(Direct))
+    assert steps_are_equal(again, Robertson().run(DirectIda))
     assert direct.solver.statistics.steps == len(again)
 
 
-def test_four_threads_at_once_get_the_same_answers():
-    expected = Robertson().run(Direct)
+def test_four_threads_get_the_same_results():
+    expected = Robertson().run(DirectIda)
     found, together = [None] * 4, threading.Barrier(4)
 
     def run(number):
         together.wait(10.0)
-        found[number] = Robertson().run(Direct)
+        found[number] = Robertson().run(DirectIda)
 
     threads = [threading.Thread(target=run, args=(number,)) for number in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert all(same(one, expected) for one in found)
+    assert all(steps_are_equal(one, expected) for one in found)
 
 
-def test_what_ida_counts():
+def test_statistics():
     problem = Robertson()
-    direct = problem.made(Direct)
+    direct = problem.create(DirectIda)
     direct.init_step(0.0, problem.y0, problem.yp0)
     assert direct.solver.statistics == IdaStatistics(*[0] * 10, 0.0, direct.solver.statistics[-1])
     orders, times = set(), [0.0]
     while direct.step(40.0, "onestep", 40.0).status == 0:
-        counted = direct.solver.statistics
-        orders.add(counted.last_order)
+        statistics = direct.solver.statistics
+        orders.add(statistics.last_order)
         times.append(direct.solver.t)
-        assert counted.last_step == pytest.approx(times[-1] - times[-2], rel=1e-9)
-        assert counted.next_step > 0.0
-    counted = direct.solver.statistics
-    assert counted.steps == len(times)
-    assert counted.residuals == problem.calls
-    assert counted.jacobians == counted.setups > 1
-    assert counted.newton_iterations >= counted.steps
+        assert statistics.last_step == pytest.approx(times[-1] - times[-2], rel=1e-9)
+        assert statistics.next_step > 0.0
+    statistics = direct.solver.statistics
+    assert statistics.steps == len(times)
+    assert statistics.residuals == problem.calls
+    assert statistics.jacobians == statistics.setups > 1
+    assert statistics.newton_iterations >= statistics.steps
     assert orders >= {1, 2, 3, 4}
 
 
-def test_failed_error_tests_and_failed_iterations_are_counted():
-    long = Robertson().made(Direct, first_step=10.0)
+def test_failures_are_counted():
+    long = Robertson().create(DirectIda, first_step=10.0)
     long.init_step(0.0, Robertson.y0, Robertson.yp0)
     assert long.step(40.0, "onestep", 40.0).status == 0
-    counted = long.solver.statistics
-    assert counted.error_test_failures + counted.failed_solves > 0
-    assert counted.last_step < 10.0
+    statistics = long.solver.statistics
+    assert statistics.error_test_failures + statistics.failed_solves > 0
+    assert statistics.last_step < 10.0
 
 
-def test_local_errors_and_their_weights():
+def test_local_errors_and_error_weights():
     problem = Robertson()
-    direct = problem.made(Direct)
+    direct = problem.create(DirectIda)
     direct.init_step(0.0, problem.y0, problem.yp0)
     for _ in range(30):
         before = direct.solver.y.copy()
         direct.step(40.0, "onestep", 40.0)
     errors, weights = direct.solver.local_errors(), direct.solver.error_weights()
-    # Weights are those of the state the step began at.
+    # Weights belong to the state at the beginning of the step.
     assert weights == pytest.approx(1.0 / (1e-6 * np.abs(before) + problem.atol), rel=1e-12)
     # The error test was passed.
     assert 0.0 < np.sqrt(np.mean((errors * weights) ** 2)) <= 6.0
 
 
 class Failing(Robertson):
-    """Not finite from some call on."""
+    """Returns NaN from the 50th call on."""
 
     def _raw(self, y, yp):
         return super()._raw(y, yp) if self.calls < 50 else np.full(3, np.nan)
 
 
-def test_a_residual_that_is_not_finite_ends_as_it_does_through_scikit_sundae(capfd):
-    expected = Failing().run(wrapped)
+def test_nan_residual_ends_as_with_scikit_sundae(capfd):
+    expected = Failing().run(create_sksundae_ida)
     assert "IDA" in capfd.readouterr().out
-    found = Failing().run(Direct)
+    found = Failing().run(DirectIda)
     assert capfd.readouterr() == ("", "")
     assert describe_status(found[-1][0]).startswith("Newton's iteration failed")
     assert len(found) > 5
-    assert same(found, expected)
+    assert steps_are_equal(found, expected)
 
 
-def test_codes_become_reasons(monkeypatch):
+def test_status_codes_are_described(monkeypatch):
     assert describe_status(-3) == "the error test failed too often, or at the smallest step"
     assert describe_status(-77) == "error -77 of SUNDIALS"
-    direct = Robertson().made(Direct)
+    direct = Robertson().create(DirectIda)
     with pytest.raises(IdaError, match=r"^IDASetMaxStep: an argument is out of"):
-        Robertson().made(Direct, max_step=-1.0)
+        Robertson().create(DirectIda, max_step=-1.0)
     direct.init_step(0.0, Robertson.y0, Robertson.yp0)
     direct.step(1.0, "onestep", 1.0)
     with pytest.raises(IdaError, match=r"^IDASetStopTime: an argument is out of"):
         direct.solver.step(-1.0)
-    # -3 is an argument out of range there, and no failed error test.
+    # In linear solvers -3 means an argument out of range, not a failed error test.
     monkeypatch.setattr(load_library().call, "IDASetJacFn", lambda *_: -3)
     with pytest.raises(IdaError, match=r"^IDASetJacFn: error -3 of SUNDIALS$"):
-        Robertson().made(Direct)
+        Robertson().create(DirectIda)
 
 
-FREED = ["IDAFree", "SUNLinSolFree", "SUNMatDestroy", *["N_VDestroy"] * 3, "SUNContext_Free"]
+CLEANUP_CALLS = [
+    "IDAFree",
+    "SUNLinSolFree",
+    "SUNMatDestroy",
+    *["N_VDestroy"] * 3,
+    "SUNContext_Free",
+]
 
 
 @pytest.fixture
-def freed(monkeypatch):
-    """Names of what was freed, in order."""
+def cleanup_calls(monkeypatch):
+    """Names of the functions that free memory, in the order of calls."""
     names, found = [], load_library()
 
-    def watched(name):
+    def record_calls(name):
         function = getattr(found.call, name)
 
         def call(*arguments):
@@ -195,44 +201,46 @@ def freed(monkeypatch):
 
         return call
 
-    call = SimpleNamespace(**{**vars(found.call), **{name: watched(name) for name in set(FREED)}})
+    call = SimpleNamespace(
+        **{**vars(found.call), **{name: record_calls(name) for name in set(CLEANUP_CALLS)}}
+    )
     monkeypatch.setattr(solver_module, "load_library", lambda: SimpleNamespace(call=call))
     return names
 
 
-def test_everything_is_freed_once_in_the_reverse_order(freed):
-    direct = Robertson().made(Direct)
-    assert freed == []
+def test_memory_is_freed_once_in_reverse_order(cleanup_calls):
+    direct = Robertson().create(DirectIda)
+    assert cleanup_calls == []
     del direct
     gc.collect()
-    # Not before somebody asks for memory again, where an interrupt is heard.
-    assert freed == []
-    another = Robertson().made(Direct)
-    assert freed == FREED
+    # Memory is freed when the next solver is created, where interrupts are handled.
+    assert cleanup_calls == []
+    another = Robertson().create(DirectIda)
+    assert cleanup_calls == CLEANUP_CALLS
     del another
 
 
-def test_everything_is_freed_after_an_error(freed, monkeypatch):
+def test_memory_is_freed_after_an_error(cleanup_calls, monkeypatch):
     with pytest.raises(IdaError):
-        Robertson().made(Direct, max_order=0)
-    assert freed == FREED
-    freed.clear()
+        Robertson().create(DirectIda, max_order=0)
+    assert cleanup_calls == CLEANUP_CALLS
+    cleanup_calls.clear()
     monkeypatch.setattr(solver_module.load_library().call, "SUNBandMatrix", lambda *_: None)
     with pytest.raises(MemoryError, match="SUNBandMatrix"):
-        Robertson().made(Direct)
-    assert freed == FREED[3:]
+        Robertson().create(DirectIda)
+    assert cleanup_calls == CLEANUP_CALLS[3:]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-def test_large_systems_take_memory_in_proportion():
+def test_memory_is_proportional_to_size():
     size = 100_000
-    before = resident()
+    before = read_resident_memory()
     solver = IdaSolver(1, 1, rtol=1e-6, atol=np.ones(size), max_order=5, max_step=1.0)
     solver.start(0.0, np.ones(size), np.zeros(size), 1e-3)
-    assert resident() - before < 100 * 8 * size
+    assert read_resident_memory() - before < 100 * 8 * size
 
 
-def resident():
+def read_resident_memory():
     """Memory in use [bytes]."""
     with open("/proc/self/statm") as pages:
         return int(pages.read().split()[1]) * 4096

@@ -11,14 +11,14 @@ X, Y, P = ca.MX.sym("x", 2), ca.MX.sym("y"), ca.MX.sym("p", 2)
 FUNCTION = ca.Function("f", [X, Y, P], [X * Y + P, ca.dot(X, P)])
 
 
-def test_a_call_takes_and_gives_numpy_arrays():
+def test_call_accepts_and_returns_numpy_arrays():
     compiled = Compiled(FUNCTION)
     first, second = compiled(np.array([1.0, 2.0]), 3.0, np.array([10.0, 20.0]))
     assert_allclose(first, [13.0, 26.0], rtol=1e-15)
     assert_allclose(second, [50.0], rtol=1e-15)
 
 
-def test_the_last_inputs_keep_what_they_were_given():
+def test_last_inputs_keep_their_values():
     compiled = Compiled(FUNCTION, np.array([10.0, 20.0]))
     assert_allclose(compiled(np.array([1.0, 2.0]), 3.0)[0], [13.0, 26.0], rtol=1e-15)
     compiled.inputs[-1][:] = 0.0
@@ -26,7 +26,7 @@ def test_the_last_inputs_keep_what_they_were_given():
     assert compiled.calls == 2
 
 
-def test_results_live_in_the_same_buffers():
+def test_calls_return_the_same_buffers():
     compiled = Compiled(FUNCTION, np.zeros(2))
     first = compiled(np.ones(2), 1.0)[0]
     second = compiled(np.ones(2), 2.0)[0]
@@ -34,15 +34,15 @@ def test_results_live_in_the_same_buffers():
     assert_allclose(first, [2.0, 2.0], rtol=0.0, atol=0.0)
 
 
-def test_two_of_one_function_do_not_share_buffers():
+def test_objects_of_one_function_have_separate_buffers():
     one, other = Compiled(FUNCTION, np.zeros(2)), Compiled(FUNCTION, np.ones(2))
-    kept = one(np.ones(2), 1.0)[0]
+    first = one(np.ones(2), 1.0)[0]
     other(np.ones(2), 5.0)
-    assert_allclose(kept, [1.0, 1.0], rtol=0.0, atol=0.0)
+    assert_allclose(first, [1.0, 1.0], rtol=0.0, atol=0.0)
     assert_allclose(one(np.ones(2), 1.0)[0], [1.0, 1.0], rtol=0.0, atol=0.0)
 
 
-def test_the_arguments_are_copied():
+def test_arguments_are_copied():
     compiled = Compiled(FUNCTION, np.zeros(2))
     x = np.array([1.0, 2.0])
     compiled(x, 1.0)
@@ -50,12 +50,12 @@ def test_the_arguments_are_copied():
     assert_allclose(compiled.inputs[0], [1.0, 2.0], rtol=0.0, atol=0.0)
 
 
-def test_an_argument_of_the_wrong_size_is_refused():
+def test_argument_of_wrong_size_is_refused():
     with pytest.raises(ValueError, match="broadcast"):
         Compiled(FUNCTION)(np.ones(3), 1.0, np.ones(2))
 
 
-def test_rows_are_evaluated_one_by_one_with_what_they_share():
+def test_rows_are_evaluated_with_shared_arguments():
     rows = np.arange(6.0).reshape(3, 2)
     factors = np.array([[1.0], [2.0], [3.0]])
     p = np.array([10.0, 20.0])
@@ -64,6 +64,6 @@ def test_rows_are_evaluated_one_by_one_with_what_they_share():
     assert_allclose(RowFunction(first)(rows, factors, p), rows * factors + p, rtol=1e-15)
 
 
-def test_a_single_row_is_a_row():
+def test_single_row_has_two_dimensions():
     rows = np.array([[1.0, 2.0]])
     assert RowFunction(FUNCTION)(rows, np.ones((1, 1)), np.zeros(2)).shape == (1, 2)

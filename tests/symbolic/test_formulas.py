@@ -1,4 +1,4 @@
-"""What is made of formulas is what the same functions give with their numbers in them."""
+"""Expressions made of formulas have the values of functions with the numbers in them."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ TIME = np.array([0.7, 0.7])
 
 
 def machine():
-    """Everything that is made of formulas."""
+    """Return a mechanism with all parts that are made of formulas."""
     mech = bd.Mechanism(gravity=(0.3, -9.81))
     arc = bd.Arc(radius=0.9, length=0.5, start=(1.0, 0.1), angle=0.2)
     beam = mech.add(bd.Beam("beam", arc, STRIP, elements=2, frame="tangent"))
@@ -40,15 +40,15 @@ def machine():
     mech.add(bd.RollingOnCircle("rolling on it", body.at(1.0, 0.3), other.at(1.0, 0.7), (0.3, 0.1)))
     mech.add(bd.Skate("skate", body.at(1.2, 0.1), direction=(0.3, 0.4)))
     mech.add(bd.Friction("bearing", hinge, 0.3, 0.2, static=0.4, stribeck=0.3, radius=0.1))
-    rubbing = mech.add(bd.Friction("slide", guide, 0.3, 0.2))
-    mech.observe("friction", rubbing.reaction)
-    turning = bd.piecewise((0.5, 0.0), (1.0, bd.sine(0.2, 1.5, 0.4)), 0.1)
-    mech.add(bd.Driver("driver", mech.ground.at(0.0, 0.0), beam.start, law=turning))
+    friction = mech.add(bd.Friction("slide", guide, 0.3, 0.2))
+    mech.observe("friction", friction.reaction)
+    angle_law = bd.piecewise((0.5, 0.0), (1.0, bd.sine(0.2, 1.5, 0.4)), 0.1)
+    mech.add(bd.Driver("driver", mech.ground.at(0.0, 0.0), beam.start, law=angle_law))
     mech.add(bd.Prismatic("slider", beam.start, line, direction=(0.2, 0.9)))
     mech.add(bd.Distance("link", free.point, beam.at(0.3), length=bd.sine(0.9, 0.5, 0.4)))
     mech.add(bd.Gear("gear", beam.start, line, 0.3, carrier=mech.ground.at(0.0, 0.0)))
     mech.add(bd.RackAndPinion("rack", line, beam.end, 0.2, direction=(0.3, 0.1)))
-    travel = bd.TranslationalDriver("travel", line, beam.end, turning, direction=(0.3, 0.1))
+    travel = bd.TranslationalDriver("travel", line, beam.end, angle_law, direction=(0.3, 0.1))
     mech.add(travel)
     mech.add(bd.Moment("moment", on=body.at(1.0, 0.3), law=bd.run_up(2.0, 0.5)))
     loads = (bd.sine(3.0, 2.0), 1.5)
@@ -69,7 +69,7 @@ def machine():
 
 
 def values(numeric):
-    """Forces, reactions, all levels and what is observed, at some state."""
+    """Return forces, reactions, constraint levels and observed values at some state."""
     q, v, a, lam = random_state(numeric.equations)
     levels = [level(q=q, v=v, a=a) for level in numeric.levels]
     names = [observable.name for observable in numeric.equations.observables]
@@ -77,75 +77,75 @@ def values(numeric):
     return [numeric.force(q=q, v=v, a=a), numeric.reaction(q=q, lam=lam), *levels, *observed]
 
 
-def test_formulas_mean_what_functions_mean(monkeypatch):
+def test_formulas_have_the_values_of_functions(monkeypatch):
     by_kind = NumericEquations(machine(), TIME)
     monkeypatch.setattr(Attachment, "checked_kinematics", property(Attachment._evaluate.__get__))
     monkeypatch.setattr(Law, "formula", property(lambda law: law))
     by_recipe = NumericEquations(machine(), TIME)
     terms = [(*x.equations.forces, *x.equations.joints) for x in (by_kind, by_recipe)]
-    kernels = [{id(term.kernel) for term in found} for found in terms]
+    kernels = [{id(term.kernel) for term in one} for one in terms]
     # The element and the rigid body are shared either way.
     assert len(kernels[0] & kernels[1]) == 2
-    # A few operations in another order.
+    # A few operations have another order.
     for got, expected in zip(values(by_kind), values(by_recipe), strict=True):
         assert_allclose(got, expected, rtol=1e-12, atol=1e-12 * np.max(np.abs(expected)))
 
 
-def lifted(q, numbers):
+def scale(q, numbers):
     return q * numbers[0]
 
 
 @dataclass(frozen=True)
-class Raised:
+class ScaledPower:
     power: int
 
     def __call__(self, q, numbers):
         return q**self.power * numbers[0]
 
 
-def pushed(local, *functions):
+def build_force(local, *functions):
     return ForceKernel(local, sum(function(local.q) for function in functions))
 
 
-def test_equal_kinds_give_the_same_kernel_and_others_another():
-    def made(*functions):
-        return build_formula_kernel(pushed, functions, 1)
+def test_equal_kinds_share_a_kernel():
+    def build(*functions):
+        return build_formula_kernel(build_force, functions, 1)
 
-    one, data = made(Formula(lifted, (2.0,)), Formula(Raised(2), (3.0,)))
-    again, other = made(Formula(lifted, (4.0,)), Formula(Raised(2), (5.0,)))
+    one, data = build(Formula(scale, (2.0,)), Formula(ScaledPower(2), (3.0,)))
+    again, other = build(Formula(scale, (4.0,)), Formula(ScaledPower(2), (5.0,)))
     assert one is again
     assert one.reused
     assert_allclose((data, other), ([[2.0], [3.0]], [[4.0], [5.0]]), rtol=0)
-    assert made(Formula(lifted, (2.0,)), Formula(Raised(3), (3.0,)))[0] is not one
-    assert made(Formula(lifted, (2.0,)))[0] is not one
+    assert build(Formula(scale, (2.0,)), Formula(ScaledPower(3), (3.0,)))[0] is not one
+    assert build(Formula(scale, (2.0,)))[0] is not one
 
 
-def test_functions_that_are_no_formulas_are_taken_as_they_are():
-    kernel, data = build_formula_kernel(pushed, (lambda q: 7.0 * q, Formula(lifted, (2.0,))), 1)
+def test_functions_that_are_not_formulas_are_not_shared():
+    kernel, data = build_formula_kernel(build_force, (lambda q: 7.0 * q, Formula(scale, (2.0,))), 1)
     assert not kernel.reused
     assert_allclose(data, [[2.0]], rtol=0)
     force = kernel.force_kernel.function(TIME, [3.0, 0.0, 0.0, *data.ravel()])
     assert float(force) == pytest.approx(27.0, rel=1e-15)
 
 
-def test_a_mix_of_formulas_and_functions_is_of_no_kind():
-    kind, _ = FormulaExpression.of(pushed, (constant_formula(1.0),))
-    mixed, _ = FormulaExpression.of(pushed, (constant_formula(1.0), abs))
+def test_expression_of_formulas_and_functions_is_not_shareable():
+    kind, _ = FormulaExpression.of(build_force, (constant_formula(1.0),))
+    mixed, _ = FormulaExpression.of(build_force, (constant_formula(1.0), abs))
     assert kind.is_shareable
     assert not mixed.is_shareable
 
 
-class Halved(Law):
-    """Half of what its pieces give."""
+class HalvedLaw(Law):
+    """Half the value of its pieces."""
 
     def __call__(self, time):
         return 0.5 * super().__call__(time)
 
 
-def test_a_law_of_the_users_own_class_is_asked_itself():
+def test_law_of_a_user_class_is_evaluated_by_itself():
     whole = bd.sine(3.0, 2.0, 0.4)
     forces = []
-    for law in (whole, Halved(whole.pieces)):
+    for law in (whole, HalvedLaw(whole.pieces)):
         mech = bd.Mechanism()
         body = mech.add(bd.RigidBody("body", 2.0, 0.1))
         mech.add(bd.Moment("moment", on=body.at(0.0, 0.0), law=law))

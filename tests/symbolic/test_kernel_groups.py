@@ -1,4 +1,4 @@
-"""Statements of one kind share a kernel, and mean what they meant on their own."""
+"""Statements that differ in numbers share a kernel and keep their values."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ MODELS = Path(__file__).parents[2] / "models"
 
 
 def workshop(mass=1.0):
-    """Two or three of every kind of statement, no two with the same numbers."""
+    """Return three of every kind of statement, all with different numbers."""
     mech = bd.Mechanism(gravity=(0.3, -9.81))
     for k in (1, 2, 3):
         arc = bd.Arc(radius=0.8 + 0.1 * k, length=0.5, start=(k, 0.1 * k), angle=0.2 * k)
@@ -35,12 +35,12 @@ def workshop(mass=1.0):
     return mech
 
 
-def each_on_its_own(statements):
+def separate_groups(statements):
     return [KernelGroup(x.kernel, [k], x.data) for k, x in enumerate(statements)]
 
 
 def numbers(equations, name):
-    """Residual and Jacobian of a first-order form at some state."""
+    """Return residual and Jacobian of a first-order form at some state."""
     form = formulate_first_order(equations, name)
     q, v, a, _ = random_state(equations)
     rest = np.cos(np.arange(form.size - 2 * equations.n))
@@ -52,19 +52,19 @@ def numbers(equations, name):
 
 
 @pytest.mark.parametrize("name", ["stabilized-index1", "index1"])
-def test_statements_that_share_a_kernel_mean_what_they_meant(name, monkeypatch):
+def test_grouped_statements_have_the_same_values(name, monkeypatch):
     shared = bd.equations_of_motion(workshop())
-    monkeypatch.setattr(building, "group_by_kernel", each_on_its_own)
-    alone = bd.equations_of_motion(workshop())
+    monkeypatch.setattr(building, "group_by_kernel", separate_groups)
+    separate = bd.equations_of_motion(workshop())
     # Hinges, welds, drivers and lines; elements, bodies, masses and moments.
-    assert (len(alone.joints), len(shared.joints)) == (12, 4)
-    assert (len(alone.forces), len(shared.forces)) == (15, 4)
-    for got, expected in zip(numbers(shared, name), numbers(alone, name), strict=True):
+    assert (len(separate.joints), len(shared.joints)) == (12, 4)
+    assert (len(separate.forces), len(shared.forces)) == (15, 4)
+    for got, expected in zip(numbers(shared, name), numbers(separate, name), strict=True):
         assert_allclose(got, expected, rtol=1e-12, atol=1e-12 * np.max(np.abs(expected)))
 
 
 @pytest.mark.parametrize("joint", [bd.Revolute, bd.Weld])
-def test_a_longer_chain_has_no_longer_program(joint):
+def test_number_of_kernels_is_independent_of_chain_length(joint):
     programs = []
     for beams in (5, 10):
         form = formulate_first_order(
@@ -74,7 +74,7 @@ def test_a_longer_chain_has_no_longer_program(joint):
     assert programs[0] == programs[1]
 
 
-def test_models_that_differ_in_numbers_alone_have_the_same_kernels():
+def test_models_that_differ_in_numbers_share_kernels():
     one, other = (bd.equations_of_motion(workshop(mass)) for mass in (1.0, 1.1))
     for kind in ("forces", "joints"):
         terms = zip(getattr(one, kind), getattr(other, kind), strict=True)
@@ -82,7 +82,7 @@ def test_models_that_differ_in_numbers_alone_have_the_same_kernels():
     assert not np.array_equal(one.p, other.p)
 
 
-# Numbers of the models, each other than its default; those of the curve turn the elements' axes.
+# Parameters of the models, all different from the defaults; those of curves rotate elements.
 NUMBERS = {
     "hub_beam": {"torque": 11.0, "frequency": 1.2, "density": 2800.0},
     "pendulum": {"tip_mass": 0.07, "damping": 2e-4},
@@ -102,12 +102,12 @@ CURVES = {
 }
 
 
-def assembled(name, values):
+def assemble_model(name, values):
     model = bd.load_model(MODELS / f"{name}.py", name)
     return bd.equations_of_motion(model(**values))
 
 
-def require_the_same_kernels(one, other):
+def assert_same_kernels(one, other):
     for kind in ("forces", "joints"):
         for x, y in zip(getattr(one, kind), getattr(other, kind), strict=True):
             assert x.kernel is y.kernel
@@ -126,9 +126,9 @@ def operators(equations):
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in MODELS.glob("*.py")))
-def test_a_model_with_other_numbers_has_the_kernels_and_operators_it_had(name):
-    one, other = assembled(name, {}), assembled(name, NUMBERS[name])
-    require_the_same_kernels(one, other)
+def test_model_with_other_numbers_shares_kernels_and_operators(name):
+    one, other = assemble_model(name, {}), assemble_model(name, NUMBERS[name])
+    assert_same_kernels(one, other)
     for x, y in zip(operators(one), operators(other), strict=True):
         assert x.shape == y.shape
         for part in ("indptr", "indices", "data"):
@@ -137,24 +137,24 @@ def test_a_model_with_other_numbers_has_the_kernels_and_operators_it_had(name):
 
 
 @pytest.mark.parametrize("name", CURVES)
-def test_a_model_with_another_curve_has_the_kernels_and_patterns_it_had(name):
-    one, other = assembled(name, {}), assembled(name, CURVES[name])
-    require_the_same_kernels(one, other)
+def test_model_with_another_curve_shares_kernels_and_patterns(name):
+    one, other = assemble_model(name, {}), assemble_model(name, CURVES[name])
+    assert_same_kernels(one, other)
     for x, y in zip(operators(one), operators(other), strict=True):
         for part in ("indptr", "indices"):
             assert_array_equal(getattr(x, part), getattr(y, part))
 
 
-def observed(factor):
-    """The function and the values of a quantity of the user's own, and of the point it is about."""
+def observe_scaled_point(factor):
+    """Return function and values of a user-defined quantity, and the observed point."""
     mech = workshop()
     on = mech.part("beam 1").end
 
-    def stretched(local):
+    def scale_position(local):
         return factor * on.position(local.q) + local.data[0]
 
     columns = (Named("x", "m"), Named("y", "m"))
-    mech.observe("own", Quantity(columns, (on.piece,), stretched, np.array([0.5])))
+    mech.observe("own", Quantity(columns, (on.piece,), scale_position, np.array([0.5])))
     mech.observe("point", on)
     equations = bd.equations_of_motion(mech)
     values = []
@@ -165,8 +165,8 @@ def observed(factor):
     return equations.observables[0].function, values[0], values[1][:2]
 
 
-def test_a_quantity_of_the_users_own_is_recognized_by_its_kind():
-    (function, *_), (same, values, point) = observed(2.5), observed(3.5)
+def test_quantities_that_differ_in_numbers_share_a_function():
+    (function, *_), (same, values, point) = observe_scaled_point(2.5), observe_scaled_point(3.5)
     assert function is same
-    # Its numbers are data, behind those it has itself; a few operations apart.
+    # Its numbers follow its data; rounding differs by a few operations.
     assert_allclose(values, 3.5 * point + 0.5, rtol=1e-14)

@@ -1,4 +1,4 @@
-"""Sums of many copies, in stretches and with kernels that turn, are those of whole expressions."""
+"""Batched sums with rotated kernels agree with sums over single copies."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -58,7 +58,7 @@ class Work:
     nonzeros: np.ndarray
 
 
-def both(work):
+def evaluate_residual_and_matrix(work):
     evaluate_step_residual(work.form, 0.1, 0.5, work.at, work.x, work.result)
     evaluate_step_matrix(work.form, 0.1, 0.5, work.at, work.x, work.nonzeros)
     return 0
@@ -67,7 +67,7 @@ def both(work):
 @pytest.mark.parametrize("native", [False, True])
 @pytest.mark.parametrize("elements", [1, 2, 72, 73])
 @pytest.mark.parametrize("settings", [{}, {"frame": "tangent", "elements_shape": "straight"}])
-def test_sums_over_many_elements(native, elements, settings):
+def test_batched_sums_agree_with_sums_over_copies(native, elements, settings):
     if native and not is_native_enabled():
         pytest.skip("without machine code")
     equations = arch(elements, **settings)
@@ -77,21 +77,25 @@ def test_sums_over_many_elements(native, elements, settings):
     at = StepPrediction(*state[:3], state.q, np.array([c_v, c_a, c_f]))
     result, nonzeros = np.zeros(form.size), np.zeros(form.pattern.nnz)
     work = Work(form.buffers(native), at, np.zeros(form.size), result, nonzeros)
-    (CompiledLoop(both, work) if native else lambda: both(work))()
+    (
+        CompiledLoop(evaluate_residual_and_matrix, work)
+        if native
+        else lambda: evaluate_residual_and_matrix(work)
+    )()
     pattern, n = form.pattern, equations.n
     matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
-    force, tangent = by_copy(equations, state, (1.0, c_v, c_a))
-    found = matrix[:n, :n].toarray() / c_f
+    force, tangent = sum_over_copies(equations, state, (1.0, c_v, c_a))
+    dynamic_block = matrix[:n, :n].toarray() / c_f
     assert_allclose(result[:n] / c_f, force, rtol=0.0, atol=RTOL * np.abs(force).max())
-    assert_allclose(found, tangent, rtol=0.0, atol=RTOL * np.abs(tangent).max())
+    assert_allclose(dynamic_block, tangent, rtol=0.0, atol=RTOL * np.abs(tangent).max())
 
 
-def by_copy(equations, state, c):
-    """F and its derivatives times c, added up of one copy after the other."""
+def sum_over_copies(equations, state, c):
+    """Return F and its derivatives times c, summed over one copy after the other."""
     n = equations.n
     force, tangent = np.zeros(n), np.zeros((n, n))
     for term in equations.forces:
-        own = build_local_operator(equations, term).toarray().reshape(term.count, -1, n)
+        operators = build_local_operator(equations, term).toarray().reshape(term.count, -1, n)
         kernel = term.kernel
         x, vectors = kernel.local, (kernel.local.q, kernel.local.v, kernel.local.a)
         parts = [
@@ -100,7 +104,7 @@ def by_copy(equations, state, c):
         outputs = [ca.densify(kernel.force), ca.densify(sum(parts))]
         function = ca.Function("copy", [x.time, *vectors, x.data], outputs)
         data = term_data(equations, term).T
-        for operator, numbers in zip(own, data, strict=True):
+        for operator, numbers in zip(operators, data, strict=True):
             column, matrix = function(TIME, *(operator @ y for y in state[:3]), numbers)
             force += operator.T @ column.full().ravel()
             tangent += operator.T @ matrix.full() @ operator
@@ -108,57 +112,63 @@ def by_copy(equations, state, c):
 
 
 @pytest.mark.parametrize("name", ["stabilized-index1", "index1", "index3"])
-def test_matrices_apart_add_up(name):
+def test_separate_matrices_add_up(name):
     equations = arch(75)
     random = np.random.default_rng(0)
     y, yp = formulate_first_order(equations, name).pack(motion(equations, random))
     together, apart = (formulate_first_order(equations, name, apart) for apart in (False, True))
-    both = np.zeros(2 * apart.pattern.nnz)
-    evaluate_jacobian_parts(apart.buffers(), 0.1, 0.5, y, yp, both)
-    stiffness, inertia = np.split(both, 2)
+    separate = np.zeros(2 * apart.pattern.nnz)
+    evaluate_jacobian_parts(apart.buffers(), 0.1, 0.5, y, yp, separate)
+    stiffness, inertia = np.split(separate, 2)
     for c in (0.0, 1.0, 1e3):
         expected = stiffness + c * inertia
-        found = together.jacobian(TIME, y, yp, c)
-        assert_allclose(found, expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
+        assert_allclose(
+            together.jacobian(TIME, y, yp, c),
+            expected,
+            rtol=0.0,
+            atol=1e-13 * np.abs(expected).max(),
+        )
 
 
-def test_operators_are_picked_and_turned():
-    """Whatever columns copies have, what they pick times what turns is the operator."""
+def test_operator_is_selection_times_rotation():
+    """Copies may have different columns."""
     random = np.random.default_rng(1)
     rows, count, n = 4, 6, 9
     dense = random.normal(size=(rows * count, n)) * (random.random((rows * count, n)) < 0.3)
     dense[random.random(dense.shape) < 0.1] = 1.0
-    found = factor_operator(sp.csr_array(dense), count)
-    own = found.rotation.shape[1]
+    factored = factor_operator(sp.csr_array(dense), count)
+    own = factored.rotation.shape[1]
     for copy in range(count):
-        matrix = ca.DM(found.rotation.matrix(ca.SX(ca.DM(found.data[:, copy])))).full()
-        picked = found.selection[copy * own : (copy + 1) * own].toarray()
+        matrix = ca.DM(factored.rotation.matrix(ca.SX(ca.DM(factored.data[:, copy])))).full()
+        picked = factored.selection[copy * own : (copy + 1) * own].toarray()
         assert_allclose(matrix @ picked, dense[copy * rows : (copy + 1) * rows], rtol=0, atol=0)
-    whole = found.rotation.operator(found.selection, found.data)
+    whole = factored.rotation.operator(factored.selection, factored.data)
     assert_allclose(whole.toarray(), dense, rtol=0, atol=0)
 
 
-def test_picking_operators_stay():
+def test_selections_are_not_factored():
     operator = sp.csr_array(np.eye(6)[[0, 2, 1, 5]])
-    found = factor_operator(operator, 2)
-    assert found.rotation is None
-    assert found.selection is operator
+    factored = factor_operator(operator, 2)
+    assert factored.rotation is None
+    assert factored.selection is operator
 
 
-def test_turned_kernels():
+def test_rotated_kernel():
     """T^T F(T x) and T^T V T."""
     random = np.random.default_rng(2)
     s, local = ca.SX.sym("s", 1), ca.SX.sym("local", 7)
     x, v, data = local[:3], local[3:6], local[6]
     column = data * s * x**2 + v
     kernel = Kernel.of("kernel", s, local, [column, ca.jacobian(column, x)])
-    found = factor_operator(sp.csr_array(random.normal(size=(3, 2))), 1)
+    factored = factor_operator(sp.csr_array(random.normal(size=(3, 2))), 1)
     numbers = random.normal(size=4)
-    T = ca.DM(found.rotation.matrix(ca.SX(ca.DM(found.data[:, 0])))).full()
-    shared, own = 0.7, np.concatenate([numbers, [1.3], found.data[:, 0]])
-    entries = rotate_kernel(kernel, found.rotation, 2).function(shared, own).full().ravel()
+    T = ca.DM(factored.rotation.matrix(ca.SX(ca.DM(factored.data[:, 0])))).full()
+    shared, own = 0.7, np.concatenate([numbers, [1.3], factored.data[:, 0]])
+    entries = rotate_kernel(kernel, factored.rotation, 2).function(shared, own).full().ravel()
     at = T @ numbers[:2]
     assert_allclose(entries[:2], T.T @ (1.3 * shared * at**2 + T @ numbers[2:]), rtol=1e-13)
     matrix = T.T @ np.diag(2.0 * 1.3 * shared * at) @ T
     assert_allclose(entries[2:].reshape(2, 2, order="F"), matrix, rtol=1e-13)
-    assert rotate_kernel(kernel, found.rotation, 2) is rotate_kernel(kernel, found.rotation, 2)
+    assert rotate_kernel(kernel, factored.rotation, 2) is rotate_kernel(
+        kernel, factored.rotation, 2
+    )

@@ -1,4 +1,4 @@
-"""The same residual and Jacobian driven by scikit-sundae's class and by the C interface."""
+"""Robertson's problem, run by the class of scikit-sundae and by the C interface of SUNDIALS."""
 
 import ctypes
 
@@ -14,8 +14,8 @@ def array(address, size):
     return np.ctypeslib.as_array((ctypes.c_double * size).from_address(address))
 
 
-class Direct:
-    """`IdaSolver` with the interface of scikit-sundae's class, as far as beamdae uses it."""
+class DirectIda:
+    """`IdaSolver` with the part of scikit-sundae's interface that beamdae uses."""
 
     def __init__(self, residual, *, jacfn, first_step, atol, **options):
         for band in ("linsolver", "lband", "uband"):
@@ -26,18 +26,18 @@ class Direct:
             return array(call.N_VGetArrayPointer(at), size)
 
         @RESIDUAL
-        def called(t, y, yp, out, data):
+        def residual_callback(t, y, yp, out, data):
             residual(t, vector(y), vector(yp), vector(out))
             return 0
 
         @JACOBIAN
-        def asked(t, c, y, yp, res, matrix, data, *work):
+        def jacobian_callback(t, c, y, yp, res, matrix, data, *work):
             diagonal = array(call.SUNBandMatrix_Data(matrix), size)
             jacfn(t, vector(y), vector(yp), vector(res), c, diagonal)
             return 0
 
-        self._kept, self._first = (called, asked), first_step
-        at = (ctypes.cast(function, ctypes.c_void_p).value for function in self._kept)
+        self._callbacks, self._first = (residual_callback, jacobian_callback), first_step
+        at = (ctypes.cast(function, ctypes.c_void_p).value for function in self._callbacks)
         self.solver = IdaSolver(*at, atol=atol, **options)
 
     def init_step(self, t, y, yp):
@@ -54,24 +54,24 @@ class Result:
         self.t, self.y, self.yp = t, y, yp
 
 
-def wrapped(residual, **options):
+def create_sksundae_ida(residual, **options):
     return IDA(residual, linsolver="band", lband=0, uband=0, **options)
 
 
-def steps(solver, t, y, yp, end, most=10_000):
-    """Time, y and y' of every step, and how it ended."""
+def take_steps(solver, t, y, yp, end, max_steps=10_000):
+    """Return (status, t, y, y') of every step until `end` or a failure."""
     solver.init_step(t, y, yp)
-    taken = []
-    for _ in range(most):
+    steps = []
+    for _ in range(max_steps):
         result = solver.step(end, "onestep", end)
-        taken.append((result.status, result.t, result.y, result.yp))
+        steps.append((result.status, result.t, result.y, result.yp))
         if result.status:
-            return taken
-    raise AssertionError("it does not end")
+            return steps
+    raise AssertionError("the run does not end")
 
 
-def same(one, other):
-    """Whether two runs took the same steps to the last bit, NaN and signs of zeros included."""
+def steps_are_equal(one, other):
+    """Return True if two runs have the same steps bit by bit, with NaN and signs of zeros."""
     return len(one) == len(other) and all(
         a[0] == b[0]
         and all(
@@ -82,7 +82,7 @@ def same(one, other):
 
 
 class Robertson:
-    """Kinetics of three species, stiff; IDA is given J^-1 r and the identity."""
+    """Stiff kinetics of three species; IDA gets J^-1 r and the identity."""
 
     y0, yp0 = np.array([1.0, 0.0, 0.0]), np.array([-0.04, 0.04, 0.0])
     atol = np.array([1e-8, 1e-12, 1e-8])
@@ -110,15 +110,15 @@ class Robertson:
         else:
             out[:] = 1.0
 
-    def made(self, kind, **options):
-        given = {
+    def create(self, kind, **options):
+        defaults = {
             "first_step": 1e-6,
             "max_step": 4e9,
             "max_order": 5,
             "rtol": 1e-6,
             "atol": self.atol,
         }
-        return kind(self.residual, jacfn=self.jacobian, **(given | options))
+        return kind(self.residual, jacfn=self.jacobian, **(defaults | options))
 
     def run(self, kind, end=4e6, **options):
-        return steps(self.made(kind, **options), 0.0, self.y0, self.yp0, end)
+        return take_steps(self.create(kind, **options), 0.0, self.y0, self.yp0, end)
