@@ -92,7 +92,7 @@ from .report.pictures.mode_shapes import draw_campbell as draw_campbell
 from .report.pictures.mode_shapes import draw_modes as draw_modes
 from .report.pictures.run_animation import animate as animate
 from .report.pictures.time_plots import plot as plot
-from .results.diagnostics.strain_validity import BeamRange as BeamRange
+from .results.diagnostics.beam_ranges import BeamRange as BeamRange
 from .results.displays import Plot as Plot
 from .results.equilibrium import CriticalPoint as CriticalPoint
 from .results.equilibrium import Equilibrium as Equilibrium

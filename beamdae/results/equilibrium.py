@@ -13,7 +13,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import require_count
 from beamdae.results.columns import Header, merge_columns, select_columns
-from beamdae.results.diagnostics.strain_validity import BeamRange, measure_beam_ranges
+from beamdae.results.diagnostics.beam_ranges import BeamRange, measure_beam_ranges
 from beamdae.results.displays import Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.section_forces.recovery import recover_section_forces_at_state

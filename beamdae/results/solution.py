@@ -19,7 +19,7 @@ from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.results.displays import Animation, Plot, load_views
 from beamdae.results.event_records import tabulate_events
-from beamdae.results.run import Run
+from beamdae.results.run_data import RunData
 from beamdae.results.section_forces.recovery import recover_section_forces
 from beamdae.results.section_forces.section_forces import SectionForces
 from beamdae.results.storage.checkpoint import Checkpoint
@@ -38,7 +38,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True, repr=False)
-class Solution(Run, TimeSeries):
+class Solution(RunData, TimeSeries):
     """Result of a run, see `simulate`.
 
     `solution["tip.y"]` returns a column over time, `solution.table()` all of them. A run that did

@@ -12,7 +12,7 @@ from tolerances.mechanisms import parallelogram
 
 import beamdae as bd
 from beamdae.results.columns import observed_columns
-from beamdae.studies.run_values import by_time
+from beamdae.studies.run_values import tabulate_trajectory
 from beamdae.verification import accuracy_warning
 
 
@@ -215,13 +215,13 @@ def test_observables_may_have_the_names_of_drift_columns():
     solution = bd.simulate(mech, bd.Ida(1e-3), 1.0)
     names = list(solution.observed)
     assert {"drift.x [m]", "drift.position.x [m]"} <= set(names)
-    assert observed_columns(by_time(solution)) == names
+    assert observed_columns(tabulate_trajectory(solution)) == names
     assert list(bd.error_estimate(solution).index) == names
     system = particle(
         lambda t, q: -q, start=1.0, names=["energy"], observe={"drift.position": ca.SX(1.0)}
     )
     solution = bd.simulate(system, bd.Ida(1e-3), 1.0)
-    assert observed_columns(by_time(solution)) == ["energy [-]", "drift.position [-]"]
+    assert observed_columns(tabulate_trajectory(solution)) == ["energy [-]", "drift.position [-]"]
 
 
 def test_unfinished_runs_have_no_accuracy_warning():

@@ -13,7 +13,7 @@ import numpy as np
 from beamdae.report.terminal.responsive_table import Column, FactList, ResponsiveTable
 from beamdae.report.text import make_printable
 from beamdae.results.columns import Header
-from beamdae.results.diagnostics.strain_validity import BeamRange
+from beamdae.results.diagnostics.beam_ranges import BeamRange
 
 if TYPE_CHECKING:
     import pandas as pd

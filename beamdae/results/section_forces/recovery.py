@@ -27,7 +27,7 @@ from beamdae.beams.shape_functions import gauss_points
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import BeamdaeError, as_real, require_finite, require_iterable, short_repr
-from beamdae.results.run import Run
+from beamdae.results.run_data import RunData
 from beamdae.results.section_forces.applied_loads import (
     ALL_LOADS,
     AppliedLoads,
@@ -52,7 +52,7 @@ _MAX_EVALUATIONS = 100_000  # sections times rows that are evaluated at once
 
 
 def recover_section_forces(
-    run: Run, beam: Beam | str, t: Any = None, s: Any = None
+    run: RunData, beam: Beam | str, t: Any = None, s: Any = None
 ) -> SectionForces:
     """Recover the section forces of a beam of a run.
 

@@ -17,7 +17,7 @@ from beamdae.parts.events import DIRECTIONS
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.results.outcome import PILOT_RUN_SUFFIX
 from beamdae.results.provenance import state_hash
-from beamdae.results.run import Run
+from beamdae.results.run_data import RunData
 from beamdae.results.storage.files import require_file_path, write_text
 
 _FORMAT = "beamdae checkpoint"
@@ -69,7 +69,7 @@ class Checkpoint:
     doubt: str = ""
 
     @classmethod
-    def of(cls, run: Run) -> Checkpoint:
+    def of(cls, run: RunData) -> Checkpoint:
         """Return the checkpoint at the last state of a run, whatever ended it."""
         last, names = run.trajectory.intervals[-1], run.equations.q_names
         end = run.trajectory.end

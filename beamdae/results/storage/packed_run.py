@@ -14,7 +14,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, Start, Stat
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status
-from beamdae.results.run import Run
+from beamdae.results.run_data import RunData
 from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
@@ -35,7 +35,7 @@ class PackedRun(NamedTuple):
     plain: dict[str, Any]
 
 
-def pack_run(run: Run) -> PackedRun:
+def pack_run(run: RunData) -> PackedRun:
     """Pack all data of a run except its equations and its integrator."""
     e, intervals, records = run.equations, run.trajectory.intervals, run.event_records
     sizes = (e.n, e.n, e.n, e.m)
@@ -69,7 +69,7 @@ def pack_run(run: Run) -> PackedRun:
 
 
 def unpack_fields(equations: EquationsOfMotion, packed: PackedRun) -> dict[str, Any]:
-    """Return the fields of the packed run, by the names of the fields of `Run`.
+    """Return the fields of the packed run, by the names of the fields of `RunData`.
 
     Parameters
     ----------

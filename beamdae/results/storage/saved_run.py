@@ -16,7 +16,7 @@ import numpy as np
 from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError
 from beamdae.results.outcome import Statistics, Status
-from beamdae.results.run import Run
+from beamdae.results.run_data import RunData
 from beamdae.results.storage.files import atomic_write, require_file_path, versions, write_result
 from beamdae.results.storage.packed_run import pack_run
 from beamdae.results.time_series import TimeSeries
@@ -113,7 +113,7 @@ class SavedRun(TimeSeries):
         )
 
 
-def save_run(run: Run, path: str | Path) -> Path:
+def save_run(run: RunData, path: str | Path) -> Path:
     """Write all data of a run to a zip archive of NumPy arrays and JSON, see `load`.
 
     Raises

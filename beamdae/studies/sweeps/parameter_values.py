@@ -8,7 +8,7 @@ from typing import Any
 
 from beamdae.errors import BeamdaeError, require_iterable, short_repr
 from beamdae.model_functions import Model
-from beamdae.studies.case import grid, text_of
+from beamdae.studies.case import format_parameter, grid
 
 _MOST_VALUES = 1_000_000
 
@@ -69,4 +69,4 @@ def _value(model: Model, name: str, value: Any, told: str | None = None) -> Valu
     if told is not None:
         return Value(checked, told)
     plain = isinstance(checked, (bool, int, float, str))
-    return Value(checked, checked if plain else text_of(checked))
+    return Value(checked, checked if plain else format_parameter(checked))

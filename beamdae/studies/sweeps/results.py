@@ -25,7 +25,7 @@ from beamdae.errors import (
     unbox_scalar,
 )
 from beamdae.results.storage.files import escape_table, require_file_path, write_text
-from beamdae.studies.case import text_of
+from beamdae.studies.case import format_parameter
 from beamdae.studies.execution import engine
 from beamdae.studies.execution.pool import SerialPool, pool_of
 from beamdae.studies.execution.study_progress import Standing
@@ -223,7 +223,7 @@ def _same(said: Any, value: Any) -> bool:
     size, wanted = as_real(said), as_real(value)
     if size is not None and wanted is not None:
         return bool(np.isclose(size, wanted, rtol=1e-9, atol=0.0))
-    return bool(said == (value if isinstance(value, (bool, str)) else text_of(value)))
+    return bool(said == (value if isinstance(value, (bool, str)) else format_parameter(value)))
 
 
 def _heard(part: str, progress: Any) -> Callable[[Standing], None] | None:

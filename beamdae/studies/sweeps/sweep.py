@@ -13,12 +13,11 @@ from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model
 from beamdae.results.solution import Solution
-from beamdae.studies.case import Case, Known, once
+from beamdae.studies.case import Case, DigestCache, cached_digest
 from beamdae.studies.definition import Study
-from beamdae.studies.deviations import column_names
+from beamdae.studies.deviations import require_column_names
 from beamdae.studies.execution.case_run import Limits, Task
-from beamdae.studies.store.contents import FingerprintError
-from beamdae.studies.store.fingerprints import digest
+from beamdae.studies.store.fingerprints import FingerprintError, digest
 from beamdae.studies.sweeps.parameter_values import combinations_of
 
 if TYPE_CHECKING:
@@ -76,13 +75,13 @@ class Sweep(Study):
         told = self._told[id(case)]
         return ", ".join(f"{x}={short(told[x])}" for x in self.varied or told) or self.name
 
-    def task(self, case: Case, reference: bool = False, known: Known | None = None) -> Task:
+    def task(self, case: Case, reference: bool = False, known: DigestCache | None = None) -> Task:
         """A case as a task, which tells the outputs; see `Study.task`."""
         known = {} if known is None else known
         task = super().task(case, reference, known)
         if not self.outputs:
             return task
-        key = digest([task.key, once(known, self.outputs, self._of_outputs)])[:20]
+        key = digest([task.key, cached_digest(known, self.outputs, self._of_outputs)])[:20]
         return replace(task, key=key, outputs=self.outputs)
 
     def _of_outputs(self) -> str:
@@ -132,7 +131,7 @@ def sweep_of(
     return Sweep(
         name,
         tuple(Case(model, one, method) for one in values),
-        columns=column_names(name, (of,) if isinstance(of, str) else of),
+        columns=require_column_names(name, (of,) if isinstance(of, str) else of),
         limits=Limits(time=time_limit),
         outputs={} if outputs is None else outputs,
         settings=tuple({key: one.told for key, one in each.items()} for each in found),

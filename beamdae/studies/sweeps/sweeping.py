@@ -11,7 +11,7 @@ from beamdae.errors import BeamdaeError, require_positive, short_repr
 from beamdae.integrators import Integrator
 from beamdae.model_functions import Model
 from beamdae.model_functions import model as model_of
-from beamdae.studies.definition import listed_by
+from beamdae.studies.definition import call_definition
 from beamdae.studies.sweeps.sweep import Output, Sweep, sweep_of
 
 if TYPE_CHECKING:
@@ -163,7 +163,7 @@ def sweep(
     def decorate(function: Callable[[], Over]) -> Sweep:
         if not callable(function) or not hasattr(function, "__name__"):
             raise BeamdaeError(f"sweep: it must decorate a function, got {short_repr(function)}.")
-        return sweep_of(chosen, listed_by(function, "values"), function.__name__, **said)
+        return sweep_of(chosen, call_definition(function, "values"), function.__name__, **said)
 
     return decorate
 

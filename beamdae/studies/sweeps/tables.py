@@ -12,10 +12,10 @@ import pandas as pd
 from beamdae.errors import BeamdaeError, short_repr, suggest
 from beamdae.report.pictures.figures import characteristic_columns
 from beamdae.results.columns import Header, observed_columns, select_columns
-from beamdae.studies.deviations import named_columns
+from beamdae.studies.deviations import select_observed_columns
 from beamdae.studies.execution.case_run import Outcome
 from beamdae.studies.execution.engine import Results
-from beamdae.studies.run_values import output_column
+from beamdae.studies.run_values import format_output_column
 from beamdae.studies.sweeps.sweep import TAKEN, Sweep
 
 Array = np.ndarray
@@ -61,7 +61,7 @@ def observed(results: Results, sweep: Sweep) -> list[str]:
     every = dict.fromkeys(c for x in tables if x is not None for c in observed_columns(x))
     if not sweep.columns or not every:
         return list(every)
-    return named_columns(sweep.name, sweep.columns, list(every))
+    return select_observed_columns(sweep.name, sweep.columns, list(every))
 
 
 def sweep_table(results: Results, sweep: Sweep) -> pd.DataFrame:
@@ -74,7 +74,7 @@ def sweep_table(results: Results, sweep: Sweep) -> pd.DataFrame:
     for case, told in zip(sweep.cases, sweep.settings, strict=True):
         outcome = results.outcome(case)
         status, values = outcome.status, outcome.values
-        outputs = {x: _there(values.get(output_column(x))) for x in sweep.outputs}
+        outputs = {x: _there(values.get(format_output_column(x))) for x in sweep.outputs}
         row = {
             **{parameter_column(sweep, name): value for name, value in told.items()},
             STATUS: status.kind,

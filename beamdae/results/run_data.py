@@ -14,6 +14,7 @@ import numpy as np
 
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.results.diagnostics.beam_ranges import BeamRange, measure_beam_ranges_of_run
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
 from beamdae.results.diagnostics.quality_warnings import quality_warnings
 from beamdae.results.diagnostics.singular_positions import (
@@ -22,7 +23,6 @@ from beamdae.results.diagnostics.singular_positions import (
     singularity_warnings,
 )
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
-from beamdae.results.diagnostics.strain_validity import BeamRange, measure_beam_ranges_of_run
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.provenance import describe_provenance, state_hash
@@ -36,7 +36,7 @@ _MAX_CHECKED_ROWS = 10_000
 
 
 @dataclass(frozen=True, repr=False)
-class Run:
+class RunData:
     """Data of a run; `Solution` documents the attributes and adds tables, files and figures."""
 
     equations: EquationsOfMotion
@@ -194,7 +194,7 @@ class Run:
             **further,
         }
 
-    def _with_checked_rows(self) -> Run:
+    def _with_checked_rows(self) -> RunData:
         """Return the run with at most some thousand rows, enough to find values not finite."""
         stride = len(self.t) // _MAX_CHECKED_ROWS + 1
         return self if stride == 1 else replace(self, t=self.t[::stride])

@@ -8,7 +8,7 @@ import pytest
 
 import beamdae as bd
 from beamdae.beams.floating_frame.kinematics import FloatingFrame
-from beamdae.results.diagnostics.strain_validity import MAX_UNREPORTED_ERROR, BeamRange
+from beamdae.results.diagnostics.beam_ranges import MAX_UNREPORTED_ERROR, BeamRange
 
 SOFT = bd.Material(E=1e7, nu=0.3, rho=1000.0)
 STRIP = bd.Section.rectangle(SOFT, width=1.0, height=0.01, damping=0.3)
