@@ -107,14 +107,25 @@ def build_formula_kernel(
     functions: Sequence[Callable[..., Any]],
     size: int,
     n_multipliers: int = 0,
+    shared: bool = True,
 ) -> tuple[Any, Array]:
-    """Return the kernel of a `FormulaExpression`, and its data of shape (n_data, 1).
+    """Return the kernel of a `FormulaExpression` and its data, shape (n_data, 1).
 
-    Formulas of the same kinds return the same kernel object.
+    Formulas of equal kinds share one kernel, in all models of the process.
+
+    Parameters
+    ----------
+    build, functions
+        As of `FormulaExpression`.
+    size, n_multipliers
+        Number of local coordinates, and of multipliers.
+    shared
+        False if `build` contains functions of the user: the kernel then is not kept for other
+        models.
     """
     expression, numbers = FormulaExpression.of(build, functions)
     sizes = (size, len(numbers), n_multipliers)
-    if expression.is_shareable:
+    if shared and expression.is_shareable:
         kernel = _build_shared_kernel(expression, *sizes)
     else:
         kernel = expression(Local(*sizes))

@@ -18,7 +18,6 @@ from beamdae.errors import BeamdaeError, require_name, set_fields
 from beamdae.parts.attachments import Attachment, require_attachment
 from beamdae.parts.forces.formula_checks import (
     as_vector,
-    build_kernel,
     evaluate_formula,
     require_column,
     require_continuous_formula,
@@ -279,8 +278,9 @@ class ForceElement(Part):
         """Return the forces on both bodies."""
         arguments, functions = self._expression
         size = self.a.size + self.b.size
-        build = build_kernel if self._has_user_law else build_formula_kernel
-        kernel, data = build(_ElementKernel(*arguments), functions, size)
+        kernel, data = build_formula_kernel(
+            _ElementKernel(*arguments), functions, size, shared=not self._has_user_law
+        )
         return [ForceStatement(self.name, kernel, (self.a.piece, self.b.piece), data)]
 
     def observe(

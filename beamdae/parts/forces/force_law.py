@@ -14,7 +14,6 @@ from beamdae.errors import BeamdaeError, require_name, require_sequence, set_fie
 from beamdae.parts.attachments import Attachment, require_attachment
 from beamdae.parts.forces.formula_checks import (
     as_vector,
-    build_kernel,
     evaluate_formula,
     list_entries,
     require_column,
@@ -22,7 +21,7 @@ from beamdae.parts.forces.formula_checks import (
     require_function,
 )
 from beamdae.parts.part import Part
-from beamdae.symbolic.formulas import FormulaExpression
+from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,
@@ -239,7 +238,9 @@ class ForceLaw(Part):
         """Return the loads."""
         kinematics = [one.checked_kinematics for one in self.on]
         size = sum(one.size for one in self.on)
-        kernel, data = build_kernel(_LoadKernel(*self._arguments), kinematics, size)
+        kernel, data = build_formula_kernel(
+            _LoadKernel(*self._arguments), kinematics, size, shared=False
+        )
         return [ForceStatement(self.name, kernel, tuple(one.piece for one in self.on), data)]
 
     @property

@@ -10,8 +10,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.errors import BeamdaeError, format_exception, short_repr
-from beamdae.symbolic.formulas import FormulaExpression
-from beamdae.symbolic.statements import SX, Local
+from beamdae.symbolic.statements import SX
 
 # Operations with jumps; np.maximum and np.abs only have kinks.
 _JUMP_OPERATIONS = {
@@ -105,9 +104,3 @@ def require_function(part: str, what: str, function: Any) -> None:
     """Raise an error if a value cannot be called."""
     if not callable(function):
         raise BeamdaeError(f"{part}: {what} must be a function, got {short_repr(function)}.")
-
-
-def build_kernel(build: Callable[..., Any], functions: Sequence[Any], size: int) -> tuple[Any, Any]:
-    """Return a kernel and its data as `build_formula_kernel`, not shared with other models."""
-    expression, numbers = FormulaExpression.of(build, functions)
-    return expression(Local(size, len(numbers))), numbers[:, None]

@@ -316,12 +316,9 @@ class KinematicConstraint(Part):
         functions: Sequence[Callable[..., Any]],
         multipliers: tuple[Named, ...],
     ) -> ConstraintStatement:
-        size, count = sum(self._sizes), len(multipliers)
-        if self._reads_self:
-            expression, numbers = FormulaExpression.of(build, functions)
-            kernel, data = expression(Local(size, len(numbers), count)), numbers[:, None]
-        else:
-            kernel, data = build_formula_kernel(build, functions, size, count)
+        kernel, data = build_formula_kernel(
+            build, functions, sum(self._sizes), len(multipliers), shared=not self._reads_self
+        )
         return ConstraintStatement(self.name, kernel, self.pieces, multipliers, data)
 
     @property
