@@ -1,4 +1,4 @@
-"""Protocols of beam kinematics and beam elements, and what both of beamdae's formulations share.
+"""Protocols of beam kinematics and elements, and the common part of both formulations.
 
 A kinematics expresses the motion of a beam's points by its coordinates: in a floating frame
 (`floating_frame`), in the inertial frame (`exact`), or otherwise. Beams, damping, loads,

@@ -351,7 +351,7 @@ def _interpolating_spline(parameter: Array, points: Array, degree: int) -> Any:
 
 
 def fit_smoothing_spline(parameter: Array, points: Array, noise: float) -> Any:
-    """Return the smoothing spline whose root mean square error in each coordinate is `noise` [m].
+    """Return the smoothing spline whose rms error in each coordinate is `noise` [m].
 
     Raises
     ------
