@@ -1,4 +1,4 @@
-"""Auto: the choice between Ida and Radau."""
+"""Auto chooses between Ida and Radau."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What happens where laws change, and what happens to the books there."""
+"""Breakpoints of laws: restarts, jumps, resolution and the energy balance."""
 
 import casadi as ca
 import numpy as np
@@ -34,7 +34,7 @@ def test_driver_speed_jump_counts_as_work(integrator):
     assert solution.status.success
     # Inertia about the hinge 0.6 kg m^2 at 2 rad/s, and the weight lifted to sin(1.4 rad) / 2.
     expected = 0.5 * 0.6 * 2.0**2 + 2.0 * 9.81 * 0.5 * np.sin(1.4)
-    # Steps of first order lose as much of the work as they are of the motion.
+    # The work error of first-order steps equals their relative step length.
     first_order = integrator.accuracy.name == "step" and integrator.order == 1
     bound = integrator.step if first_order else 1e-5
     assert_allclose(solution.ledger["energy.work_of_drivers [J]"].iloc[-1], expected, rtol=bound)
@@ -42,7 +42,7 @@ def test_driver_speed_jump_counts_as_work(integrator):
 
 
 def test_late_pulse_is_resolved():
-    """The default largest step, a twentieth of the run, sees a pulse as long as that."""
+    """The default longest step, a twentieth of the run, resolves a pulse of that length."""
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
     pulse = ca.exp(-(((t - 8.0) / 0.5) ** 2))
     mass = bd.ConstrainedSystem(t=t, q=q, v=v, mass=1.0, force=pulse, q0=[0.0], v0=[0.0])
@@ -71,13 +71,13 @@ def damped_cantilever():
 
 
 def test_strongly_damped_beam_dissipates_its_strain_energy():
-    """The sign of the dissipation: strain energy of a release goes there, none is left."""
+    """Sign of the dissipation: all strain energy of a release is dissipated."""
     mech, beam = damped_cantilever()
     mech.add(bd.Force("push", beam.end, (0.0, bd.piecewise((1.0, 50.0), 0.0))))
     solution = bd.simulate(mech, bd.Ida(1e-5), t_end=3.0)
     ledger = solution.ledger.iloc[-1]
     work = ledger["energy.work_of_loads [J]"]
-    # Quasi-static F^2 L^3 / (3 EI) of the push, all of it dissipated in the end.
+    # Work of the quasi-static push, F^2 L^3 / (3 EI), which is dissipated entirely.
     assert_allclose(work, 50.0**2 * 0.5**3 / (3.0 * 70e9 * 0.03 * 0.01**3 / 12.0), rtol=0.02)
     assert_allclose(ledger["energy.dissipated [J]"], work, rtol=1e-3)
     assert solution.quality.energy_imbalance < 1e-3
@@ -95,7 +95,7 @@ def test_positive_bending_moment_lengthens_the_left_side():
 
 
 def test_regression_drift_at_a_breakpoint_is_not_reported_as_a_jump():
-    """The restart corrected 1.3e-3 of drift, and the run-up was blamed for it."""
+    """The restart corrected a drift of 1.3e-3, which was reported as a jump of the run-up."""
     from slider_crank import slider_crank
 
     drifting = bd.Ida(1e-3, formulation="index1")

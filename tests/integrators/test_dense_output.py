@@ -1,4 +1,4 @@
-"""Rows between steps: as good as the steps, whatever the method."""
+"""Dense output is as accurate as the steps, for every method."""
 
 import numpy as np
 from benchmarks.cases import pendulum, pendulum_motion
@@ -20,7 +20,7 @@ def errors(state, t):
 
 
 def between(interval):
-    """Times at tenths of all steps."""
+    """Return times at tenths of all steps."""
     inside = np.linspace(0.1, 0.9, 9) * np.diff(interval.t)[:, None]
     return (interval.t[:-1, None] + inside).ravel()
 
@@ -33,13 +33,13 @@ def test_dense_output_is_as_accurate_as_the_steps(integrator):
     ratio = errors(interval.at(t), t) / errors(interval.state, interval.t)
     bounds = np.array([1.5, 1.5, 1.5])
     if integrator.method == "Radau":
-        # Its v is of order 5 at the steps and of order 4 between them.
+        # Velocities of Radau are of order 5 at the steps and of order 4 between them.
         bounds[1] = 10.0
     assert (ratio < bounds).all(), ratio
 
 
 def test_radau_dense_output_orders_are_five_four_and_three(monkeypatch):
-    # As at the steps, see test_integrator_orders: steps as long as allowed, and no Newton error.
+    # As in test_integrator_orders: the longest steps allowed, and no Newton error.
     monkeypatch.setattr(radau_stepper, "_MAX_ITERATION_FRACTION", 1e-12)
     errors_by_step = []
     for count in (80, 160):
@@ -51,7 +51,7 @@ def test_radau_dense_output_orders_are_five_four_and_three(monkeypatch):
 
 
 def four_bar():
-    """Four-bar with a coupler whose sections are damped, run up in 0.02 s."""
+    """Four-bar with a damped coupler, run up in 0.02 s."""
     mech = bd.Mechanism()
     alloy = bd.Material(E=70e9, nu=0.3, rho=2700.0)
     strip = bd.Section.rectangle(alloy, width=0.02, height=0.004, damping=1e-3)
@@ -73,7 +73,7 @@ FOUR_BAR = four_bar()
 
 @integrators(rtol=1e-4, step=1e-3, slow=("alpha adaptive",))
 def test_regression_damped_section_forces_do_not_spike_between_steps(integrator):
-    """Thousands of N between steps with a hundred, after the start and the end of the run-up."""
+    """Forces of 100 N at the steps were thousands of N between them, around the run-up."""
     solution = bd.simulate(FOUR_BAR, integrator, 0.04)
     assert solution.status.success, solution.status.sentence
     observed = measures.ObservedRows(FOUR_BAR)
@@ -83,6 +83,6 @@ def test_regression_damped_section_forces_do_not_spike_between_steps(integrator)
             np.abs(observed(np.stack([x, 0.0 * x + interval.branch], -1), *y))
             for x, y in ((t, interval.at(t)), (interval.t, interval.state))
         )
-        # A polynomial of degree 4 grows to 2.2 times the values of its last steps at most, if
-        # these are equally long; it was hundreds of times.
+        # A polynomial of degree 4 exceeds the values of its last steps by 2.2 at most if these
+        # are equally long; the factor was in the hundreds.
         assert (inside.max(axis=0) < 2.3 * at_steps.max(axis=0)).all()

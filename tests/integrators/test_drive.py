@@ -1,4 +1,4 @@
-"""What the drive heeds, whatever the method does: limits, breakpoints, rows, the user."""
+"""The driver of all methods: limits, breakpoints, step history, progress and interrupts."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from beamdae.results.outcome import Statistics
 
 
 class Rolling:
-    """A particle that rolls on at its speed; `slip` changes what a step gives."""
+    """Steps of a particle at constant speed; `slip` changes the result of a step."""
 
     steps_per_check = 64
     resolved_options = {}  # noqa: RUF012 as the protocol has it
@@ -94,7 +94,7 @@ def test_history_keeps_any_number_of_rows(steps):
     ids=["stuck", "past the end", "infinite", "no number"],
 )
 def test_regression_method_with_invalid_times_fails(slip, words):
-    """One ran for ever, the others reached the end with tables of what was not there."""
+    """One such run never ended, the others reached the end with meaningless tables."""
     solution = bd.simulate(rolling(), Roll(slip=slip), 1.0)
     assert solution.status.kind == "failed"
     assert f"stopped at t = 0.04 s: {words}" in solution.status.sentence
@@ -108,13 +108,13 @@ def test_regression_nonfinite_states_fail_the_run():
     solution = bd.simulate(rolling(), Roll(slip=slip), 1.0)
     assert solution.status.kind == "failed"
     assert "the state is not finite" in solution.status.sentence
-    # What was good is kept.
+    # The valid steps are kept.
     assert_allclose(solution.trajectory.end, 0.04)
     assert np.isfinite(solution.table().to_numpy()).all()
 
 
 def with_stages(t, state, k, count=2):
-    """The step before, with stages at parts of the step that leads to `t`."""
+    """Return a step to `t` with inner stages at these fractions of it."""
     return t, state, [(t - 0.01 * (1.0 - x), state) for x in (0.2, 0.6, 0.8)[:count]]
 
 
@@ -176,7 +176,7 @@ def test_time_limit_applies_after_every_step():
 
 @pytest.mark.parametrize("answer", [True, 1, 0.5, [1], None])
 def test_regression_only_a_string_from_progress_ends_a_run(answer):
-    """Bars answer with True now and then, which ended the run."""
+    """Progress bars sometimes return True, which ended the run."""
     run = bd.simulate(rolling(), Roll(step=1e-3), 1.0, progress=lambda t: answer)
     assert run.status.success
 
@@ -207,7 +207,7 @@ def test_regression_interrupt_while_history_grows_leaves_only_complete_rows(monk
 @pytest.mark.parametrize("breakpoints", [(0.3, np.nextafter(0.3, 1.0)), (0.1 + 0.2, 0.3)])
 @pytest.mark.parametrize("t_end", [1.0, 0.3, 0.1 + 0.2])
 def test_regression_times_that_differ_by_rounding_are_merged(breakpoints, t_end):
-    """Ida ended in a KeyError, generalized-alpha with reactions of 1e18."""
+    """Ida raised a KeyError, generalized-alpha returned reactions of 1e18."""
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
     for k, b in enumerate(breakpoints):
@@ -229,10 +229,10 @@ def threads_of_blas():
 
 @pytest.fixture
 def two_threads_of_blas():
-    """As many as a machine of two cores gives a process; the tests themselves have one."""
+    """Set two BLAS threads, as on a machine of two cores; tests run with one."""
 
     def have(number):
-        # From a thread that ends: until then no other one could change them.
+        # Set by a thread that ends: until then no other thread could change them.
         change = threading.Thread(target=threadpoolctl.threadpool_limits, args=(number,))
         change.start()
         change.join()
@@ -272,7 +272,7 @@ def test_regression_overlapping_runs_restore_blas_threads(two_threads_of_blas):
 
 
 def test_regression_thread_that_outlives_a_run_restores_blas_threads(two_threads_of_blas):
-    """Threadpoolctl takes changes from the thread alone that was the first to make one."""
+    """Threadpoolctl accepts changes only from the thread that made the first one."""
     entered, left = threading.Event(), threading.Event()
 
     def stay():
@@ -373,7 +373,7 @@ def test_progress_during_the_pilot_run_gets_the_start_time():
 
 
 def test_regression_compilation_for_the_pilot_run_is_setup_time(monkeypatch):
-    """It made the first run of a process seven times as long as the next one."""
+    """The first run of a process seemed to take seven times as long as the next one."""
     added_time = 0.0
 
     def slow_down(method_on):
@@ -393,7 +393,7 @@ def test_regression_compilation_for_the_pilot_run_is_setup_time(monkeypatch):
         lambda self, whole, plan, on, *more: init(self, whole, plan, slow_down(on), *more),
     )
     statistics = bd.simulate(hub_beam(elements=2), bd.Ida(1e-4), t_end=0.2).statistics
-    assert added_time >= 2000.0, "a scout and the run"
+    assert added_time >= 2000.0, "a pilot run and the run"
     assert statistics.setup_time > added_time
     assert statistics.wall_time < 1000.0
 
@@ -404,7 +404,7 @@ def test_interrupted_pilot_run_is_named_in_the_status():
 
     solution = bd.simulate(hub_beam(elements=2), bd.Ida(1e-4), t_end=0.2, progress=interrupt)
     assert solution.status.kind == "interrupted"
-    # Its rows are those of another tolerance than that of the run.
+    # The rows have the tolerance of the pilot run.
     assert "of the pilot run with rtol = 0.01" in solution.status.sentence
 
 

@@ -1,4 +1,4 @@
-"""Events: located on the dense output, recorded, and what ends a run."""
+"""Events: location on the dense output, records, and terminal events."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from beamdae.integrators.integrator import Accuracy
 from beamdae.integrators.method import clip_step
 from beamdae.results.outcome import Statistics
 
-# From a height of 2 m, and from the horizontal to the bottom of a pendulum of 1 m.
+# Fall from a height of 2 m; quarter swing of a pendulum of 1 m from the horizontal.
 FALL = np.sqrt(4.0 / 9.81)
 QUARTER = np.sqrt(1.0 / 9.81) * ellipk(0.5)
 
@@ -34,7 +34,7 @@ def falling(*events, height=2.0, gravity=-9.81):
 
 
 def particle(force, q0, v0, *events, observe=None, breakpoints=()):
-    """One coordinate x under force(t, x, v)."""
+    """Return a system of one coordinate x under force(t, x, v)."""
     t, q, v = (ca.SX.sym(name) for name in "tqv")
     observe = {} if observe is None else {k: f(t, q, v) for k, f in observe.items()}
     return bd.ConstrainedSystem(
@@ -54,7 +54,7 @@ def pendulum(*events):
 
 @dataclass(frozen=True)
 class Ballistic(bd.Integrator):
-    """A user's own method: exact steps where the force is constant."""
+    """A user-defined method whose steps are exact for constant forces."""
 
     step: float = 0.05
 
@@ -95,7 +95,7 @@ HIT = ("ball.y", {"direction": "down", "name": "impact"})
 @ALL
 def test_a_fall_stops_at_the_impact(integrator):
     solution = bd.simulate(falling(HIT), integrator, 5.0)
-    # Steps with an error of rtol of the motion, 2 m, at 6 m/s; the others are exact.
+    # Error rtol times the motion of 2 m at 6 m/s; the other integrators are exact.
     assert_allclose(solution.t[-1], FALL, atol=1e-6)
     assert solution.status.kind == "ok"
     assert solution.status.sentence == f"stopped by event impact at t = {solution.t[-1]:.6g} s"
@@ -119,7 +119,7 @@ def test_a_pendulum_passes_its_bottom_at_times_of_the_elliptic_integral(integrat
     solution = bd.simulate(pendulum(*bottoms), integrator, 6.5 * QUARTER)
     for direction, expected in times.items():
         rows = solution.events[solution.events["event"] == direction]
-        # 100 rtol of the motion, 2 m at 4.4 m/s; of the fixed step 2e-6 each quarter.
+        # 100 rtol of the motion of 2 m at 4.4 m/s; 2e-6 each quarter with the fixed step.
         assert_allclose(rows["t [s]"], expected, atol=1e-4)
         assert_allclose(rows["x [m]"], 0.0, atol=1e-12)
         assert_allclose(rows["y [m]"], -1.0, atol=1e-4)
@@ -296,7 +296,7 @@ def test_constrained_system_accepts_only_events():
 
 
 def test_regression_event_table_without_multipliers():
-    """Rows without multipliers could not be put together."""
+    """Tables of events without multipliers could not be built."""
     for height, count in ((2.0, 1), (200.0, 0)):
         mech = falling(("ball.y", {"do": "record", "name": "impact"}), height=height)
         events = bd.simulate(mech, bd.Radau(), 1.0).events

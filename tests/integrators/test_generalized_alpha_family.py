@@ -1,4 +1,4 @@
-"""Newmark, HHT and generalized-alpha by their common parameter, and steps that adapt."""
+"""Newmark, HHT and generalized-alpha: parameters, orders, damping and adaptive steps."""
 
 from dataclasses import replace
 from functools import cache
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from benchmarks.cases import AREVALO, PENDULUM, SLIDER_CRANK, pendulum, pendulum_motion
 from numpy.testing import assert_allclose
-from tolerance_cases import every_case, every_case_in_its_time
+from tolerance_cases import every_case, every_case_by_duration
 
 import beamdae as bd
 from beamdae.equations.equations_of_motion import State
@@ -40,7 +40,7 @@ SMOOTH = {
     "Arevalo": (AREVALO.equations, AREVALO.answer, 1.5),
     "pendulum": (SWING, lambda t: pendulum_motion(9.81, 0.4 * np.pi, 0.5, t), 2.0),
 }
-# Each case and each form once, the other pairs in the slow run.
+# Each case and each form once; the other pairs are slow tests.
 every_smooth_case = pytest.mark.parametrize(
     ("case", "formulation"),
     [
@@ -68,7 +68,7 @@ def pushed_particle(law):
 
 
 def settings(equations, family, rho_inf, formulation="index3", form=None):
-    """What steps are made of, for Newton's iteration to go down to rounding."""
+    """Return arguments of steppers whose Newton iteration converges to rounding."""
     index3 = formulation == "index3"
     form = form or formulate_step(equations, not index3)
     start = AlphaStart(
@@ -78,10 +78,10 @@ def settings(equations, family, rho_inf, formulation="index3", form=None):
 
 
 class March:
-    """Steps of any length, one after the other, whatever their errors are."""
+    """Takes steps of any length, regardless of their errors."""
 
     def __init__(self, equations, *member, **more):
-        # Steps are halved where an interval is nearly over.
+        # Far away, because steps are halved near the end of an interval.
         far = 1e3
         self.steps = AdaptiveAlphaStepper(
             *settings(equations, *member, **more),
@@ -97,14 +97,14 @@ class March:
         self.n = equations.n
 
     def step(self, h):
-        """Take one; its row."""
+        """Take one step and return its row."""
         self.steps._run.next_step = h
         self.rows.append(self.steps.advance(1)[0].copy())
         return self.rows[-1]
 
     @property
     def found(self):
-        """Times, and states at them."""
+        """Times and states of the steps."""
         t, *parts = np.split(np.array(self.rows), 1 + np.arange(4) * self.n, axis=1)
         return t[:, 0], State(*parts)
 
@@ -114,7 +114,7 @@ def steps_of(solution):
 
 
 def errors(solution, answer):
-    """Largest errors of q, v and lam over the output times."""
+    """Return the largest errors of q, v and lam over the output times."""
     exact = answer(solution.t)
     values = {"q": solution.q, "v": solution.v, "lam": solution.lam}
     return np.array([np.max(np.abs(values[name] - exact[name])) for name in ("q", "v", "lam")])
@@ -173,8 +173,8 @@ def test_reported_settings_contain_family_and_tolerances():
 
 
 def test_families_share_members():
-    # HHT with alpha = -1/3; all of them are the average-acceleration method at rho_inf = 1 but
-    # for where generalized-alpha takes its averages.
+    # HHT with alpha = -1/3. At rho_inf = 1 all are the average-acceleration method, except for
+    # the averages of generalized-alpha.
     assert_allclose(
         family_parameters("hht", 0.5), family_parameters("generalized-alpha", 0.5), atol=1e-15
     )
@@ -184,13 +184,13 @@ def test_families_share_members():
 
 @cache
 def step_of_an_oscillator(omega):
-    """Equations and their form in a step: the same for all members."""
+    """Return an oscillator and its step equations, the same for all members."""
     equations = oscillator(omega).equations
     return equations, formulate_step(equations, stabilized=False)
 
 
 def amplification(family, rho_inf, h_omega):
-    """Eigenvalues of the map of (q, h v, h^2 q'', h^2 a) by one step of the integrator."""
+    """Return the eigenvalues of the map of (q, h v, h^2 q'', h^2 a) over one step."""
     equations, step = step_of_an_oscillator(h_omega)
     steps = FixedAlphaStepper(*settings(equations, family, rho_inf, form=step), step=1.0)
     nothing = State(*np.zeros((3, 1)), np.zeros(0))
@@ -206,7 +206,7 @@ def amplification(family, rho_inf, h_omega):
 
 @every_member
 def test_rho_inf_is_the_spectral_radius_at_infinite_frequency(family, rho_inf):
-    # Double and triple eigenvalues come out to the power 1/2 and 1/3 of rounding.
+    # Rounding errors of double and triple eigenvalues have the powers 1/2 and 1/3.
     radius = np.max(np.abs(amplification(family, rho_inf, 1e5)))
     assert_allclose(radius, rho_inf, rtol=0.0, atol=2e-3)
 
@@ -218,12 +218,12 @@ def test_amplification_is_at_most_one(family, rho_inf):
 
 
 def test_hht_below_one_half_has_another_eigenvalue():
-    # The reason of its limit: alpha_f / (1 - alpha_f) at infinity.
+    # The reason for the bound on rho_inf: alpha_f / (1 - alpha_f) at infinity.
     assert np.max(np.abs(amplification("hht", 0.2, 1e5))) > 1.5
 
 
 def remaining_energy(family, rho_inf):
-    """Energy of an oscillator left after ten periods of twenty steps, over the start."""
+    """Return the remaining share of energy after ten periods of twenty steps."""
     omega = 2.0 * np.pi
     integrator = bd.GeneralizedAlpha(step=0.05, rho_inf=rho_inf, family=family, start="plain")
     solution = bd.simulate(oscillator(omega), integrator, 10.0, 0.05)
@@ -238,7 +238,7 @@ def test_dissipation_falls_with_rho_inf(family):
 
 
 def test_generalized_alpha_damps_resolved_motion_less_than_newmark():
-    # The reason for the averages: the same damping at infinity for less of it below.
+    # The purpose of the averages: less damping at low frequencies for the same at infinity.
     energies = [remaining_energy(family, 0.8) for family in ("generalized-alpha", "hht", "newmark")]
     assert energies[0] > energies[1] > energies[2]
 
@@ -267,7 +267,7 @@ def test_damped_newmark_is_of_first_order(case, formulation):
 
 @pytest.mark.parametrize("family", ["generalized-alpha", "hht", "newmark"])
 def test_without_damping_every_family_is_of_second_order(family):
-    # Without constraints: nothing damps the multipliers then.
+    # Without constraints, because their multipliers would not be damped.
     errors_by_step = []
     for step in (0.01, 0.005):
         integrator = bd.GeneralizedAlpha(step=step, rho_inf=1.0, family=family)
@@ -285,12 +285,12 @@ def test_the_cured_start_keeps_multipliers_from_ringing(family, formulation):
             step=2e-3, rho_inf=0.8, family=family, formulation=formulation, start=start
         )
         lam = bd.simulate(SWING, integrator, 0.02, 2e-3).lam[1:, 0]
-        # What alternates from step to step; next to nothing is left of the motion itself.
+        # Second differences: the part that alternates from step to step.
         ringing.append(np.max(np.abs(np.diff(lam, 4))))
     assert ringing[0] < 0.2 * ringing[1]
 
 
-# Last q and lam after 100 steps, from the code before its steps were compiled.
+# Last q and lam after 100 steps, computed by the code before the loop was compiled.
 STORED = {
     ("index3", 0.0): (
         *(1.315419342290798, 1.001492487381957, -0.5049732933349123),
@@ -318,16 +318,16 @@ def test_fixed_steps_match_stored_values(formulation, rho_inf):
     last = solution.trajectory.intervals[0].state
     assert solution.statistics.steps == 100
     assert solution.statistics.rejected_steps == 0
-    # What iteration leaves at rounding adds up in the multipliers of index 3.
+    # Rounding errors of the iteration accumulate in the multipliers of index 3.
     values = [*last.q[-1], *last.lam[-1]]
     assert_allclose(values, STORED[formulation, rho_inf], rtol=2e-8)
 
 
-# Steps that change ----------------------------------------------------------------------------
+# Step changes ---------------------------------------------------------------------------------
 
 
 def step_change_errors(case, steps, family, formulation):
-    """Largest errors of q, v and lam with steps that change by a factor of two, every time."""
+    """Return the largest errors of q, v and lam if every step changes by a factor of two."""
     equations, answer, t_end = SMOOTH[case]
     h = np.where(np.arange(steps) % 2, 2.0, 1.0)
     h *= t_end / np.sum(h)
@@ -352,7 +352,7 @@ def test_second_order_with_a_step_change_at_every_step(case, family, formulation
 
 
 def test_step_change_does_not_disturb_the_multipliers(monkeypatch):
-    """One change, where the start-up cure has long done its work."""
+    """One step change, long after the start."""
     equations, answer, _ = SMOOTH["pendulum"]
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
     largest = []
@@ -400,7 +400,7 @@ def test_loop_jerk_equals_start_jerk(equations):
     jerk = JerkEquations.from_equations(equations).buffers(native=False)
     at = Motion(q, v, a, a, state.lam)
     assert evaluate_normal_jerk(jerk, *time, at, delta) == DONE
-    # Of a difference over 2 delta.
+    # Rounding of a difference over 2 delta.
     assert_allclose(
         jerk.unknowns[: equations.n], expected, rtol=0.0, atol=1e-9 * np.abs(expected).max()
     )
@@ -417,13 +417,13 @@ def test_step_changes_do_not_leave_the_loop(monkeypatch):
 
     monkeypatch.setattr(CompiledLoop, "__call__", count_call)
     equations = SLIDER_CRANK.equations
-    # With scales given no scout goes before the run.
+    # With stated scales there is no pilot run.
     equations = replace(equations, scales=equations.position_scales)
     solution = bd.simulate(equations, replace(ADAPTIVE, rtol=1e-6), 4.0)
     assert solution.status.success
     assert np.count_nonzero(np.abs(np.diff(steps_of(solution))) > 1e-9) >= 5
     assert calls.count(FIRST_STEP) == 1
-    # Of two matrices, in two orders each.
+    # Two matrices, with two pivot orders each.
     assert calls.count(NEW_PIVOTS) <= 4
     assert len(calls) <= 6 + solution.statistics.steps // 64
 
@@ -433,14 +433,14 @@ def test_adaptive_steps_match_interpreted_steps(monkeypatch):
     compiled = bd.simulate(PENDULUM.equations, integrator, 0.3)
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
     plain = bd.simulate(PENDULUM.equations, integrator, 0.3)
-    # Rounding, of steps in the power 1/3 of their errors.
+    # Rounding; steps vary with the power 1/3 of their errors.
     assert_allclose(steps_of(compiled), steps_of(plain), rtol=1e-6)
 
 
 # Adaptive steps -------------------------------------------------------------------------------
 
 
-@every_case_in_its_time
+@every_case_by_duration
 def test_error_falls_with_rtol_and_stays_in_bounds(case):
     rtols = np.array([1e-3, 1e-4])
     solutions = [case.run(bd.GeneralizedAlpha(rtol=rtol)) for rtol in rtols]
@@ -500,18 +500,18 @@ def test_adaptive_steps_are_second_order(case, family, rho_inf, formulation):
         solution = bd.simulate(equations, integrator, t_end, t_end / 200)
         errors_by_rtol.append(errors(solution, answer))
         steps.append(solution.statistics.steps)
-    # Of the multipliers that of Arevalo's problem only. The error test does not see them: it lets
-    # the step of a pendulum grow where the jerk passes zero, at the cost of their error there.
+    # Multipliers of Arevalo's problem only: they are not in the error test, which lets the step
+    # of a pendulum grow where the jerk passes zero, at the cost of their error there.
     components = slice(0, 3 if case == "Arevalo" else 2)
     ratio = (errors_by_rtol[0] / errors_by_rtol[1])[components]
-    # Proportional to rtol, and that with steps that grow as its root.
+    # Errors proportional to rtol with steps proportional to its root.
     assert_allclose(ratio, 10.0, rtol=0.15)
     assert_allclose(np.log(ratio) / np.log(steps[1] / steps[0]), 2.0, rtol=0.0, atol=0.2)
     assert np.all(errors_by_rtol[1] < errors_by_rtol[0])
 
 
 def test_steps_follow_the_motion():
-    # A push of a tenth of a second in a run of five, no breakpoint near it.
+    # A push of 0.1 s in a run of 5 s, without a breakpoint.
     def push(t):
         return 100.0 * np.exp(-(((t - 1.0) / 0.1) ** 2))
 
@@ -519,11 +519,11 @@ def test_steps_follow_the_motion():
     (segment,) = solution.trajectory.intervals
     h, t = np.diff(segment.t), segment.t[1:]
     during = h[(t > 0.9) & (t < 1.1)]
-    # A twentieth of the run is the longest step; those of the end share what is left of it.
+    # The longest step is a twentieth of the run; the last steps are equal.
     assert_allclose(np.max(h[t > 2.0]), 0.25, rtol=0.1)
     assert np.max(during) < 0.01
     assert_allclose(solution.v[-1, 0], 5.0 * np.sqrt(np.pi), rtol=1e-3)
-    # As many as the push takes, and not what its step would make of the whole run.
+    # As many as the push needs, not the whole run at the step of the push.
     assert solution.statistics.steps < 0.2 * 5.0 / np.mean(during)
 
 
@@ -538,7 +538,7 @@ def test_steps_are_at_most_a_quarter_of_the_law_time_scale():
 @pytest.mark.parametrize(
     ("errors_seen", "step"),
     [
-        # The eighth says whether all of them allow a longer step: 0.8 error^(-1/3).
+        # After the eighth step the largest error decides: factor 0.8 error^(-1/3).
         ([1e-3] * 7, 1.0),
         ([1e-3] * 8, 2.0),
         ([0.1] * 8, 0.8 * 10.0 ** (1.0 / 3.0)),
@@ -569,7 +569,7 @@ def test_factors_are_reused_while_the_step_is_constant():
     h = steps_of(solution)
     changes = np.count_nonzero(np.abs(np.diff(h) / h[1:]) > 1e-6)
     s = solution.statistics
-    # A linear system: one factorization a step size, rejected ones included.
+    # A linear system: one factorization for each step length, rejected ones included.
     assert s.factorizations <= 1 + changes + s.rejected_steps
     assert s.factorizations < 0.1 * s.steps
 
@@ -593,7 +593,7 @@ def test_breakpoints_are_hit_and_followed_by_the_first_step():
 
 
 def test_the_last_two_steps_before_a_breakpoint_are_equal():
-    # What is left over is shared out, not taken as a tiny step.
+    # The remainder is split into two equal steps instead of a tiny one.
     solution = bd.simulate(pushed_particle(bd.piecewise((0.12345, 5.0), 0.0)), ADAPTIVE, 1.0)
     for segment in solution.trajectory.intervals:
         h = np.diff(segment.t)
@@ -637,7 +637,7 @@ def test_unbounded_force_fails_the_run():
 
 @every_formulation
 def test_newton_failure_shrinks_the_step(formulation):
-    # No point of the plane is on this circle once the center has moved two radii away.
+    # The joint cannot be closed once the center has moved two radii away.
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
     reach = ca.vertcat(ca.dot(q, q) - 1.0, q[0] - t)
     torn = bd.ConstrainedSystem(
@@ -684,7 +684,7 @@ def test_max_steps_limits_the_run():
     assert whole.status.success
     steps = whole.statistics.steps
     assert bd.simulate(pushed_particle(law), replace(ADAPTIVE, max_steps=steps), 1.0).status.success
-    # Of the run, not of a segment.
+    # The limit applies to the run, not to a segment.
     limited = bd.simulate(pushed_particle(law), replace(ADAPTIVE, max_steps=steps - 1), 1.0)
     assert not limited.status.success
     assert f"max_steps = {steps - 1} taken" in limited.status.sentence

@@ -1,4 +1,4 @@
-"""No run goes on for ever, whatever it is given, and none is lost when it is interrupted."""
+"""Stall detection, rejected inputs, and interrupts that keep the steps of a run."""
 
 import functools
 import os
@@ -45,7 +45,7 @@ def strip(force=None, law=None, damping=1e-4, material=ALLOY, elements=1, **moti
 
 @functools.cache
 def equations(force=None, damping=1e-4, law=None, angular_velocity=0.0):
-    """Those of a strip, built once."""
+    """Return the equations of a strip, built once."""
     motion = {"angular_velocity": angular_velocity}
     return bd.equations_of_motion(strip(force, law, damping, **motion))
 
@@ -55,7 +55,7 @@ FAST = bd.sine(1.0, 1e9)
 
 
 class Stepping:
-    """Steps of given lengths [s], the last of them again and again; nothing moves."""
+    """Takes steps of prescribed lengths [s] at constant state."""
 
     steps_per_check = 64
     resolved_options = {}  # noqa: RUF012 as the protocol has it
@@ -98,7 +98,7 @@ def ball():
 
 
 def test_regression_stalled_run_is_stopped():
-    """It went on, and its memory grew, until somebody ended it."""
+    """Such runs never ended, and their memory grew."""
     solution = bd.simulate(ball(), PrescribedSteps(lambda k: 1e-10), 1.0)
     assert solution.status.kind == "limited"
     for words in (
@@ -124,7 +124,7 @@ def test_max_steps_disables_stall_detection():
 
 
 def test_short_stiff_phase_does_not_stall():
-    """Nine thousand steps of a nanosecond, as in an impact, and fast again from there."""
+    """9000 steps of 1 ns, as in an impact, followed by steps of 1 ms."""
     solution = bd.simulate(ball(), PrescribedSteps(lambda k: 1e-9 if 200 < k < 9200 else 1e-3), 1.0)
     assert solution.status.success
     assert solution.statistics.steps > 9500
@@ -153,7 +153,7 @@ ADAPTIVE = [bd.Auto(), bd.Ida(), bd.Radau(), bd.GeneralizedAlpha(rtol=1e-4)]
     ids=["1 GN", "1e10 rad/s", "a moment that grows"],
 )
 def test_regression_extreme_inputs_end_with_a_reason(integrator, what, monkeypatch):
-    """They ran for minutes and took gigabytes. Their pace is seen at once with a shorter look."""
+    """Such runs took minutes and gigabytes. A shorter window detects the stall at once."""
     monkeypatch.setattr(limits, "_STALL_WINDOWS", ((4, 2e3),))
     solution = bd.simulate(equations(**what), integrator, 1.0)
     assert solution.status.kind in ("limited", "failed")
@@ -188,7 +188,7 @@ def test_extreme_inputs_end_with_default_limits(integrator, model):
 
 @pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda integrator: integrator.label)
 def test_regression_overflow_ends_a_run(integrator):
-    """A step that is no number was tried for ever."""
+    """A step that is not a number was retried forever."""
     dense = bd.Material(E=68.95e9, nu=0.3, rho=1e70)
     limited = type(integrator)(rtol=1e-4, time_limit=0.1)
     begin = time.perf_counter()
@@ -273,11 +273,11 @@ def test_very_short_runs_end(t_end, integrator):
     assert bd.simulate(equations(), integrator, t_end).status.success
 
 
-# Interrupts: where the integration had begun its rows are kept.
+# Interrupts: after the first step, the steps are kept.
 
 
 class Once:
-    """Raises KeyboardInterrupt at the nth call of what it stands for."""
+    """A function or method that raises KeyboardInterrupt on its nth call."""
 
     def __init__(self, function, n):
         self.function, self.left = function, n
@@ -285,7 +285,7 @@ class Once:
     def __get__(self, instance, owner):
         bound = self.function.__get__(instance)
 
-        # Wrappers of solvers look at the signature.
+        # scikit-sundae checks the signature.
         @functools.wraps(bound)
         def call(*args, **kwargs):
             self.left -= 1
@@ -325,7 +325,7 @@ def test_interrupt_in_a_sksundae_callback_keeps_the_steps(name, n, monkeypatch):
 
 
 def run_interrupted_while_prepared(equations, times, pilot=None, method=None):
-    """A run that is interrupted where its scout, or it, is made."""
+    """Interrupt a run while its pilot method or its method is prepared."""
     integrator = PrescribedSteps()
 
     def make_method(interrupt):
@@ -379,7 +379,7 @@ def test_interrupt_while_a_run_is_checked_keeps_it(monkeypatch):
 
 @pytest.mark.parametrize("ask", [bd.error_estimate, bd.verify])
 def test_regression_interrupt_of_an_error_estimate_is_raised(ask, monkeypatch):
-    """It was told as NaN."""
+    """The estimate was NaN."""
     solution = bd.simulate(equations(), bd.GeneralizedAlpha(step=0.01), 0.1)
     monkeypatch.setattr(FixedAlphaStepper, "advance", Once(FixedAlphaStepper.advance, 2))
     monkeypatch.setattr(RadauStepper, "advance", Once(RadauStepper.advance, 2))

@@ -1,4 +1,4 @@
-"""How IDA is driven: its vectors, its memory, its voice."""
+"""IDA: vectors, memory and output of its solvers, pivots and the step report."""
 
 import _thread
 import gc
@@ -29,7 +29,7 @@ compiled = pytest.mark.skipif(not is_native_enabled(), reason="without machine c
 
 
 class Copying(IDA):
-    """A wrapper of IDA that hands out copies of its vectors, and takes them back after the call."""
+    """scikit-sundae's class with copies of IDA's vectors, copied back after each call."""
 
     def __init__(self, residual, **options):
         def copied(t, y, yp, out):
@@ -41,7 +41,7 @@ class Copying(IDA):
 
 
 def test_regression_sksundae_with_copied_vectors_is_rejected(monkeypatch):
-    """Runs ended 600 rtol off, and said that they had reached the end."""
+    """Runs were off by 600 rtol, without any warning."""
     use_scikit_sundae(monkeypatch)
     monkeypatch.setattr(python_solver, "IDA", Copying)
     with pytest.raises(bd.BeamdaeError, match=r"^Ida: scikit-sundae .* hands out copies of IDA's"):
@@ -50,7 +50,7 @@ def test_regression_sksundae_with_copied_vectors_is_rejected(monkeypatch):
 
 @pytest.fixture
 def made(monkeypatch):
-    """What IDA is driven by, of each run in turn."""
+    """Callbacks of the runs, in order."""
     made = []
 
     class Watched(SksundaeCallbacks):
@@ -71,11 +71,11 @@ def test_installed_sksundae_shares_its_vectors(formulation, made):
 
 
 def test_regression_solver_memory_does_not_grow_with_the_run(made):
-    """The time of every residual was kept, gigabytes in a long run."""
+    """The time of every residual was stored, gigabytes in a long run."""
     for t_end in (0.1, 2.0):
         solution = bd.simulate(PENDULUM.equations, bd.Ida(rtol=1e-6), t_end)
     assert solution.statistics.residual_calls > 200
-    # The first is the scout of the short run, the last the long run itself.
+    # The first is the pilot run of the short run, the last is the long run.
     short, long = ({k: np.size(v) for k, v in vars(made[k]).items()} for k in (0, -1))
     assert short == long
 
@@ -89,7 +89,7 @@ def test_regression_overlapping_runs_restore_stdout():
         met = []
 
         def meet(t):
-            # All are under way before any of them ends, and they end in the order they began in.
+            # All start before any of them ends, and they end in the order of their starts.
             if not met:
                 met.append(inside.wait(10.0))
                 turns[number].wait(10.0)
@@ -137,7 +137,7 @@ def test_sundials_prints_nothing(capfd):
 
 
 def test_regression_memory_of_large_systems_does_not_grow_with_their_square(monkeypatch):
-    """A full matrix for the identity took 6 GB and most of the time at 1024 elements."""
+    """At 1024 elements a full matrix for the identity took 6 GB and most of the time."""
     sizes = {}
 
     def make_watched(residual, **options):
@@ -164,7 +164,7 @@ def test_regression_memory_of_large_systems_does_not_grow_with_their_square(monk
 
 
 def test_unstable_max_order_does_not_affect_the_pilot_run():
-    # BDF of order 5 makes undamped modes grow: a scout of that order saw seven times the motion.
+    # BDF of order 5 amplifies undamped modes: a pilot run of that order saw 7 times the motion.
     solutions = [
         bd.simulate(hub_beam(elements=4), bd.Ida(1e-4, max_order=k, max_steps=5), t_end=2.0)
         for k in ("auto", 5)
@@ -186,7 +186,7 @@ def test_compiled_steps_equal_sksundae_steps(equations, formulation, monkeypatch
     other = bd.simulate(equations, settings, 0.1)
     assert one.integrator["ida"] == "shared libraries"
     assert other.integrator["ida"] == "scikit-sundae"
-    # Factors differ by rounding, and so in the end do steps.
+    # Factors differ by rounding, and eventually steps do, too.
     assert_allclose(one.statistics.steps, other.statistics.steps, rtol=0.1)
     (a,), (b,) = (solution.trajectory.intervals for solution in (one, other))
     assert_allclose(a.t[:20], b.t[:20], rtol=1e-6)
@@ -239,12 +239,12 @@ def test_failures_before_a_restart_are_counted():
     first, both = (bd.simulate(equations, bd.Ida(1e-3), t_end) for t_end in (0.5, 1.0))
     assert len(both.trajectory.intervals) == 2
     failures = both.integrator["error_test_failures"]
-    # In the second interval nothing happens.
+    # The second interval is at rest.
     assert failures > 0.5 * first.integrator["error_test_failures"] > 10
 
 
 class CountedProposals:
-    """Plans, of which the first ones are none that serve; counts how often they are asked for."""
+    """Pivot proposals whose first ones are unusable; counts the requests."""
 
     def __init__(self, spoiled=0):
         self.calls, self._spoiled = 0, spoiled
@@ -290,7 +290,7 @@ def test_pivots_are_replaced_during_a_run(monkeypatch):
     def spoiling(self, most):
         calls.append(None)
         if len(calls) == 5:
-            # No entry is left to eliminate; solutions with the factors there are need none.
+            # An empty matrix cannot be eliminated; solutions with the current factors still work.
             self._newton.linear.plan.starts[:] = 0
         return advance(self, 8)
 
@@ -344,12 +344,12 @@ def test_exception_in_the_jacobian_is_raised_by_the_run(problem, monkeypatch, ca
 
 
 def test_pending_interrupt_is_caught_in_the_callback():
-    """It is raised as soon as the interpreter is entered, in front of the first line."""
+    """Python raises it as soon as the interpreter is entered, before the first line."""
     problems = []
     renewing = compiled_solver._pivot_renewal(None, None, None, problems)
     next(renewing)
     called = compiled_solver._RENEW_CALLBACK(renewing.__next__)
-    # Nothing is interpreted between the two calls.
+    # No bytecode is executed between the two calls.
     (_, done) = map(operator.call, [_thread.interrupt_main, called])
     assert done == 0
     assert [type(problem) for problem in problems] == [KeyboardInterrupt]
@@ -358,7 +358,7 @@ def test_pending_interrupt_is_caught_in_the_callback():
 
 @compiled
 def test_regression_solver_is_freed_with_its_last_reference():
-    """What SUNDIALS holds is freed at once, not when garbage is collected."""
+    """Memory of SUNDIALS is freed at once, not by the garbage collector."""
     references = []
     make_solver = stepper._make_solver
 

@@ -1,4 +1,4 @@
-"""Reactions that Ida does not test the error of, and corrections of parts that hardly move."""
+"""Ida: reactions outside the error test, and position corrections of nearly fixed parts."""
 
 import casadi as ca
 import numpy as np
@@ -28,7 +28,7 @@ def test_regression_reactions_in_friction_are_iterated(formulation, error_contro
     """
     settings = bd.Ida(1e-5, formulation=formulation, error_control=error_control)
     solution = bd.simulate(quick_return, settings)
-    # The promise, 100 rtol; the largest reaction is 4328 N m by all integrators at 1e-7.
+    # 100 rtol as documented; the largest reaction is 4328 N m by all integrators at 1e-7.
     assert solution.quality.energy_imbalance < 1e-3
     assert_allclose(np.max(np.abs(solution.lam)), 4328.0, rtol=1e-3)
 
@@ -44,7 +44,7 @@ def test_regression_friction_with_fast_modes(rtol):
 
 
 def with_flexible_link():
-    """Crank, slotted lever and ram of quick_return, with a strip of steel for its link."""
+    """quick_return with a steel strip as its link."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     ground, center, pin = mech.ground, (0.0, 0.3), (0.0, 0.42)
     crank = mech.add(bd.RigidBody.disk("crank", center, radius=0.15, mass=12.0))
@@ -81,7 +81,7 @@ def test_regression_the_reaction_of_a_driven_nonholonomic_row(formulation, rtol)
     mech, _ = body_with(lambda local: local.v[0] - speed * ca.sin(rate * local.time[0]))
     solution = bd.simulate(mech, bd.Ida(rtol, formulation=formulation), 2.0, 0.25)
     pull = MASS * (GRAVITY - speed * rate * np.cos(rate * solution.t))
-    # What the iteration may leave: a thousandth of the force.
+    # Bound on the error of the iteration: a thousandth of the force.
     assert_allclose(solution.lam[:, 0], pull, rtol=0.0, atol=1e-3 * MASS * GRAVITY)
 
 
@@ -104,7 +104,7 @@ def test_regression_tolerances_do_not_grow_with_rotations(integrator):
 
 @pytest.mark.parametrize("formulation", ["stabilized-index1", pytest.param("ggl", marks=slow)])
 def test_regression_rotation_errors_do_not_move_slow_parts(formulation):
-    """Half of them went to the frame, and a longer step was rejected: every fifth was tried twice.
+    """Half of the correction went to the frame: every fifth step was rejected.
 
     In ring_mount that was every single one, at order 1.
     """

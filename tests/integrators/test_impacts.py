@@ -1,4 +1,4 @@
-"""Impacts with restitution, by events: against closed forms, with the books closed."""
+"""Impacts with restitution by events: closed forms and energy balance."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_a_ball_bounces_at_times_of_the_geometric_series(integrator):
     speed = G * FALL * e ** np.arange(4)
     times = FALL + np.cumsum([0.0, *(2.0 * e * speed[:-1] / G)])
     events = solution.events
-    # 100 rtol of a second, of fixed steps rounding: they are exact for parabolas.
+    # 100 rtol of 1 s; fixed steps are exact for parabolas, up to rounding.
     assert_allclose(events["t [s]"], times, atol=1e-5)
     assert_allclose(events["ball.y_dot [m/s]"], -speed, rtol=1e-5)
     assert_allclose(events["impulse.bounce.gap"], 2.0 * (1.0 + e) * speed, rtol=1e-5)
@@ -48,12 +48,12 @@ def test_a_ball_bounces_at_times_of_the_geometric_series(integrator):
 
 @RUNS
 def test_accumulating_bounces_end_the_run(integrator):
-    """Zeno: all of them are over at FALL (1 + e) / (1 - e)."""
+    """Zeno: all bounces are over at FALL (1 + e) / (1 - e)."""
     e = 0.5
     with pytest.warns(bd.BeamdaeWarning, match="impacts of event bounce accumulate"):
         solution = bd.simulate(bouncing(e), integrator, 3.0)
     assert solution.status.kind == "limited"
-    # Flights that are shorter than a fixed step of 2e-4 s cannot be told from none.
+    # A fixed step of 2e-4 s does not resolve shorter flights.
     assert_allclose(solution.trajectory.end, FALL * (1.0 + e) / (1.0 - e), atol=1e-3)
     assert solution.columns["gap [m]"].min() > -1e-6
 
@@ -111,7 +111,7 @@ def test_bar_rebounds_from_a_stop(integrator):
     assert_allclose(left.impulses["left.angle"], about * 3.0, rtol=1e-6)
     assert_allclose(right.impulses["right.angle"], -about * 1.5, rtol=1e-6)
     assert_allclose(left.energy_lost, 0.5 * about * (4.0 - 1.0), rtol=1e-6)
-    # The center was at 2 rad/s 0.5 m and is at half of it the other way: 2 kg times 1.5 m/s.
+    # The center at 0.5 m reverses from 2 rad/s to half of it: 2 kg times 1.5 m/s.
     hinge = np.hypot(left.impulses["hinge.x"], left.impulses["hinge.y"])
     assert_allclose(hinge, 2.0 * 1.5, rtol=1e-5)
     assert solution.quality.energy_imbalance < 1e-6
@@ -133,7 +133,7 @@ def test_rod_falling_on_its_end_rotates():
 
 
 def test_opening_gap_has_no_impulse():
-    """The event asks for an impact where nothing meets."""
+    """The impact of the event has a gap that already opens."""
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0), velocity=(1.0, 1.0)))
     gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(ball.point)
@@ -146,7 +146,7 @@ def test_opening_gap_has_no_impulse():
 
 
 def test_moving_floor_reverses_the_relative_speed():
-    """A racket at 2 m/s: the speed relative to it is reversed."""
+    """The floor moves at 2 m/s: the relative speed is reversed."""
     mech = bd.Mechanism()
     racket = mech.add(bd.RigidBody("racket", mass=1.0, inertia=1.0))
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
@@ -160,7 +160,7 @@ def test_moving_floor_reverses_the_relative_speed():
     (hit,) = solution.event_records
     assert_allclose(hit.t, 0.5, rtol=1e-9)
     assert_allclose(solution.v[-1][solution.equations.q_names.index("ball.y")], 3.0, rtol=1e-9)
-    # What the driver gives is booked with the impact.
+    # The work of the driver is part of the energy lost in the impact.
     assert_allclose(hit.energy_lost, -0.5 * 9.0, rtol=1e-9)
     assert_allclose(hit.impulses["lift.travel"], -3.0, rtol=1e-9)
     assert solution.quality.energy_imbalance < 1e-9

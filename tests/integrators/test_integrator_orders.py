@@ -1,4 +1,4 @@
-"""Observed orders: they show a wrong formula where a small error does not."""
+"""Observed orders, which reveal wrong formulas that small errors hide."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from beamdae.integrators.radau import stepper as radau_stepper
 
 ANGLE, SPEED, GRAVITY = 0.4 * np.pi, 0.5, 9.81
 
-# Away from rest and from turning points: the jerk at the start is what the cure is about.
+# Away from rest and from turning points: the cured start corrects for the initial jerk.
 SWING = pendulum(GRAVITY, ANGLE, SPEED).equations
 CASES = {
     "Arevalo": (AREVALO.equations, AREVALO.answer, 1.5),
@@ -22,10 +22,10 @@ CASES = {
 
 
 def largest_errors(case, steps, **settings):
-    """Largest errors of q, v and lam over all steps of a run with so many steps."""
+    """Return the largest errors of q, v and lam over all steps of a run."""
     equations, answer, t_end = CASES[case]
     step = t_end / steps
-    # What Newton's iteration leaves adds up in lam where rho_inf is near 1.
+    # Errors of Newton's iteration accumulate in lam if rho_inf is near 1.
     integrator = bd.GeneralizedAlpha(step=step, newton_tolerance=1e-10, **settings)
     solution = bd.simulate(equations, integrator, t_end, output_step=step)
     assert solution.status.success, solution.status.sentence
@@ -43,7 +43,7 @@ def observed_orders(case, steps, **settings):
 @pytest.mark.parametrize("rho_inf", [0.9, 0.6, 0.0])
 @pytest.mark.parametrize(
     ("case", "formulation"),
-    # Each once, the other pairs in the slow run.
+    # Each once; the other pairs are slow tests.
     [
         ("Arevalo", "index3"),
         ("pendulum", "stabilized-index2"),
@@ -98,7 +98,7 @@ def test_undamped_generalized_alpha_keeps_the_energy_to_second_order():
 
 @pytest.mark.parametrize(
     ("case", "steps", "order"),
-    # The direction of a constraint that depends on time alone has no error.
+    # A constraint that depends on time only has a direction without error.
     [
         ("Arevalo", 40, 3),
         ("pendulum", 80, 3),

@@ -11,12 +11,12 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 
-# Limits turn what would run for ever into a failure.
+# Limits turn endless runs into failures.
 IDA = bd.Ida(rtol=1e-6, max_steps=20_000)
 ALPHA = bd.GeneralizedAlpha(step=1e-3)
 RADAU = bd.Radau(rtol=1e-6, max_steps=20_000)
 every_integrator = integrators(rtol=1e-6, step=1e-3, also=IDA_FORMS, max_steps=20_000)
-# For what no form of the equations has a part in: the further forms of Ida in the slow run.
+# Tests in which the form of the equations hardly matters: further forms of Ida are slow.
 every_integrator_in_its_form = integrators(
     rtol=1e-6, step=1e-3, also=IDA_FORMS, slow=IDA_FORMS, max_steps=20_000
 )
@@ -31,7 +31,7 @@ def pushed_particle(law, velocity=0.0):
 
 
 def guided_particle(law):
-    """The same on a rail."""
+    """The same particle on a rail."""
     mech = pushed_particle(law)
     particle = mech.part("particle")
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), particle.point))
@@ -149,7 +149,7 @@ def test_mechanism_without_end_time_is_rejected():
 
 
 def test_invalid_model_is_rejected():
-    """By whoever was given it."""
+    """Every public call that takes a model rejects it."""
     calls = {
         "simulate": lambda model: bd.simulate(model, ALPHA, 1.0),
         "equilibrium": bd.equilibrium,
@@ -165,7 +165,7 @@ def test_invalid_model_is_rejected():
 
 
 def test_generalized_alpha_parameters_match_the_paper():
-    # Arnold & Bruls 2007: rho_inf = 1 is the average-acceleration member, rho_inf = 0 kills
+    # Arnold & Bruls 2007: rho_inf = 1 is the average-acceleration member, rho_inf = 0 damps
     # infinite frequencies in one step.
     one, zero = replace(ALPHA, rho_inf=1.0), replace(ALPHA, rho_inf=0.0)
     parameters = [(i.alpha_m, i.alpha_f, i.beta, i.gamma) for i in (one, zero)]
@@ -181,9 +181,9 @@ def test_singular_law_ends_the_run_and_keeps_the_steps(integrator):
     assert not solution.status.success
     assert solution.status.kind == "failed"
     assert f"stopped at t = {solution.trajectory.end:.6g} s: " in solution.status.sentence
-    # Every integrator comes to within one of its steps, 1 ms where they are fixed.
+    # Every integrator stops within one of its steps, 1 ms if they are fixed.
     assert 0.498 < solution.t[-1] <= 0.5
-    # v = 1/2 int sqrt(1/2 - t) dt, known to a percent of where it ends: the error test sees only
+    # v = 1/2 int sqrt(1/2 - t) dt to a percent of its final value: the error test contains only
     # positions.
     exact = (0.5**1.5 - (0.5 - solution.t) ** 1.5) / 3.0
     assert_allclose(solution.v[:, 0], exact, rtol=0.0, atol=1e-3)
@@ -191,7 +191,7 @@ def test_singular_law_ends_the_run_and_keeps_the_steps(integrator):
 
 @every_integrator_in_its_form
 def test_nonreal_law_is_named_as_the_cause(integrator):
-    """Regression: IDA's steps become too small to advance time there, which explains nothing."""
+    """Regression: the reason was that IDA's steps become too small to advance time."""
     solution = bd.simulate(pushed_particle(lambda t: (0.2 - t) ** 1.5), integrator, 0.4)
     assert solution.status.kind == "failed"
     assert "the residual is not finite" in solution.status.sentence
@@ -232,12 +232,12 @@ def test_time_limit_limits_the_run(integrator):
     assert not solution.status.success
     assert "time limit of 0.05 s" in solution.status.sentence
     assert 0.0 < solution.trajectory.end < 100.0
-    # It looks at the clock every 64 steps; the rest is slack for a busy machine.
+    # The clock is checked every 64 steps; the rest is slack for a busy machine.
     assert solution.statistics.wall_time < 1.0
 
 
 def test_index_3_with_all_components_tested_fails():
-    # Its multipliers have errors of the order of the local tolerance over h^2.
+    # Multipliers have errors of the order of the local tolerance over h^2.
     settings = bd.Ida(rtol=1e-8, formulation="index3", error_control="all", max_steps=5_000)
     solution = bd.simulate(PENDULUM.equations, settings, 4.0)
     assert not solution.status.success
@@ -249,7 +249,7 @@ def test_index_3_with_all_components_tested_fails():
 @pytest.mark.parametrize("formulation", ["index3", "stabilized-index2"])
 def test_newton_failure_fails_the_run(formulation):
     settings = replace(ALPHA, step=2.0, formulation=formulation)
-    # No point of the plane is on this circle once the center has moved two radii away.
+    # The joint cannot be closed once the center has moved two radii away.
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
     reach = ca.vertcat(ca.dot(q, q) - 1.0, q[0] - t)
     torn = bd.ConstrainedSystem(
@@ -268,7 +268,7 @@ def test_interrupted_run_keeps_its_steps(integrator):
         if t > 0.3:
             raise KeyboardInterrupt
 
-    # Steps enough that progress is told between two looks.
+    # Enough steps for several calls of progress.
     if integrator.accuracy.name == "rtol":
         integrator = replace(integrator, rtol=1e-7)
     solution = bd.simulate(PENDULUM.equations, integrator, 4.0, 0.01, progress=interrupt)
@@ -285,7 +285,7 @@ def test_progress_gets_ascending_times(integrator):
     bd.simulate(PENDULUM.equations, integrator, 2.0, progress=times.append)
     assert len(times) > 3
     assert all(isinstance(t, float) for t in times)
-    # A scout is told of at the start, again and again; then times ascend.
+    # A pilot run reports the start time repeatedly; then times ascend.
     assert np.all(np.diff([t for t in times if t > 0.0]) > 0.0)
     assert times[-1] <= 2.0
 
@@ -302,8 +302,8 @@ def test_switched_force_is_integrated_accurately(integrator):
     inside = np.minimum(t, 0.3)
     v_exact = 2.5 * inside
     x_exact = 1.25 * inside**2 + 0.75 * (t - inside)
-    # Both start IDA afresh, twice instead of once; a constant force costs generalized-alpha
-    # nothing but rounding, and steps of first order half a step of the velocity.
+    # Ida restarts once more; with a constant force generalized-alpha has only rounding errors,
+    # and first-order steps an error of half a step times the velocity.
     usual = 1e-12 if isinstance(integrator, bd.GeneralizedAlpha) else 3e-6
     if integrator.accuracy.name == "step" and integrator.order == 1:
         usual = 0.51 * 2.5 * integrator.step
@@ -344,14 +344,14 @@ def test_driver_with_acceleration_jump_is_followed(integrator):
     solution = bd.simulate(mech, integrator, 1.0, 0.1)
     assert solution.status.success
     angle = np.where(solution.t < 0.4, solution.t**2, 0.16 + 0.8 * (solution.t - 0.4))
-    # On index 1 nothing but the accuracy of the integration holds the angle.
+    # On index 1 only the accuracy of the integration keeps the angle.
     assert_allclose(solution.q[:, 2], angle, rtol=0.0, atol=1e-5)
     if isinstance(integrator, bd.Ida) and integrator.formulation.startswith("index"):
-        # Where positions alone are tested, nothing holds the errors of their multipliers.
+        # If only positions are tested, errors of the multipliers are not controlled.
         return
     torque = solution.observed["motor.M [N m]"]
-    # 0.8 kg m^2 about the hinge at 2 rad/s^2, then nothing; the breakpoint itself belongs to what
-    # was before.
+    # 0.8 kg m^2 about the hinge at 2 rad/s^2, then zero; the breakpoint itself belongs to the
+    # interval before it.
     assert_allclose(torque, np.where(solution.t < 0.41, 1.6, 0.0), rtol=0.0, atol=2e-2)
 
 
@@ -377,26 +377,26 @@ def test_pulse_is_resolved(integrator):
     distance = speed * (5.0 - 0.5 * (PULSE_START + PULSE_END))
     before = solution.t < PULSE_START
     assert_allclose(solution.v[before, 0], 0.0, rtol=0.0, atol=1e-12)
-    # (rate h)^2 / 12 is 2e-3 for generalized-alpha, and a pulse is not long enough for IDA to
-    # leave the low orders.
+    # (rate h)^2 / 12 is 2e-3 for generalized-alpha, and during the pulse IDA remains at low
+    # orders.
     assert_allclose(solution.v[-1, 0], speed, rtol=1e-2)
     assert_allclose(solution.q[-1, 0], distance, rtol=1e-2)
 
 
 @every_integrator_in_its_form
 def test_smooth_pulse_with_time_scale_is_resolved(integrator):
-    # No breakpoint near it, and a twentieth of the run is 25 times its width.
+    # No breakpoint near it; a twentieth of the run is 25 times its width.
     width = 0.01
     bell = bd.Law((lambda t: 100.0 * np.exp(-(((t - 4.1) / width) ** 2)),), (), 4.0 * width)
     solution = bd.simulate(guided_particle(bell), integrator, 5.0, 0.1)
-    # Impulse 100 width sqrt(pi) on 2 kg; its low orders at steps of a quarter of the time scale
-    # cost IDA a percent.
+    # Impulse 100 width sqrt(pi) on 2 kg; low orders at steps of a quarter of the time scale
+    # cause an error of 1 % in IDA.
     assert_allclose(solution.v[-1, 0], 50.0 * width * np.sqrt(np.pi), rtol=2e-2)
 
 
 @every_integrator_in_its_form
 def test_sine_is_resolved(integrator):
-    # Zero at the start and at the end, and at every half of it: steps of those sizes see nothing.
+    # Zero at the start, at the end and halfway: steps of these lengths would miss it.
     solution = bd.simulate(guided_particle(bd.sine(100.0, 5.0)), integrator, 2.0, 0.05)
     omega = 10.0 * np.pi
     exact = 50.0 / omega * (1.0 - np.cos(omega * solution.t))
@@ -405,7 +405,7 @@ def test_sine_is_resolved(integrator):
 
 @pytest.mark.parametrize("integrator", [IDA, RADAU], ids=["ida", "radau"])
 def test_default_step_resolves_a_law_without_time_scale(integrator):
-    # A twentieth of the run is the longest step that is taken without being told.
+    # By default the longest step is a twentieth of the run.
     solution = bd.simulate(
         guided_particle(lambda t: 2.0 * np.sin(2.0 * np.pi * t)), integrator, 2.0, 0.05
     )
@@ -429,7 +429,7 @@ def test_statistics_count_calls(integrator):
     assert s.steps == sum(len(segment.t) - 1 for segment in solution.trajectory.intervals)
     assert s.residual_calls >= s.steps
     assert 1 <= s.jacobian_calls <= s.residual_calls
-    # Radau has a real and a complex matrix.
+    # Radau factorizes a real and a complex matrix.
     assert s.factorizations == s.jacobian_calls * (2 if integrator.method == "Radau" else 1)
     assert s.solves >= s.steps
     assert s.rejected_steps >= 0
@@ -479,7 +479,7 @@ def test_reactions_scale_with_mass(integrator):
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
     runs = []
     if isinstance(integrator, bd.GeneralizedAlpha):
-        # What its iteration leaves of the multipliers has nothing to do with masses.
+        # The iteration error of multipliers does not depend on masses.
         integrator = replace(integrator, newton_tolerance=1e-8)
     for mass in (1.0, 1e6):
         model = bd.ConstrainedSystem(
@@ -494,18 +494,18 @@ def test_reactions_scale_with_mass(integrator):
         )
         runs.append(bd.simulate(model, integrator, 1.0, 0.05))
     light, heavy = runs
-    # The same steps, were it not for rounding: a run differs from its like by its own error.
+    # The same steps up to rounding: two such runs differ by the error of a run.
     assert_allclose(light.statistics.steps, heavy.statistics.steps, rtol=0.1)
     assert_allclose(heavy.q, light.q, rtol=0.0, atol=3e-5)
     if not (isinstance(integrator, bd.Ida) and integrator.error_control == "positions"):
-        # Where positions alone are tested, nothing holds the errors of multipliers.
+        # If only positions are tested, errors of multipliers are not controlled.
         assert_allclose(heavy.lam / 1e6, light.lam, rtol=0.0, atol=1e-3)
 
 
 @pytest.mark.parametrize("step", [1e-3, 1e-4, 1e-5])
 @pytest.mark.parametrize("moment", [1e-3, 0.1])
 def test_regression_a_sudden_moment_on_a_light_section_starts(moment, step):
-    """The section's own rotary inertia answers with 2e6 rad/s^2; Newton's iteration diverged."""
+    """The rotary inertia of the section causes 2e6 rad/s^2; Newton's iteration diverged."""
     mech = bd.Mechanism()
     alloy = bd.Material(E=7e10, nu=0.3, rho=2700.0)
     strip = bd.Section.rectangle(alloy, width=0.02, height=0.005)

@@ -1,4 +1,4 @@
-"""Matrices of loops, and the pivots they are given."""
+"""Matrices of compiled loops, and their pivots."""
 
 import warnings
 
@@ -24,7 +24,7 @@ def test_pivots_of_another_matrix_are_tried_first():
     pair.renew_pivots(pair_factors)
     assert pair_factors.plan is factors.plan
     assert pair_factors.factors.matrix.dtype == complex
-    # Where they have served, but do no longer, they are not given once more.
+    # Pivots that worked before and fail now are not tried again.
     pair_factors.is_untried = 0
     pair.renew_pivots(pair_factors)
     assert pair_factors.plan is not factors.plan
@@ -66,7 +66,7 @@ def beam():
     ids=lambda x: f"{x.label}",
 )
 def test_runs_use_machine_code_if_available(integrator, monkeypatch):
-    """Nothing else fails where a loop cannot be compiled: it runs as plain Python."""
+    """Otherwise no test fails if a loop cannot be compiled: it runs in plain Python."""
     loops = []
     compile_loop = CompiledLoop.__init__
 

@@ -1,4 +1,4 @@
-"""The memory of a run is bounded by what there is."""
+"""Runs that exceed the available memory."""
 
 import functools
 import subprocess
@@ -49,7 +49,7 @@ def test_full_memory_ends_a_run_and_keeps_its_steps(integrator, monkeypatch):
     assert "states stored take 9.8e-05 GB" in solution.status.sentence
     assert "take longer steps or fewer elements" in solution.status.sentence
     assert 300 < solution.statistics.steps < 1100
-    # They are those of the run that had the memory, but for what a scout saw that had as little.
+    # Equal to the run with enough memory, except for the shorter pilot run.
     reached = len(solution.t)
     assert reached > 100
     assert_allclose(solution.q, whole.q[:reached], atol=1e-6)

@@ -1,4 +1,4 @@
-"""Every integrator meets every published case."""
+"""Accuracy of every integrator on every published case."""
 
 from functools import cache
 
@@ -16,8 +16,8 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 
-# What each first-order form allows in the error test: multipliers and, on index 3, velocities are
-# algebraic there, and their differences quotients of rounding stop it at small steps.
+# Components that each form allows in the error test: multipliers and, on index 3, velocities are
+# algebraic, and rounding in their difference quotients stops the run at small steps.
 TESTED = {
     "stabilized-index1": "velocities",
     "ggl": "velocities",
@@ -43,14 +43,14 @@ def every(slow):
     )
 
 
-# A pendulum is among the others; this one swings for ten seconds.
+# Another pendulum is among the other cases; this one swings for ten seconds.
 every_case = every(slow=[IFTOMM_PENDULUM])
-# Of those that run down to 1e-8, where the fast springs of the car axis take as long as the rest.
+# Cases tested down to 1e-8; the fast springs of the car axis would take as long as all others.
 every_case_at_tight_tolerances = every(slow=[IFTOMM_PENDULUM, CAR_AXIS])
 
 
 def every_formulation(formulations):
-    """Those to compare with in the slow run."""
+    """Return all formulations; those for comparisons are slow tests."""
     own = ("stabilized-index1", "ggl")
     return pytest.mark.parametrize(
         "formulation",
@@ -59,7 +59,7 @@ def every_formulation(formulations):
 
 
 def ida(rtol, formulation="stabilized-index1"):
-    # The limit turns a crawling run into a failed one.
+    # The limit turns a very slow run into a failed one.
     return bd.Ida(
         rtol=rtol,
         formulation=formulation,
@@ -71,7 +71,7 @@ def ida(rtol, formulation="stabilized-index1"):
 
 @cache
 def relative_errors(case, integrator):
-    """Largest error of each known quantity relative to its size."""
+    """Return the largest error of each quantity relative to its size."""
     exact = case.answer(np.array(case.times))
     errors = case.errors(case.run(integrator))
     return {name: errors[name] / max(1e-9, np.max(np.abs(exact[name]))) for name in errors}
@@ -93,21 +93,21 @@ def test_closed_forms_agree_with_an_independent_integration():
 @every_formulation([form for form in TESTED if form != "index3"])
 @every_case
 def test_ida_meets_the_case_to_its_tolerance(case, formulation, rtol):
-    # rtol holds the error of a step; a run adds up to some ten swings of them and its phase
-    # drifts. On index 1 nothing holds the positions on the constraints, and they drift as well.
+    # rtol bounds the error of a step. Errors of about ten swings accumulate in the phase, and on
+    # index 1 positions drift off the constraints as well.
     factor = 500.0 if formulation == "index1" else 100.0
     errors = relative_errors(case, ida(rtol, formulation))
     assert max(errors["q"], errors.get("v", 0.0)) < factor * rtol
-    # Multipliers are never tested; the algebraic ones have an error of the order of their
-    # velocities' one divided by a step.
+    # Multipliers are never tested; algebraic ones have the error of the velocities divided by the
+    # step.
     assert errors.get("lam", 0.0) < 10.0 * factor * rtol
 
 
 @pytest.mark.parametrize("rtol", RTOLS)
 @every_case
 def test_ida_on_index_3_meets_the_case_with_looser_bounds(case, rtol):
-    # Positions alone are tested: velocities are known to rtol / h, and h goes as rtol^(1/6), and
-    # the positions that follow from them to as much over a run.
+    # Only positions are tested: velocities have the error rtol / h with h ~ rtol^(1/6), and so
+    # have the positions after a run.
     errors = relative_errors(case, ida(rtol, "index3"))
     assert max(errors["q"], errors.get("v", 0.0)) < 10.0 * np.sqrt(rtol)
 
@@ -119,10 +119,10 @@ def test_the_error_of_ida_falls_with_its_tolerance(case, formulation):
         relative_errors(case, ida(rtol, formulation))["q"] for rtol in (1e-4, 1e-6, 1e-8)
     )
     assert second < first / 3.0
-    # At the one time there is of some cases an error may pass through zero.
+    # At the single reference time of some cases an error may pass through zero.
     assert third < max(second, 1e-6) / 3.0
-    # Over all four decades at least as the square root of rtol; about in proportion to it where
-    # velocities are tested, but a lucky run at the first tolerance hides a part of that.
+    # At least as the square root of rtol over all four decades. With velocities tested it is nearly
+    # proportional to rtol, but a fortunate run at the first tolerance hides part of that.
     assert third < first / (30.0 if formulation == "index3" else 100.0)
 
 
@@ -188,6 +188,6 @@ def test_every_setting_of_generalized_alpha_meets_the_case(rho_inf, formulation,
 )
 def test_stabilized_forms_keep_positions_and_velocities_on_the_constraints(integrator):
     solution = PENDULUM.run(integrator)
-    # Newton's iteration leaves them at a fraction of the local tolerance.
+    # Newton's iteration satisfies them to a fraction of the local tolerance.
     assert solution.quality.max_position_drift < 1e-6
     assert solution.quality.max_velocity_drift < 1e-5

@@ -1,4 +1,4 @@
-"""Radau IIA: coefficients, single steps, error estimate and steps against closed forms."""
+"""Radau IIA: coefficients, single steps, error estimate and step control."""
 
 import casadi as ca
 import numpy as np
@@ -37,7 +37,7 @@ def pushed_particle(law):
 
 @pytest.fixture
 def interpreted(monkeypatch):
-    """Loops as the Python they are stated in."""
+    """Run loops in plain Python."""
 
     def raise_unavailable(*_):
         raise MachineCodeError("it is not wanted")
@@ -46,7 +46,7 @@ def interpreted(monkeypatch):
 
 
 def one_step(equations, h):
-    """A step of the stages from the start, as exact as can be: the run after it."""
+    """Solve the stages of one step from the start to rounding and return the workspace."""
     plan = plan_run(equations, np.array([0.0, h]))
     method = bd.Radau(linear_solver="dense").method_on(plan)
     method.begin(0.0, h, 0.5 * h, plan.state)
@@ -68,7 +68,7 @@ def test_the_coefficients_are_those_of_radau_iia():
         assert_allclose(b @ C ** (k - 1), 1.0 / k, rtol=1e-14)
     for k in range(1, 4):
         assert_allclose(A @ C ** (k - 1), C**k / k, rtol=1e-14)
-    # RADAU5, radau5.f: U1, ALPH and BETA before its inversion of them.
+    # radau5.f: U1, ALPH and BETA before they are inverted.
     u = (6.0 + 81.0 ** (1 / 3) - 9.0 ** (1 / 3)) / 30.0
     alpha = (12.0 - 81.0 ** (1 / 3) + 9.0 ** (1 / 3)) / 60.0
     beta = (81.0 ** (1 / 3) + 9.0 ** (1 / 3)) * np.sqrt(3.0) / 60.0
@@ -92,7 +92,8 @@ def test_a_step_multiplies_an_oscillation_by_the_stability_function(z, interpret
     omega = 50.0
     run = one_step(oscillator(omega), z / omega)
     y = run.y + T[2] @ run.w
-    # v + i omega q goes as exp(i omega t). Hairer & Wanner, IV.3: R(z) of the method, L-stable.
+    # v + i omega q is proportional to exp(i omega t). Hairer & Wanner, section IV.3: R(z) of the
+    # method, which is L-stable.
     x = 1j * z
     factor = (1.0 + 0.4 * x + 0.05 * x**2) / (1.0 - 0.6 * x + 0.15 * x**2 - x**3 / 60.0)
     expected = factor * omega * (0.7 + 0.3j)
@@ -110,7 +111,7 @@ def test_the_error_estimate_is_that_of_radau5(z, damping, interpreted):
     stage_changes = np.linalg.solve(
         np.eye(6) - h * np.kron(A, jacobian), np.kron(A, h * jacobian) @ np.tile(y, 3)
     ).reshape(3, 2)
-    # Hairer & Wanner, IV (8.19) and before.
+    # Hairer & Wanner, section IV.8, up to (8.19).
     root = np.sqrt(6.0)
     e = np.array([-13.0 - 7.0 * root, -13.0 + 7.0 * root, -1.0]) / (3.0 * REAL_EIGENVALUE)
     matrix = REAL_EIGENVALUE / h * np.eye(2) - jacobian
@@ -131,25 +132,25 @@ def test_cubic_force_is_integrated_exactly():
 
 
 def test_factors_are_reused_while_the_step_is_constant():
-    # Linear, and steps of one size after the first few.
+    # A linear system with equal steps after the first few.
     steps = bd.simulate(pushed_particle(3.0), bd.Radau(1e-6, max_step=1e-3), 1.0).statistics
     assert steps.steps > 1000
-    # A real and a complex one each.
+    # Real and complex factorizations.
     assert steps.factorizations <= 12
     assert steps.newton_failures == steps.rejected_steps == 0
-    # One iteration on three stages a step, two in the first.
+    # One iteration on three stages in each step, two in the first one.
     assert steps.residual_calls == 3 * (steps.steps + 1)
 
 
 def test_factors_are_reused_while_the_step_changes_little():
     steps = bd.simulate(oscillator(5.0), bd.Radau(1e-8), 5.0).statistics
-    # Twice as many if each step had its own.
+    # Renewed factors in every step would be twice as many.
     assert steps.factorizations < steps.steps
 
 
 @pytest.mark.parametrize("velocities", [True, False])
 def test_iteration_weights_include_velocities(velocities):
-    """Over a short step an error that is nothing for a position is one of 100 m/s."""
+    """Over a short step a negligible position error is a velocity error of 100 m/s."""
     scales = MotionScales(np.array([2.0, 1.0]), np.array([4.0, 1.0]), 5.0, 1.0)
     tolerance = StepTolerance(1e-4, scales, velocities)
     assert_allclose(1.0 / tolerance.weights, 1e-4 * np.array([2.0, 1.0, 10.0, 5.0]), rtol=1e-14)
@@ -200,7 +201,7 @@ def test_permanent_newton_failure_fails_the_run(interpreted, monkeypatch):
 
 
 def eight_steps(of, rtol=1e-4):
-    """Rows of eight steps, and the run after them."""
+    """Return the rows of eight steps, the workspace, and the number of calls of the loop."""
     equations = bd.equations_of_motion(of())
     plan = plan_run(equations, np.array([0.0, 1.0]))
     method = bd.Radau(rtol).method_on(plan)
@@ -274,7 +275,7 @@ def test_undamped_fast_modes_are_not_resolved():
 
 
 def test_fully_driven_motion_meets_the_tolerance():
-    """Constraints hold it at any step: only the unfiltered error tells how well it is known."""
+    """Constraints determine it at any step: only the unfiltered error estimates its error."""
     errors = []
     for rtol in (1e-4, 1e-6, 1e-8):
         mech = bd.Mechanism()
@@ -305,7 +306,7 @@ def test_error_control_of_positions_allows_longer_steps():
 
 @pytest.mark.parametrize("moment", [pytest.param(1e-3, marks=pytest.mark.slow), 0.1])
 def test_a_sudden_moment_on_a_light_section_starts(moment):
-    """Accelerations of 2e6 rad/s^2 at the start are no measure of the step."""
+    """Initial accelerations of 2e6 rad/s^2 do not determine the step."""
     mech = bd.Mechanism()
     alloy = bd.Material(E=7e10, nu=0.3, rho=2700.0)
     strip = bd.Section.rectangle(alloy, width=0.02, height=0.005)
@@ -320,12 +321,12 @@ def test_a_sudden_moment_on_a_light_section_starts(moment):
     assert tight.status.success
     assert loose.statistics.steps < tight.statistics.steps / 2
     tips = [s.observed["tip.angle [rad]"].iloc[-1] for s in (loose, tight)]
-    # The section hardly turns in this time; rtol is relative to what it does.
+    # The section hardly rotates in this time; rtol is relative to its amplitude.
     assert_allclose(tips[0], tips[1], rtol=3e-2, atol=0.0)
 
 
 def test_newton_failure_fails_the_run():
-    # No point of the plane is on this circle once the line has moved a radius away.
+    # The joint cannot be closed once the line has moved a radius away.
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
     reach = ca.vertcat(ca.sumsqr(q) - 1.0, q[0] - t)
     torn = bd.ConstrainedSystem(

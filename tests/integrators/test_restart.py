@@ -1,4 +1,4 @@
-"""Runs that go on where others ended: in memory, from a file, and joined."""
+"""Continued runs: in memory, from a checkpoint, and joined."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_continued_run_equals_the_uninterrupted_one(integrator):
     assert later.t[0] == first.trajectory.end
     both = first.followed_by(later)
     assert_allclose(both.t, whole.t, atol=1e-15)
-    # Two runs with errors of 100 rtol of 1 m at most; fixed steps are exact to 1e-7.
+    # Two runs with errors of at most 100 rtol times 1 m; fixed steps are exact to 1e-7.
     assert_allclose(both.q, whole.q, atol=2e-5)
     assert both.quality.energy_imbalance < 1e-5
     assert both.statistics.steps == first.statistics.steps + later.statistics.steps
@@ -101,7 +101,7 @@ def test_a_ball_bounces_by_stops_and_restarts():
 
 
 def pushed_beyond_a_line():
-    """1 m/s up to x = 1 m at t = 1 s, from there on 0.5 N push 1 kg."""
+    """A mass of 1 kg at 1 m/s up to x = 1 m at t = 1 s, then pushed by 0.5 N."""
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
     push = mech.add(bd.Force("push", ball.point, (0.5, 0.0)))
@@ -115,7 +115,7 @@ def pushed_beyond_a_line():
 @pytest.mark.parametrize("off", [-1.1e-16, 0.0, 2.2e-16])
 @COARSE
 def test_event_at_the_end_of_a_run_happens_once(integrator, off, tmp_path):
-    """To rounding on its value at the end of the first run, on whichever side."""
+    """At the end of the first run the quantity is on its value up to rounding, on either side."""
     first = bd.simulate(pushed_beyond_a_line(), integrator, 1.0 + off)
     start = first.checkpoint(tmp_path / "end.json") if off == 0.0 else first
     later = bd.simulate(pushed_beyond_a_line(), integrator, 2.0, start=start)
@@ -126,7 +126,7 @@ def test_event_at_the_end_of_a_run_happens_once(integrator, off, tmp_path):
 
 @COARSE
 def test_run_stopped_right_after_its_start(integrator):
-    """A scout sees no more than rounding move."""
+    """The pilot run moves by rounding errors only."""
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
     mech.observe("ball", ball.point)
@@ -186,7 +186,7 @@ def test_checkpoint_with_a_flipped_bit_is_rejected_or_equal(tmp_path):
             refused += 1
         else:
             assert checkpoint == original
-    # What is left is white space.
+    # The remaining bytes are white space.
     assert refused > 0.5 * len(whole)
 
 
@@ -211,7 +211,7 @@ def test_end_of_a_failed_or_pilot_run_causes_a_warning(tmp_path):
     def halted(t):
         raise KeyboardInterrupt
 
-    # Its steps are too long for Newton's iteration where the mass falls into the center.
+    # The steps are too long for Newton's iteration where the mass falls into the center.
     mech = bd.Mechanism()
     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(-1.0, 0.0)))
     ends = (mass.point, mech.ground.at(0.0, 0.0))
@@ -230,7 +230,7 @@ def test_end_of_a_failed_or_pilot_run_causes_a_warning(tmp_path):
             with pytest.warns(bd.BeamdaeWarning, match="the run resumes from an unreliable state"):
                 later = bd.simulate(model, bd.Radau(), end, start=start)
             assert "unreliable state" in later.warnings[0]
-            # What reached its end from a state that is not to be trusted has not done so.
+            # A run from an unreliable state is not reported as successful.
             both = first.followed_by(later)
             assert both.status.kind == ("failed" if first is failed else "ok")
     with pytest.warns(bd.BeamdaeWarning, match="max_steps"):
@@ -267,7 +267,7 @@ def test_other_parameters_are_rejected_or_reported(tmp_path):
 
 
 def driven(law, mass=1.0):
-    """A mechanism without parameters by name."""
+    """A mechanism without named parameters."""
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", mass, at=(0.0, 0.0)))
     mech.add(bd.Force("push", ball.point, (law, 0.0)))

@@ -1,4 +1,4 @@
-"""Events that switch joints and forces: against closed forms, with the books closed."""
+"""Events that switch joints, forces and laws: closed forms and energy balance."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from numpy.testing import assert_allclose
 import beamdae as bd
 from beamdae.symbolic.statements import Named, Quantity
 
-# Of the two with fixed steps one is enough by default.
+# One of the two fixed-step integrators by default, the other one is slow.
 RUNS = integrators(1e-7, 2e-4, slow=("alpha stabilized",))
-# Of what others show with all of them.
+# A reduced set for behavior that other tests check with all integrators.
 SOME = integrators(1e-7, 2e-4, slow=("ida", "alpha", "alpha stabilized", "alpha adaptive"))
 SPEED, INERTIA = 2.0, 0.3
 
 
 def spinning(**bar):
-    """A bar that spins about its center, which a hinge holds."""
+    """A bar that spins about a hinge at its center."""
     mech = bd.Mechanism()
     bar = {"mass": 1.0, "inertia": INERTIA, "angular_velocity": SPEED} | bar
     bar = mech.add(bd.RigidBody("bar", **bar))
@@ -42,7 +42,7 @@ def test_released_bob_flies_freely(integrator):
     t = solution.t[solution.t > cut.t] - cut.t
     flown = {"bob.x [m]": -speed * t, "bob.y [m]": -1.0 - 0.5 * 9.81 * t**2}
     for column, expected in flown.items():
-        # 100 rtol of 5 m, and of fixed steps 2e-5.
+        # 100 rtol of 5 m; 2e-5 with fixed steps.
         assert_allclose(solution.columns[column][-len(t) :], expected, atol=1e-4)
     assert_allclose(solution.columns["bob.angle_dot [rad/s]"][-len(t) :], -speed, atol=1e-4)
     assert np.all(solution.lam[solution.t > cut.t] == 0.0)
@@ -58,7 +58,7 @@ def test_locked_bar_stands_still(integrator):
     lock = mech.add(bd.Driver("lock", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=0.5))
     mech.deactivate(lock)
     mech.when("bar.angle", 0.5, "up", bd.activate(lock), "caught")
-    # A rate that jumps over its value crosses it.
+    # A rate that jumps past its value crosses it.
     mech.when("bar.angle_dot", 0.5 * SPEED, "both", "record", "slow")
     solution = bd.simulate(mech, integrator, 1.0)
     caught, slow = solution.event_records
@@ -80,13 +80,13 @@ def test_locked_bar_stands_still(integrator):
 
 @RUNS
 def test_bar_caught_off_center_keeps_angular_momentum(integrator):
-    """Free until it is caught at a point: its angular momentum about that point is kept."""
+    """A free bar is caught at a point: its angular momentum about that point is conserved."""
     mech = bd.Mechanism()
     bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.4, angular_velocity=2.0 * np.pi))
     peg = mech.add(bd.Revolute("peg", mech.ground.at(0.5, 0.0), bar.at(0.5, 0.0)))
     mech.deactivate(peg)
     mech.observe("bar", bar.at(0.0, 0.0))
-    # After one turn it is where it was drawn.
+    # After one rotation it is where it was drawn.
     mech.when("bar.angle", 2.0 * np.pi, "up", bd.activate(peg), "caught")
     solution = bd.simulate(mech, integrator, 1.5)
     (caught,) = solution.event_records
@@ -118,7 +118,7 @@ def test_one_driver_replaces_another(integrator):
 
 @SOME
 def test_force_is_switched_off_and_on(integrator):
-    """1 N pushes 1 kg from 0 to 1 m, not from there to 2 m, and again from there on."""
+    """1 N pushes 1 kg from 0 to 1 m and again beyond 2 m, but not in between."""
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
     push = mech.add(bd.Force("push", ball.point, (1.0, 0.0)))
@@ -149,7 +149,7 @@ def test_open_joint_cannot_be_switched_on():
 
 @pytest.mark.slow(reason="thousands of switches")
 def test_endless_switching_ends_the_run():
-    """A mass is pushed back from the line x + v = 0 on either side: it slides along it."""
+    """Forces push a mass back to the line x + v = 0 from either side: it slides along it."""
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0)))
     left = mech.add(bd.Force("left", ball.point, (-5.0, 0.0)))
@@ -229,7 +229,7 @@ def test_checkpoint_stores_switched_parts(tmp_path):
 
 @SOME
 def test_driver_takes_over_at_the_current_position(integrator):
-    """Continuous in position wherever that is: by the laws alone they would be 7 rad apart."""
+    """Positions are continuous: the laws alone would differ by 7 rad."""
     mech, bar = spinning(angular_velocity=0.0)
     sides = (mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0))
     slow = mech.add(bd.Driver("slow", *sides, law=lambda t: 1.0 * t))
@@ -245,7 +245,7 @@ def test_driver_takes_over_at_the_current_position(integrator):
 
 
 def braked(brake_of, **bar):
-    """A bar that turns until it is braked after a second, and is let go another one later."""
+    """A rotating bar that is braked after 1 s and released 1 s later."""
     mech, bar = spinning(**bar)
     clock = mech.add(bd.PointMass("clock", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
     mech.observe("clock", clock.point)
@@ -303,13 +303,13 @@ def test_slide_and_link_are_locked_at_any_position():
 @pytest.mark.parametrize("joint", [bd.Weld, bd.Revolute])
 @pytest.mark.parametrize("swapped", [False, True])
 def test_rotating_gripper_keeps_the_offset(joint, swapped):
-    """Momentum is kept, and what it holds stays where it is on it."""
+    """Momentum is conserved, and the offset of the gripped body stays constant."""
     mech = bd.Mechanism()
     hand = mech.add(
         bd.RigidBody("hand", mass=2.0, inertia=0.4, velocity=(1.0, 0.0), angular_velocity=1.5)
     )
     box = mech.add(bd.RigidBody("box", mass=1.0, inertia=0.1, center=(0.5, 0.2)))
-    # Drawn where they meet, to be joined wherever they are.
+    # Drawn where they meet, joined at any position.
     places = [hand.at(0.5, 0.2), box.at(0.5, 0.2)]
     grip = mech.add(joint("grip", *(places[::-1] if swapped else places)))
     mech.deactivate(grip)
@@ -319,13 +319,13 @@ def test_rotating_gripper_keeps_the_offset(joint, swapped):
     solution = bd.simulate(mech, bd.Radau(1e-8), 2.0)
     x = {k.partition(" ")[0]: v for k, v in solution.columns.items()}
     after = solution.t > 0.3
-    # That of the box from the hand, seen from whichever body carries it.
+    # Offset of the box from the hand, in the frame of the body that carries it.
     carrier = "box" if swapped else "hand"
     way = np.array([x["box.x"] - x["hand.x"], x["box.y"] - x["hand.y"]])
     c, s = np.cos(x[f"{carrier}.angle"]), np.sin(x[f"{carrier}.angle"])
     seen = np.array([c * way[0] + s * way[1], c * way[1] - s * way[0]])
     if joint is bd.Weld or not swapped:
-        # A hinge holds a point of its second body: here the center of the box.
+        # A hinge keeps a point of its second body: here the center of the box.
         assert_allclose(seen[:, after] - seen[:, after][:, :1], 0.0, atol=1e-7)
     turn = x["box.angle"] - x["hand.angle"]
     assert (np.ptp(turn[after]) < 1e-7) == (joint is bd.Weld)
@@ -365,7 +365,7 @@ def test_checkpoint_stores_frozen_gaps(tmp_path):
 
 
 def test_failed_event_is_due_when_the_run_continues(tmp_path):
-    """The lock is open in the first run; in the second it holds what it finds."""
+    """The lock is open in the first run; in the second one it keeps the gap."""
 
     def caught(as_is, t_end, **more):
         mech, bar = spinning()
@@ -397,7 +397,7 @@ CYCLES = [bd.Radau(1e-7), bd.Ida(1e-7), bd.GeneralizedAlpha(step=2e-3)]
 
 
 def cycled(integrator, t_end=3.0, **more):
-    """1 rad/s up to 0.6 rad, there a second law with two breakpoints, held at the end."""
+    """A driver at 1 rad/s up to 0.6 rad, then a law with two breakpoints, then a constant angle."""
     mech, bar = spinning(angular_velocity=0.0)
     drive = bd.Driver("drive", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=lambda t: 1.0 * t)
     drive = mech.add(drive)
@@ -414,7 +414,7 @@ def cycled(integrator, t_end=3.0, **more):
 
 
 def angle_of(t):
-    """See `cycled`."""
+    """Angle of `cycled` [rad]."""
     s = t - 0.6
     bent = np.select(
         [s < 0.0, s < 0.5, s < 1.5],
@@ -432,15 +432,15 @@ def test_driver_follows_another_law_after_an_event(integrator):
     assert_allclose(x["bar.angle [rad]"], angle_of(t), atol=2e-6)
     braked = (t > 1.11) & (t < 2.09)
     assert_allclose(x["drive.M [N m]"][braked], -INERTIA, atol=1e-5)
-    # Off by the events' times.
+    # The error is that of the event times.
     rate = 1.0 - (t - 1.1)
     assert_allclose(x["drive.power [W]"][braked], (-INERTIA * rate)[braked], atol=1e-5)
-    # The law starts and goes on without a jump of velocities; it is caught at the end of it.
+    # The law continues without a velocity jump; the last law stops the bar.
     slower, held = solution.event_records
     assert abs(slower.energy_lost) < 1e-9
     assert_allclose(held.energy_lost, 0.5 * INERTIA * 0.25**2, rtol=1e-6)
     assert solution.quality.energy_imbalance < 1e-6
-    # It restarts where pieces of the law meet.
+    # Runs restart where pieces of the law meet.
     ends = [interval.t[-1] for interval in solution.trajectory.intervals]
     assert_allclose(ends, [0.6, 1.1, 2.1, 2.5, 3.0], atol=1e-6)
 

@@ -1,4 +1,4 @@
-"""Honest tolerance: the error of a whole run stays within a known factor of rtol.
+"""The error of a whole run stays within a documented factor of rtol.
 
 References: Radau at a tight tolerance, confirmed by Richardson extrapolation of generalized-alpha
 (validation/tolerances/run.py --references), agreement 4e-6 of the amplitude or better.
@@ -9,7 +9,7 @@ import pytest
 from hub_beam import hub_beam
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
-from tolerance_cases import every_case, every_case_in_its_time
+from tolerance_cases import every_case, every_case_by_duration
 
 import beamdae as bd
 
@@ -17,7 +17,7 @@ adaptive = pytest.mark.parametrize("integrator", [bd.Ida, bd.Radau])
 
 
 @adaptive
-@every_case_in_its_time
+@every_case_by_duration
 def test_error_falls_with_rtol_and_stays_in_bounds(case, integrator):
     rtols = (1e-3, 1e-4)
     solutions = [case.run(integrator(rtol)) for rtol in rtols]
@@ -31,7 +31,7 @@ def test_error_falls_with_rtol_and_stays_in_bounds(case, integrator):
 @adaptive
 @every_case
 def test_error_keeps_falling_at_tight_tolerances(case, integrator):
-    # The test above has the first one in common.
+    # The first case is in the test above, too.
     rtols = (1e-4, 1e-5, 1e-6, 1e-7)
     errors = np.array([case.errors(case.run(integrator(rtol))).max() for rtol in rtols])
     assert np.all(np.diff(errors) < 0.0)
@@ -41,7 +41,7 @@ def test_error_keeps_falling_at_tight_tolerances(case, integrator):
 @pytest.mark.parametrize(
     ("damping", "rtol", "order"),
     [
-        # Of one damping, as the tolerance has it; the others in the slow run.
+        # One damping for each tolerance; the others are slow tests.
         (1e-4, 1e-3, 2),
         (1e-4, 1e-5, 5),
         *(
@@ -51,7 +51,7 @@ def test_error_keeps_falling_at_tight_tolerances(case, integrator):
     ],
 )
 def test_auto_order_is_two_where_lightly_damped_modes_would_not_be_resolved(damping, rtol, order):
-    """Order 5 took 3 to 13 times the steps of order 2 at 1e-5 s, and half of them at 1e-4 s."""
+    """Order 5 took 3 to 13 times the steps of order 2 at damping 1e-5 s, half of them at 1e-4 s."""
     for model in (slider_crank, hub_beam):
         settings = bd.simulate(
             model(damping=damping), bd.Ida(rtol, max_steps=1), t_end=0.5
@@ -62,7 +62,7 @@ def test_auto_order_is_two_where_lightly_damped_modes_would_not_be_resolved(damp
 
 @pytest.mark.slow(reason="half a second and more")
 def test_regression_one_undamped_beam_among_damped_ones_keeps_the_order_at_two():
-    """Order 5 ended at -0.48 where -0.236 is right, after 314 781 steps, and said "reached"."""
+    """Order 5 ended at -0.48 instead of -0.236 after 314 781 steps, reported as success."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     alloy = bd.Material(E=7e10, nu=0.3, rho=2700.0)
     damped = bd.Section.rectangle(alloy, width=0.02, height=0.004, damping=1e-3)
@@ -83,12 +83,12 @@ def test_regression_one_undamped_beam_among_damped_ones_keeps_the_order_at_two()
 
 @pytest.mark.parametrize("integrator", [bd.Ida, pytest.param(bd.Radau, marks=pytest.mark.slow)])
 def test_regression_tolerances_follow_the_amplitudes(integrator):
-    """A cantilever under 0.1 N was 11 % off at 1e-5 and its root moment 13 %, in silence."""
+    """A cantilever under 0.1 N was off by 11 % at 1e-5, its root moment by 13 %, unnoticed."""
     small, large = (
         bd.simulate(cantilever(force), integrator(1e-4), 0.5, 5e-3) for force in (1e-3, 1.0)
     )
-    # The equations are linear for both: the same run, a thousand times as large, but for what
-    # rounding does to steps that grow by factors of two (9 % under other BLAS kernels).
+    # Both problems are linear: the runs differ by a factor of 1000, except that rounding affects
+    # steps that grow by factors of two (9 % under other BLAS kernels).
     assert_allclose(small.statistics.steps, large.statistics.steps, rtol=0.3)
     columns = ["tip.y [m]", "tip.angle [rad]", "clamp.M [N m]"]
     expected = large.observed[columns].to_numpy()
