@@ -92,7 +92,8 @@ def swing(t):
 NONHOLONOMIC_NAMES = ("RollingOnCircle", "Skate")
 # Joints named "j" of a mechanism m with a disk d centered at (0.5, 0.4) and a beam b on ARC.
 JOINTS = {
-    **catalog_parts("Joints", "j", without=NONHOLONOMIC_NAMES),
+    # The slider of the catalog starts between nodes, where the axis is interpolated.
+    **catalog_parts("Joints", "j", without=(*NONHOLONOMIC_NAMES, "SlidingOnBeam")),
     **catalog_parts("Drivers", "j"),
     "ground to revolute": lambda m, d, b: bd.Revolute("j", d.at(0.1, 0.2), m.ground.at(0.1, 0.2)),
     "revolute": lambda m, d, b: bd.Revolute("j", d.at(*TIP), b.end),
