@@ -16,19 +16,18 @@ from beamdae.model_functions import Model
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import versions
 from beamdae.simulation import simulate
-from beamdae.studies.store.contents import FingerprintError
-from beamdae.studies.store.fingerprints import digest, parameter_digest
-from beamdae.studies.store.sources import file_digest, package_digest
+from beamdae.studies.store.fingerprints import FingerprintError, digest, digest_transferable
+from beamdae.studies.store.sources import digest_file, digest_package
 
 # Longer texts are no labels, and two of them may look alike.
-_LONGEST = 60
-_MOST_COMBINATIONS = 1_000_000
-_TOLD_AGAIN = (
+_MAX_LABEL_LENGTH = 60
+_MAX_COMBINATIONS = 1_000_000
+_REPRODUCIBLE_VALUES = (
     "what another process can tell again (numbers, texts, arrays, functions; lists, dicts, sets "
     "and objects of these)"
 )
 # Hashes found before, with what they are of: by identity, which lasts as long as the object.
-Known = dict[int, tuple[Any, str]]
+DigestCache = dict[int, tuple[Any, str]]
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,7 @@ class Case:
     @property
     def group(self) -> str:
         """Model and parameters: cases that differ in their integrator alone share a reference."""
-        values = ", ".join(f"{k}={text_of(v)}" for k, v in self.parameters.items())
+        values = ", ".join(f"{k}={format_parameter(v)}" for k, v in self.parameters.items())
         return f"{self.model.name}({values})" if values else self.model.name
 
     def configured(self) -> Model:
@@ -105,7 +104,7 @@ class Case:
         """Run it; see `simulate`."""
         return simulate(self.configured(), self.integrator, t_end, output_step, progress)
 
-    def mechanism(self, known: Known | None = None) -> str:
+    def mechanism_fingerprint(self, known: DigestCache | None = None) -> str:
         """Hash of what the equations of motion depend on.
 
         Of the model (its code with all values it refers to, and the files it names), parameters,
@@ -118,78 +117,84 @@ class Case:
             can tell again: a lock, a generator, an open file.
         """
         known = {} if known is None else known
-        return once(known, self, lambda: self._mechanism(known))
+        return cached_digest(known, self, lambda: self._mechanism(known))
 
-    def _mechanism(self, known: Known) -> str:
+    def _mechanism(self, known: DigestCache) -> str:
         parameters = self.model.complete(dict(self.parameters))
-        found = {name: _of_parameter(self.model, name, x, known) for name, x in parameters.items()}
-        of_model = once(known, self.model.build, lambda: _of_model(self.model))
-        return _joined([of_model, sorted(found.items()), _of_files(self.model), _surroundings()])
+        found = {
+            name: _digest_parameter(self.model, name, x, known) for name, x in parameters.items()
+        }
+        of_model = cached_digest(known, self.model.build, lambda: _digest_model(self.model))
+        return _case_digest(
+            [of_model, sorted(found.items()), _digest_data_files(self.model), _environment_digest()]
+        )
 
-    def fingerprint(self, t_end: float, output_step: float, known: Known | None = None) -> str:
-        """Hash of all the result depends on, but files it reads while it runs: see `mechanism`."""
+    def fingerprint(
+        self, t_end: float, output_step: float, known: DigestCache | None = None
+    ) -> str:
+        """Hash of all the result depends on, but files it reads while it runs: see `mechanism_fingerprint`."""
         known = {} if known is None else known
         kind = type(self.integrator)
-        code = once(known, kind, lambda: _of_integrator(kind))
+        code = cached_digest(known, kind, lambda: _digest_integrator(kind))
         settings = asdict(self.integrator)  # type: ignore[call-overload]
-        return _joined([self.mechanism(known), code, settings, t_end, output_step])
+        return _case_digest([self.mechanism_fingerprint(known), code, settings, t_end, output_step])
 
 
-def _joined(content: Any) -> str:
+def _case_digest(content: Any) -> str:
     return digest(content)[:20]
 
 
-def once(known: Known, value: Any, find: Any) -> str:
+def cached_digest(known: DigestCache, value: Any, find: Any) -> str:
     """What `find` gives, unless it is known of this very object."""
     if id(value) not in known:
         known[id(value)] = (value, find())
     return known[id(value)][1]
 
 
-def _of_parameter(model: Model, name: str, value: Any, known: Known) -> str:
+def _digest_parameter(model: Model, name: str, value: Any, known: DigestCache) -> str:
     def find() -> str:
         try:
-            return parameter_digest(value)
+            return digest_transferable(value)
         except FingerprintError as problem:
             raise BeamdaeError(
-                f"{model.name}: {name} must be {_TOLD_AGAIN}, got {short_repr(value)} "
+                f"{model.name}: {name} must be {_REPRODUCIBLE_VALUES}, got {short_repr(value)} "
                 f"({problem.place} is a {problem.kind})."
             ) from None
 
     # Defaults live as long as the model does.
-    return once(known, value, find) if value is model.parameters[name] else find()
+    return cached_digest(known, value, find) if value is model.parameters[name] else find()
 
 
-def _of_model(model: Model) -> str:
+def _digest_model(model: Model) -> str:
     try:
         return digest([model.name, model.build])
     except FingerprintError as problem:
-        raise _not_told(model.name, problem, "; make it inside the function") from None
+        raise _irreproducible_error(model.name, problem, "; make it inside the function") from None
 
 
-def _of_integrator(kind: type[Integrator]) -> str:
+def _digest_integrator(kind: type[Integrator]) -> str:
     try:
         return digest(kind)
     except FingerprintError as problem:
-        raise _not_told(kind.__name__, problem) from None
+        raise _irreproducible_error(kind.__name__, problem) from None
 
 
-def _not_told(part: str, problem: FingerprintError, remedy: str = "") -> BeamdaeError:
+def _irreproducible_error(part: str, problem: FingerprintError, remedy: str = "") -> BeamdaeError:
     return BeamdaeError(
-        f"{part}: {problem.place} must be {_TOLD_AGAIN}, got a {problem.kind}{remedy}."
+        f"{part}: {problem.place} must be {_REPRODUCIBLE_VALUES}, got a {problem.kind}{remedy}."
     )
 
 
-def _of_files(model: Model) -> list[str | None]:
-    return [file_digest(str(path)) for path in model.files()]
+def _digest_data_files(model: Model) -> list[str | None]:
+    return [digest_file(str(path)) for path in model.files()]
 
 
 @cache
-def _surroundings() -> str:
-    return digest([versions(), sys.version_info[:2], package_digest()])
+def _environment_digest() -> str:
+    return digest([versions(), sys.version_info[:2], digest_package()])
 
 
-def text_of(value: Any) -> str:
+def format_parameter(value: Any) -> str:
     """A parameter in labels: its text, or where that is long or no text, type and hash."""
     try:
         text = str(value)
@@ -198,7 +203,12 @@ def text_of(value: Any) -> str:
     plain = value is None or isinstance(value, (bool, int, float, str))
     # What NumPy leaves out, and addresses, are the same or another by chance.
     vague = not plain and ("..." in text or " at 0x" in text)
-    if text.isprintable() and len(text) <= _LONGEST and (text or value == "") and not vague:
+    if (
+        text.isprintable()
+        and len(text) <= _MAX_LABEL_LENGTH
+        and (text or value == "")
+        and not vague
+    ):
         return text
     try:
         found = digest(value)[:6]
@@ -232,12 +242,12 @@ def grid(**lists: Iterable[Any]) -> list[dict[str, Any]]:
             raise BeamdaeError(f"grid: {name} must be a list of values, got {short_repr(values)}.")
         # Of a generator it is not known whether it ends.
         found[name] = require_iterable(
-            "grid", name, values, "a list of values", _MOST_COMBINATIONS + 1
+            "grid", name, values, "a list of values", _MAX_COMBINATIONS + 1
         )
         combinations *= len(found[name])
-    if combinations > _MOST_COMBINATIONS:
+    if combinations > _MAX_COMBINATIONS:
         raise BeamdaeError(
-            f"grid: {', '.join(lists)} must have at most {_MOST_COMBINATIONS} combinations, "
+            f"grid: {', '.join(lists)} must have at most {_MAX_COMBINATIONS} combinations, "
             f"got {combinations} or more."
         )
     return [dict(zip(found, values, strict=True)) for values in product(*found.values())]

@@ -13,12 +13,11 @@ from beamdae.errors import BeamdaeError, require_iterable, require_positive, sho
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.studies.case import Case
-from beamdae.studies.deviations import column_names, compared
-from beamdae.studies.event_columns import event_values
+from beamdae.studies.case_table import assemble_case_table, tabulate_case
+from beamdae.studies.deviations import require_column_names, select_error_columns
 from beamdae.studies.execution.case_run import NOT_RUN, Outcome, mistake
 from beamdae.studies.references import Reference
-from beamdae.studies.run_values import by_time, values
-from beamdae.studies.tables import case_table, row
+from beamdae.studies.run_values import collect_event_values, collect_run_values, tabulate_trajectory
 
 CaseProgress = Callable[[str, float], None]
 
@@ -82,47 +81,47 @@ def compare(
         raise BeamdaeError(
             f"compare: reference must be a Case or a Solution, got {short_repr(reference)}."
         )
-    columns = column_names("compare", columns)
+    columns = require_column_names("compare", columns)
     for name, value in (("t_end", t_end), ("output_step", output_step)):
         if value is not None:
             require_positive("compare", name, value)
     if progress is not None and not callable(progress):
         raise BeamdaeError(f"compare: progress must be a function, got {short_repr(progress)}.")
     if isinstance(reference, Case):
-        reference = _solved(reference, t_end, output_step, progress)
+        reference = _solve_reference(reference, t_end, output_step, progress)
     rows, interrupted = [], False
     for case in cases:
         outcome = NOT_RUN
         if not interrupted:
-            outcome = _outcome(case, t_end, output_step, progress)
+            outcome = _run_case(case, t_end, output_step, progress)
             interrupted = outcome.status.kind == "interrupted"
         truth = None
         if reference is not None:
             end = case.model.t_end if t_end is None else t_end
-            truth = _reference(reference, outcome, columns, end)
-        rows.append(row(case, case.group, outcome, truth))
-    return case_table(rows)
+            truth = _sample_reference(reference, outcome, columns, end)
+        rows.append(tabulate_case(case, case.group, outcome, truth))
+    return assemble_case_table(rows)
 
 
-def _outcome(
+def _run_case(
     case: Case, t_end: float | None, output_step: float | None, progress: CaseProgress | None
 ) -> Outcome:
     try:
-        solution = case.solve(t_end, output_step, _named(progress, case.label))
+        solution = case.solve(t_end, output_step, _label_progress(progress, case.label))
     except KeyboardInterrupt:
         return Outcome(Status("interrupted", "interrupted before its start"))
     except BeamdaeError as problem:
         return Outcome.failed(str(problem))
     except BaseException as problem:  # Whatever a model does, sys.exit included, ends its row.
         return Outcome.failed(mistake(problem))
-    return Outcome(solution.status, values(solution), by_time(solution))
+    return Outcome(solution.status, collect_run_values(solution), tabulate_trajectory(solution))
 
 
-def _reference(
+def _sample_reference(
     solution: Solution, outcome: Outcome, columns: Sequence[str], end: float
 ) -> Reference:
     """The reference at the times of an outcome, and at its own where the outcome ends early."""
-    chosen = tuple(compared(solution.observed, columns))
+    chosen = tuple(select_error_columns(solution.observed, columns))
     table = outcome.table
     if table is not None:
         times = table.index.to_numpy()
@@ -130,17 +129,19 @@ def _reference(
         common = times[times <= solution.trajectory.end * (1.0 + 1e-12)]
         solution = replace(solution, t=np.concatenate([common, later]))
     # Of a shorter one it is not known what would happen later.
-    events = event_values(solution, end) if solution.model["t_end"] >= end else {}
+    events = collect_event_values(solution, end) if solution.model["t_end"] >= end else {}
     method = str(solution.integrator.get("integrator", ""))
-    return Reference((method, ""), by_time(solution), chosen, np.nan, "as given", events)
+    return Reference(
+        (method, ""), tabulate_trajectory(solution), chosen, np.nan, "as given", events
+    )
 
 
-def _solved(
+def _solve_reference(
     case: Case, t_end: float | None, output_step: float | None, progress: CaseProgress | None
 ) -> Solution:
     label = case.integrator.label
     try:
-        solution = case.solve(t_end, output_step, _named(progress, f"reference {label}"))
+        solution = case.solve(t_end, output_step, _label_progress(progress, f"reference {label}"))
     except (BeamdaeError, KeyboardInterrupt):
         raise
     except BaseException as problem:  # Whatever a model does, sys.exit included.
@@ -154,5 +155,5 @@ def _solved(
     return solution
 
 
-def _named(progress: CaseProgress | None, label: str) -> Callable[[float], None] | None:
+def _label_progress(progress: CaseProgress | None, label: str) -> Callable[[float], None] | None:
     return None if progress is None else partial(progress, label)

@@ -19,13 +19,13 @@ from beamdae.errors import (
 from beamdae.integrators import Integrator
 from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model, require_file_name
-from beamdae.studies.case import Case, Known
-from beamdae.studies.deviations import column_names
+from beamdae.studies.case import Case, DigestCache
+from beamdae.studies.deviations import require_column_names
 from beamdae.studies.execution.case_run import Limits, Task, mistake
 
-_ROWS = 400
-_MOST_REPETITIONS = 1000
-_MOST_CASES = 1_000_000
+_DEFAULT_OUTPUT_ROWS = 400
+_MAX_REPETITIONS = 1000
+_MAX_CASES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -76,11 +76,11 @@ class Study:
         require_file_name("study", self.name)
         set_fields(
             self,
-            cases=_cases(self.name, self.cases),
-            references=_references(self.name, self.references),
-            columns=column_names(self.name, self.columns),
+            cases=_require_cases(self.name, self.cases),
+            references=_require_references(self.name, self.references),
+            columns=require_column_names(self.name, self.columns),
             repetitions=require_count(
-                self.name, "repetitions", self.repetitions, most=_MOST_REPETITIONS
+                self.name, "repetitions", self.repetitions, most=_MAX_REPETITIONS
             ),
             errors=require_choice(self.name, "errors", self.errors, (True, False, None)),
         )
@@ -103,7 +103,7 @@ class Study:
 
     def _check_cases(self) -> None:
         models: dict[str, Model] = {}
-        known: Known = {}
+        known: DigestCache = {}
         for case in self.cases:
             if self.over is not None:
                 if self.over not in case.parameters:
@@ -112,10 +112,12 @@ class Study:
                         "it a value."
                     )
                 require_positive(self.name, self.over, case.parameters[self.over])
-            case.mechanism(known)
+            case.mechanism_fingerprint(known)
             if models.setdefault(case.model.name, case.model) is case.model:
                 continue
-            one, other = (Case(x).mechanism(known) for x in (models[case.model.name], case.model))
+            one, other = (
+                Case(x).mechanism_fingerprint(known) for x in (models[case.model.name], case.model)
+            )
             if one != other:
                 raise BeamdaeError(
                     f"{self.name}: two different models are called {case.model.name!r}, "
@@ -134,13 +136,13 @@ class Study:
         """What tells a case from the others that are measured against the same reference."""
         return case.label if self.over is None else f"{self.over}={case.parameters[self.over]}"
 
-    def task(self, case: Case, reference: bool = False, known: Known | None = None) -> Task:
+    def task(self, case: Case, reference: bool = False, known: DigestCache | None = None) -> Task:
         """A case as a task; references take as long as they need, ten times a case's limit.
 
-        Hashes in `known` are taken as they are, see `Case.mechanism`.
+        Hashes in `known` are taken as they are, see `Case.mechanism_fingerprint`.
         """
         t_end = case.model.t_end if self.t_end is None else self.t_end
-        output_step = t_end / _ROWS if self.output_step is None else self.output_step
+        output_step = t_end / _DEFAULT_OUTPUT_ROWS if self.output_step is None else self.output_step
         limits = self.limits
         known = {} if known is None else known
         if reference and limits.time is not None:
@@ -153,12 +155,12 @@ class Study:
             limits,
             1 if reference else self.repetitions,
             animated=reference,
-            mechanism=case.mechanism(known),
+            mechanism_fingerprint=case.mechanism_fingerprint(known),
         )
 
 
-def _cases(name: str, value: Any) -> tuple[Case, ...]:
-    cases = _listed(name, "cases", value, "a list of at least one Case", _MOST_CASES)
+def _require_cases(name: str, value: Any) -> tuple[Case, ...]:
+    cases = _require_entries(name, "cases", value, "a list of at least one Case", _MAX_CASES)
     if not cases:
         raise BeamdaeError(f"{name}: a study lists at least one Case, got {short_repr(value)}.")
     wrong = [case for case in cases if not isinstance(case, Case)]
@@ -166,16 +168,16 @@ def _cases(name: str, value: Any) -> tuple[Case, ...]:
         raise BeamdaeError(
             f"{name}: a study lists at least one Case, got {short_repr(wrong[0])} in it."
         )
-    if len(cases) > _MOST_CASES:
-        raise BeamdaeError(f"{name}: a study lists at most {_MOST_CASES} cases, got more.")
+    if len(cases) > _MAX_CASES:
+        raise BeamdaeError(f"{name}: a study lists at most {_MAX_CASES} cases, got more.")
     return cases
 
 
-def _references(name: str, value: Any) -> tuple[Integrator, ...] | None:
+def _require_references(name: str, value: Any) -> tuple[Integrator, ...] | None:
     if value is None:
         return None
     wanted = "two integrators of different kind, or () for cases that are not measured"
-    found = _listed(name, "references", value, wanted, 2)
+    found = _require_entries(name, "references", value, wanted, 2)
     if found == () and isinstance(value, (tuple, list)):
         return ()
     allowed = f"{name}: references must be {wanted}"
@@ -187,7 +189,7 @@ def _references(name: str, value: Any) -> tuple[Integrator, ...] | None:
     return found
 
 
-def _listed(name: str, what: str, value: Any, wanted: str, most: int) -> tuple[Any, ...]:
+def _require_entries(name: str, what: str, value: Any, wanted: str, most: int) -> tuple[Any, ...]:
     """The entries of whatever has an order, no more than can be and one."""
     unordered = isinstance(value, (str, bytes, set, frozenset))
     return tuple(require_iterable(name, what, None if unordered else value, wanted, most + 1))
@@ -230,7 +232,7 @@ def study(
             raise BeamdaeError(f"study: it must decorate a function, got {short_repr(function)}.")
         return Study(
             function.__name__,
-            listed_by(function, "cases"),
+            call_definition(function, "cases"),
             references,
             columns,  # type: ignore[arg-type]
             t_end,
@@ -244,12 +246,12 @@ def study(
     return decorate
 
 
-def listed_by(function: Callable[[], Any], what: str) -> Any:
+def call_definition(function: Callable[[], Any], what: str) -> Any:
     """What the function of a study or a sweep lists; its mistakes are told as such."""
     try:
         found = function()
         # A generator is a function still to be run.
-        return list(islice(found, _MOST_CASES + 1)) if isinstance(found, Iterator) else found
+        return list(islice(found, _MAX_CASES + 1)) if isinstance(found, Iterator) else found
     except (BeamdaeError, KeyboardInterrupt):
         raise
     except BaseException as problem:  # Whatever a user's function does, sys.exit included.

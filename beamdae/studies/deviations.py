@@ -17,7 +17,7 @@ _SAME_TIME = 1e-12
 _POSITIONS, _REACTIONS = ("m", "rad"), ("N", "N m")
 
 
-def column_names(part: str, value: Any) -> tuple[str, ...]:
+def require_column_names(part: str, value: Any) -> tuple[str, ...]:
     """Return names of columns as a tuple, or say that they are none."""
     what = "a list of names of observed columns"
     found = require_iterable(part, "columns", value, what)
@@ -26,7 +26,7 @@ def column_names(part: str, value: Any) -> tuple[str, ...]:
     return tuple(found)
 
 
-def named_columns(part: str, names: Sequence[str], present: Sequence[str]) -> list[str]:
+def select_observed_columns(part: str, names: Sequence[str], present: Sequence[str]) -> list[str]:
     """The observed columns of such names, see `select_columns`; refuses what is not observed."""
     found: dict[str, None] = {}
     for name in names:
@@ -41,7 +41,7 @@ def named_columns(part: str, names: Sequence[str], present: Sequence[str]) -> li
     return list(found)
 
 
-def compared(reference: pd.DataFrame, columns: Sequence[str] = ()) -> list[str]:
+def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -> list[str]:
     """The observed columns errors are taken over.
 
     `columns` if given; otherwise all in m and rad, or all there are if none has such a unit, that
@@ -54,13 +54,13 @@ def compared(reference: pd.DataFrame, columns: Sequence[str] = ()) -> list[str]:
     """
     present = observed_columns(reference)
     candidates = (
-        named_columns("compare", columns, present)
+        select_observed_columns("compare", columns, present)
         or [c for c in present if Header.of(c).unit in _POSITIONS]
         or present
     )
     if not candidates:
         raise BeamdaeError("compare: the model must observe something, see Mechanism.observe.")
-    moving = _moving(reference, candidates, 0.0 if columns else _AT_REST)
+    moving = _select_moving_columns(reference, candidates, 0.0 if columns else _AT_REST)
     still = [c for c in candidates if c not in moving]
     if not moving or (columns and still):
         raise BeamdaeError(
@@ -69,24 +69,24 @@ def compared(reference: pd.DataFrame, columns: Sequence[str] = ()) -> list[str]:
     return moving
 
 
-def reactions(reference: pd.DataFrame) -> list[str]:
+def select_reaction_columns(reference: pd.DataFrame) -> list[str]:
     """The forces and moments that are not zero throughout."""
     forces = [c for c in observed_columns(reference) if Header.of(c).unit in _REACTIONS]
-    return _moving(reference, forces, _AT_REST)
+    return _select_moving_columns(reference, forces, _AT_REST)
 
 
-def _moving(table: pd.DataFrame, columns: Sequence[str], least: float) -> list[str]:
+def _select_moving_columns(table: pd.DataFrame, columns: Sequence[str], least: float) -> list[str]:
     amplitude = pd.Series(np.ptp(table[list(columns)].to_numpy(), axis=0), list(columns))
     largest = amplitude.groupby(lambda name: Header.of(name).unit).transform("max")
     return [str(c) for c in amplitude.index[amplitude > least * largest]]
 
 
-def amplitudes(reference: pd.DataFrame, columns: Sequence[str]) -> np.ndarray:
+def compute_amplitudes(reference: pd.DataFrame, columns: Sequence[str]) -> np.ndarray:
     """Half the range of each column."""
     return 0.5 * np.ptp(reference[list(columns)].to_numpy(), axis=0)
 
 
-def common_rows(table: pd.DataFrame, other: pd.DataFrame) -> int:
+def count_common_rows(table: pd.DataFrame, other: pd.DataFrame) -> int:
     """How many rows, from the start on, are of the same times."""
     rows = min(len(table), len(other))
     t, others = (x.index.to_numpy()[:rows] for x in (table, other))
@@ -94,7 +94,7 @@ def common_rows(table: pd.DataFrame, other: pd.DataFrame) -> int:
     return int(np.argmax(differs)) if differs.any() else rows
 
 
-def deviations(
+def compute_deviations(
     table: pd.DataFrame, reference: pd.DataFrame, columns: Sequence[str]
 ) -> pd.DataFrame:
     """|x - x_ref| over half the range of x_ref by time, as far as both have got.
@@ -110,8 +110,8 @@ def deviations(
     missing = [name for name in columns if name not in table]
     if missing:
         raise BeamdaeError(f"compare: {missing[0]} of the reference is not observed in a case.")
-    rows = common_rows(table, reference)
+    rows = count_common_rows(table, reference)
     found = table[list(columns)].to_numpy()[:rows]
     truth = reference[list(columns)].to_numpy()[:rows]
-    error = np.abs(found - truth) / amplitudes(reference, columns)
+    error = np.abs(found - truth) / compute_amplitudes(reference, columns)
     return pd.DataFrame(error, columns=list(columns), index=table.index[:rows])

@@ -419,7 +419,7 @@ def test_a_picture_that_fails_costs_no_other(here, monkeypatch):
     def broken(*_):
         raise ValueError("[/b] odd data")
 
-    monkeypatch.setattr("beamdae.studies.study_pictures._of_one_group", broken)
+    monkeypatch.setattr("beamdae.studies.study_pictures._draw_comparison", broken)
     result = CliRunner().invoke(app, ["compare", "model.py"])
     assert result.exit_code == 1
     assert "failed: comparison: it cannot be drawn, ValueError: [/b] odd data" in result.stderr

@@ -207,7 +207,7 @@ def figure_of(monkeypatch):
             patch.setattr(
                 figures, "save_figure", lambda figure, path: collected.append(figure) or path
             )
-            study_pictures.plots(results)[name]()
+            study_pictures.list_plots(results)[name]()
         return collected[0]
 
     return draw
@@ -225,7 +225,7 @@ NOTHING = {
 @pytest.mark.parametrize("rows", NOTHING.values(), ids=NOTHING)
 def test_a_study_without_data_has_no_plots(tmp_path, rows):
     rows = [{"elements": 4} | row for row in rows] + [{"elements": 8} | row for row in rows]
-    plots = study_pictures.plots(study(tmp_path, rows)) | study_pictures.plots(
+    plots = study_pictures.list_plots(study(tmp_path, rows)) | study_pictures.list_plots(
         study(tmp_path, rows, "elements")
     )
     assert plots["work_precision"]() == []
@@ -247,7 +247,7 @@ def test_work_precision_shows_errors_below_the_resolution(tmp_path, figure_of):
     results = study(tmp_path, rows)
     low, high = figure_of(results, "work_precision").axes[0].get_ylim()
     assert 1e-7 < low < 1e-5 < high < 1e-3
-    assert colored_share(study_pictures.plots(results)["work_precision"]()[0]) > 1e-4
+    assert colored_share(study_pictures.list_plots(results)["work_precision"]()[0]) > 1e-4
 
 
 def test_lines_connect_runs_by_setting(tmp_path, figure_of):
@@ -293,7 +293,7 @@ def test_names_with_markup_give_valid_svg(tmp_path):
     name = f"{ODD}\x07\x1b[0m <!-- --> &"
     rows = [{"group": name, "series": f"_{name}", "label": name, "elements": n} for n in (2, 4)]
     for plot in ("work_precision", "cost_scaling"):
-        _, svg = study_pictures.plots(study(tmp_path, rows))[plot]()
+        _, svg = study_pictures.list_plots(study(tmp_path, rows))[plot]()
         assert ElementTree.fromstring(svg.read_bytes()).tag.endswith("svg")
 
 
@@ -308,7 +308,7 @@ def test_of_many_groups_with_long_names_24_are_drawn(tmp_path, figure_of):
         warnings.simplefilter("error")
         for plot in ("work_precision", "cost_scaling"):
             results = study(tmp_path, rows)
-            assert colored_share(study_pictures.plots(results)[plot]()[0]) > 1e-3
+            assert colored_share(study_pictures.list_plots(results)[plot]()[0]) > 1e-3
             figure = figure_of(results, plot)
             figure.canvas.draw()
             assert len(figure.axes) == 24

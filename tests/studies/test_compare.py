@@ -96,7 +96,7 @@ def test_row_repeats_the_summary_of_the_solution():
     case = bd.Case(swing, {}, ALPHA)
     (row,) = bd.compare([case]).to_dict("records")
     summary = case.solve().summary()
-    for column, name in (told.COUNTS | told.MEASURES).items():
+    for column, name in (told.COUNT_COLUMNS | told.MEASURE_COLUMNS).items():
         assert pd.notna(row[column])
         if "time" not in column:
             assert row[column] == summary[name]
@@ -137,28 +137,28 @@ def test_error_is_the_largest_deviation_relative_to_the_amplitude(fine):
 
 
 def test_columns_that_rest_and_rates_and_forces_are_left_out(fine):
-    assert deviations.compared(fine.observed) == [
+    assert deviations.select_error_columns(fine.observed) == [
         "end.x [m]",
         "end.y [m]",
         "end.angle [rad]",
         "pin.angle [rad]",
     ]
-    assert deviations.compared(fine.observed, ["hinge.Fx [N]"]) == ["hinge.Fx [N]"]
+    assert deviations.select_error_columns(fine.observed, ["hinge.Fx [N]"]) == ["hinge.Fx [N]"]
 
 
 def test_columns_without_positions_are_all_compared():
     frame = pd.DataFrame({"q0 [-]": [0.0, 1.0], "q1 [-]": [0.0, 2.0], "q2 [-]": [0.0, 0.0]})
-    assert deviations.compared(frame) == ["q0 [-]", "q1 [-]"]
+    assert deviations.select_error_columns(frame) == ["q0 [-]", "q1 [-]"]
 
 
 def test_named_columns_must_exist_and_move(fine):
     with pytest.raises(bd.BeamdaeError, match=r"'end.z \[m\]'.*did you mean 'end.y \[m\]'"):
-        deviations.compared(fine.observed, ["end.z [m]"])
+        deviations.select_error_columns(fine.observed, ["end.z [m]"])
     still = pd.DataFrame({"end.x [m]": [1.0, 1.0]})
     with pytest.raises(bd.BeamdaeError, match=r"end.x \[m\] must move"):
-        deviations.compared(still)
+        deviations.select_error_columns(still)
     with pytest.raises(bd.BeamdaeError, match="must observe something"):
-        deviations.compared(pd.DataFrame(index=[0, 1]))
+        deviations.select_error_columns(pd.DataFrame(index=[0, 1]))
 
 
 def test_errors_by_column_are_at_the_end_largest_and_root_mean_square(fine):
@@ -260,7 +260,7 @@ def drifting(mass=2.0):
 def test_regression_columns_called_as_those_of_tables_do_not_vanish():
     mech = swing()
     mech.observe("drift", mech.part("bob").at(2.0, 0.0))
-    columns = observed_columns(told.by_time(bd.simulate(mech, ALPHA, 0.1)))
+    columns = observed_columns(told.tabulate_trajectory(bd.simulate(mech, ALPHA, 0.1)))
     assert [name for name in columns if name.startswith("drift.")][:2] == [
         "drift.x [m]",
         "drift.y [m]",

@@ -23,7 +23,7 @@ from beamdae.studies.execution.deferred_interrupts import Interrupts
 from beamdae.studies.execution.engine import Results
 from beamdae.studies.execution.pool import LocalPool, SerialPool
 from beamdae.studies.execution.time_estimates import Forecast
-from beamdae.studies.study_page import page
+from beamdae.studies.study_page import create_study_page
 
 ALPHA = bd.GeneralizedAlpha(step=5e-3)
 REFERENCES = (bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3))
@@ -134,7 +134,7 @@ def complete(results: Results) -> Results:
     assert set(results.references) == set(results.table["group"])
     assert next(iter(results.summary)) == "group"
     assert pd.read_csv(results.folder / "cases.csv").shape == results.table.shape
-    assert page(results)["cases"]
+    assert create_study_page(results)["cases"]
     for case in results.study.cases:
         assert isinstance(results.outcome(case), Outcome)
         results.frames_of(case)
@@ -332,14 +332,14 @@ NAMES += ["nul.txt", "com1", "", " a", "a ", "a.", "a:b", "\u202ea", "\ud800", "
 @pytest.mark.parametrize("name", NAMES)
 def test_regression_names_that_lead_out_of_a_folder_are_refused(name):
     """They wrote outside of --out."""
-    with pytest.raises(bd.BeamdaeError, match="study: its name must do as that of a folder"):
+    with pytest.raises(bd.BeamdaeError, match="study: its name must be a valid folder name"):
         bd.Study(name, (bd.Case(swing),))
 
     def build(mass=1.0):
         return swing()
 
     build.__name__ = name
-    with pytest.raises(bd.BeamdaeError, match="model: build: its name must do as that of a folder"):
+    with pytest.raises(bd.BeamdaeError, match="model: build: its name must be a valid folder name"):
         bd.model(t_end=1.0)(build)
 
 

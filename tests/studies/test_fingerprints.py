@@ -21,9 +21,8 @@ from beamdae.cli.model_files.model_file import contents
 from beamdae.studies import case as case_module
 from beamdae.studies.execution import engine
 from beamdae.studies.execution.pool import LocalPool, SerialPool
-from beamdae.studies.store.contents import FingerprintError
-from beamdae.studies.store.fingerprints import digest, parameter_digest
-from beamdae.studies.store.sources import package_digest
+from beamdae.studies.store.fingerprints import FingerprintError, digest, digest_transferable
+from beamdae.studies.store.sources import digest_package
 from beamdae.studies.store.store import Store
 
 BODY = """
@@ -185,12 +184,12 @@ def test_regression_a_study_follows_data_read_inside_the_model(tmp_path, monkeyp
     store, tasks = Store(tmp_path / "out"), [study.task(case) for case in study.cases]
     for file in READING:
         (tmp_path / file).write_text("2.5\n")
-        served = [store.outcome(task)[0] is not None for task in tasks]
+        served = [store.load(task)[0] is not None for task in tasks]
         assert served == [file == "five.csv", False]
         (tmp_path / file).write_text("1.5\n")
-        assert all(store.outcome(task)[0] for task in tasks)
+        assert all(store.load(task)[0] for task in tasks)
     (tmp_path / "five.csv").unlink()
-    assert [store.outcome(task)[0] is not None for task in tasks] == [True, False]
+    assert [store.load(task)[0] is not None for task in tasks] == [True, False]
     # They move with the model, and equations of the same process are built anew.
     (tmp_path / "five.csv").write_text("4.5\n")
     results = engine.run(study, tmp_path / "out", SerialPool())
@@ -205,9 +204,9 @@ def test_a_model_and_its_files_may_move_together(tmp_path):
     )
     assert kept(one, tmp_path / "out") == (0, 4)
     store, task = Store(tmp_path / "out"), other.task(other.cases[0])
-    assert store.outcome(task)[0] is not None
+    assert store.load(task)[0] is not None
     (tmp_path / "other" / "curve.csv").write_text("2.5\n")
-    assert store.outcome(task)[0] is None
+    assert store.load(task)[0] is None
 
 
 def test_files_a_model_names_are_followed_and_must_exist(tmp_path):
@@ -217,23 +216,25 @@ def test_files_a_model_names_are_followed_and_must_exist(tmp_path):
     (tmp_path / "curve.h5").write_text("other")
     assert key(first) != before
     (tmp_path / "curve.h5").unlink()
-    with pytest.raises(bd.BeamdaeError, match=r"falling: data must name files .*'curve.h5'"):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"falling: data names a file 'curve.h5' that does not exist"
+    ):
         written(tmp_path, **named)
     for wrong in ("curve.h5", [1], 5, None):
-        with pytest.raises(bd.BeamdaeError, match="data must be a list of names of files"):
+        with pytest.raises(bd.BeamdaeError, match="data must be a list of file names"):
             bd.model(t_end=1.0, data=wrong)(swing.build)
 
 
 def test_regression_a_study_follows_the_sources_of_beamdae(monkeypatch):
     """At the same version: a changed law of damping gave the results of the old one."""
     case = bd.Case(swing)
-    before = case.mechanism()
-    case_module._surroundings.cache_clear()
-    monkeypatch.setattr(case_module, "package_digest", lambda: "changed")
-    assert case.mechanism() != before
+    before = case.mechanism_fingerprint()
+    case_module._environment_digest.cache_clear()
+    monkeypatch.setattr(case_module, "digest_package", lambda: "changed")
+    assert case.mechanism_fingerprint() != before
     monkeypatch.undo()
-    case_module._surroundings.cache_clear()
-    assert len(package_digest()) == 64
+    case_module._environment_digest.cache_clear()
+    assert len(digest_package()) == 64
 
 
 # Values ---------------------------------------------------------------------------------------
@@ -325,7 +326,7 @@ def test_globals_no_process_can_tell_again_are_refused(tmp_path):
     with pytest.raises(bd.BeamdaeError, match=r"falling: its global LOCK must be .*lock"):
         written(tmp_path, "import threading\nLOCK = threading.Lock()", "bool(LOCK)")
     with pytest.raises(FingerprintError):
-        parameter_digest(Addressed())
+        digest_transferable(Addressed())
 
 
 def test_regression_groups_of_long_arrays_are_told_apart():
@@ -363,7 +364,7 @@ def test_fingerprints_are_the_same_in_every_process():
         "import test_fingerprints as t, beamdae as bd\n"
         "from beamdae.studies.store.fingerprints import digest\n"
         "print([digest(x) for x in t.values().values()])\n"
-        "print([bd.Case(t.swing, {'extra': x}).mechanism() for x in t.values().values()])\n"
+        "print([bd.Case(t.swing, {'extra': x}).mechanism_fingerprint() for x in t.values().values()])\n"
     )
     told = {
         subprocess.run(

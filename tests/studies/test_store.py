@@ -20,9 +20,9 @@ from beamdae.results.outcome import Status
 from beamdae.studies.execution import engine
 from beamdae.studies.execution.case_run import Limits, Outcome, Task
 from beamdae.studies.execution.pool import SerialPool
-from beamdae.studies.naming import file_names
 from beamdae.studies.store import store
 from beamdae.studies.store.store import Store
+from beamdae.studies.unique_names import create_file_names
 
 
 @bd.model(t_end=0.1)
@@ -49,17 +49,17 @@ DONE = Outcome(values={"steps": np.int64(3), "wall time [s]": float("nan")}, row
 @pytest.fixture
 def filled(tmp_path):
     place = Store(tmp_path)
-    place.keep(TASK, DONE)
+    place.save(TASK, DONE)
     return place
 
 
 def test_what_is_kept_is_read_back_to_the_last_bit(filled):
-    found, problem = filled.outcome(TASK)
+    found, problem = filled.load(TASK)
     assert problem == ""
     pd.testing.assert_frame_equal(found.table, TABLE, check_exact=True)
     assert found.values["steps"] == 3
-    assert found.file == filled.trajectory(TASK).name
-    assert filled.trajectory(TASK).read_text().startswith("t [s],'=end.x [m],")
+    assert found.file == filled.trajectory_path(TASK).name
+    assert filled.trajectory_path(TASK).read_text().startswith("t [s],'=end.x [m],")
 
 
 def one_digit(text):
@@ -71,28 +71,28 @@ def one_digit(text):
 )
 def test_regression_a_trajectory_that_is_not_what_was_written_is_run_again(filled, damage):
     """Cut by 12 bytes it was a traceback at every start, by 1 or 40 it was taken for good."""
-    file = filled.trajectory(TASK)
+    file = filled.trajectory_path(TASK)
     before = file.read_bytes()
     file.write_bytes(damage(before))
     assert file.read_bytes() != before
-    found, problem = filled.outcome(TASK)
+    found, problem = filled.load(TASK)
     assert found is None
     assert problem == f"{file.name} is not what was written"
 
 
 def test_rows_that_are_gone_are_told(filled):
-    filled.rows(TASK).unlink()
-    found, problem = filled.outcome(TASK)
+    filled.rows_path(TASK).unlink()
+    found, problem = filled.load(TASK)
     assert found is None
     assert problem == "one.csv cannot be read, No such file or directory"
 
 
 def test_tables_are_read_when_they_are_asked_for(filled):
     """A study that is told again needs few of them."""
-    known, asked, late = (filled.outcome(TASK)[0] for _ in range(3))
+    known, asked, late = (filled.load(TASK)[0] for _ in range(3))
     pd.testing.assert_frame_equal(pickle.loads(pickle.dumps(asked)).table, TABLE)
     assert known.table is known.table
-    filled.rows(TASK).unlink()
+    filled.rows_path(TASK).unlink()
     assert known.table is not None
     with pytest.raises(bd.BeamdaeError, match=r"/trajectories: one.csv cannot be read, No such"):
         _ = late.table
@@ -108,17 +108,17 @@ def test_trajectories_are_whole_whatever_has_become_of_them(tmp_path, monkeypatc
     if not links:
         monkeypatch.setattr(os, "link", refused)
     place = Store(tmp_path)
-    place.keep(TASK, DONE)
-    file = place.trajectory(TASK)
+    place.save(TASK, DONE)
+    file = place.trajectory_path(TASK)
     whole = file.read_bytes()
-    assert file.samefile(place.rows(TASK)) == links
+    assert file.samefile(place.rows_path(TASK)) == links
     renamed = replace(TASK, name="other")
     file.unlink()
-    place.trajectory(renamed).write_bytes(b"of another")
+    place.trajectory_path(renamed).write_bytes(b"of another")
     for task in (TASK, renamed, TASK):
-        found, problem = place.outcome(task)
+        found, problem = place.load(task)
         assert (found.file, problem) == (f"{task.name}.csv", "")
-        assert place.trajectory(task).read_bytes() == whole
+        assert place.trajectory_path(task).read_bytes() == whole
     assert not list(tmp_path.rglob("*.scratch"))
 
 
@@ -145,10 +145,10 @@ RECORDS = {
 @pytest.mark.parametrize("name", RECORDS)
 def test_regression_records_that_are_none_are_run_again_and_told(filled, name):
     text = RECORDS[name]
-    filled.record(TASK).write_bytes(text if isinstance(text, bytes) else text.encode())
-    found, problem = filled.outcome(TASK)
+    filled.record_path(TASK).write_bytes(text if isinstance(text, bytes) else text.encode())
+    found, problem = filled.load(TASK)
     assert found is None
-    assert problem.startswith(filled.record(TASK).name)
+    assert problem.startswith(filled.record_path(TASK).name)
 
 
 @pytest.mark.parametrize(
@@ -164,34 +164,36 @@ def test_regression_records_that_are_none_are_run_again_and_told(filled, name):
 )
 def test_records_with_values_no_record_has_are_run_again(filled, change):
     """With the right sum: whoever wrote it was no version of this."""
-    record = json.loads(filled.record(TASK).read_text())
+    record = json.loads(filled.record_path(TASK).read_text())
     content = record["outcome"] | change
-    filled.record(TASK).write_text(changed(record, outcome=content, sha256=store._sum(content)))
-    assert filled.outcome(TASK) == (None, f"{filled.record(TASK).name} has values no record has")
+    filled.record_path(TASK).write_text(
+        changed(record, outcome=content, sha256=store._checksum(content))
+    )
+    assert filled.load(TASK) == (None, f"{filled.record_path(TASK).name} has values no record has")
 
 
 def test_one_changed_digit_of_a_record_is_seen(filled):
-    text = filled.record(TASK).read_text()
-    filled.record(TASK).write_text(text.replace('"steps": 3', '"steps": 4'))
-    assert filled.outcome(TASK)[0] is None
-    filled.record(TASK).write_text(json.dumps(json.loads(text)))
-    assert filled.outcome(TASK)[0] is not None, "however it is laid out"
+    text = filled.record_path(TASK).read_text()
+    filled.record_path(TASK).write_text(text.replace('"steps": 3', '"steps": 4'))
+    assert filled.load(TASK)[0] is None
+    filled.record_path(TASK).write_text(json.dumps(json.loads(text)))
+    assert filled.load(TASK)[0] is not None, "however it is laid out"
 
 
 def test_a_record_that_is_larger_than_any_is_not_read(filled):
-    with open(filled.record(TASK), "wb") as file:
+    with open(filled.record_path(TASK), "wb") as file:
         file.truncate(2_000_000_000)
-    assert filled.outcome(TASK)[1].endswith("is larger than any record")
+    assert filled.load(TASK)[1].endswith("is larger than any record")
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may read all")
 def test_a_record_that_may_not_be_read_is_run_again(filled):
-    filled.record(TASK).chmod(0)
-    assert "cannot be read, Permission denied" in filled.outcome(TASK)[1]
+    filled.record_path(TASK).chmod(0)
+    assert "cannot be read, Permission denied" in filled.load(TASK)[1]
 
 
 def test_a_folder_in_the_place_of_a_file_is_refused_before_the_work(tmp_path):
-    Store(tmp_path).record(TASK).mkdir(parents=True)
+    Store(tmp_path).record_path(TASK).mkdir(parents=True)
     with pytest.raises(bd.BeamdaeError, match=r"\.json: it must be a file of results, and is a fo"):
         engine.run(STUDY, tmp_path, SerialPool())
 
@@ -236,7 +238,7 @@ def test_names_of_trajectories_do_for_any_file_system():
     method = "Ida(rtol=0.0001)"
     notes = ["a/b\\c:*?\n\ud800", "a b c", "A B C", "\u00fcber \u6881", "u\u0308ber \u6881"]
     notes += ["x" * 300, "x" * 300 + "y", "x" * 301, "", "."]
-    found = file_names((f"swing(note={note})", method) for note in notes)
+    found = create_file_names((f"swing(note={note})", method) for note in notes)
     assert found == [
         "swing-note=a-b-c-Ida-rtol=0.0001",
         "swing-note=a-b-c-Ida-rtol=0.0001-2",
@@ -249,7 +251,7 @@ def test_names_of_trajectories_do_for_any_file_system():
         "swing-note=-Ida-rtol=0.0001",
         "swing-note=-Ida-rtol=0.0001-2",
     ]
-    assert len(file_names([("\u6881" * 300, "\u6881" * 300)])[0].encode()) < 130
+    assert len(create_file_names([("\u6881" * 300, "\u6881" * 300)])[0].encode()) < 130
 
 
 def test_parameters_given_as_they_are_by_default_find_their_file(tmp_path, run):
@@ -321,9 +323,9 @@ def test_what_killed_processes_leave_is_swept_up(filled):
     }
     for name in names:
         (mine / name).write_text("half")
-    filled.clean()
+    filled.remove_scratch_files()
     assert {name: (mine / name).exists() for name in names} == names
-    assert filled.outcome(TASK)[0] is not None
+    assert filled.load(TASK)[0] is not None
 
 
 # Cells ----------------------------------------------------------------------------------------
@@ -343,7 +345,7 @@ def test_tables_are_guarded_and_numbers_stay_numbers(tmp_path):
 
 def test_limits_and_status_of_a_failure_are_kept(tmp_path):
     failed = Outcome(Status("failed", "=1+2, it broke"))
-    Store(tmp_path).keep(TASK, failed)
-    assert Store(tmp_path).outcome(TASK)[0].status == failed.status
+    Store(tmp_path).save(TASK, failed)
+    assert Store(tmp_path).load(TASK)[0].status == failed.status
     other = Task(TASK.key, CASE, 0.1, 0.01, Limits(time=3.0))
-    assert Store(tmp_path).outcome(other) == (None, "")
+    assert Store(tmp_path).load(other) == (None, "")

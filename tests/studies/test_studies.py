@@ -21,15 +21,15 @@ from typer.testing import CliRunner
 import beamdae as bd
 from beamdae.cli.app import app
 from beamdae.cli.model_files.model_file import contents
+from beamdae.studies.case_summaries import summarize_cases, summarize_mesh_study
+from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.execution import case_run as work
 from beamdae.studies.execution import engine
 from beamdae.studies.execution.case_run import Limits, Outcome
 from beamdae.studies.execution.pool import LocalPool, SerialPool
-from beamdae.studies.references import NOT_RUN
+from beamdae.studies.references import REFERENCE_NOT_RUN
 from beamdae.studies.store.store import Store
-from beamdae.studies.study_page import page
-from beamdae.studies.summaries import mesh_summary, summary
-from beamdae.studies.tables import case_table, row
+from beamdae.studies.study_page import create_study_page
 
 ALPHA = bd.GeneralizedAlpha(step=2e-3)
 REFERENCES = (bd.Ida(rtol=1e-7), bd.GeneralizedAlpha(step=5e-4, newton_tolerance=1e-10))
@@ -178,7 +178,7 @@ def test_errors_are_measured_against_what_two_methods_agree_on(swings):
         errors = rows["error [-]"].to_numpy()
         # Order 2, and well above what the reference resolves.
         assert_allclose(np.log2(errors[:-1] / errors[1:]), 2.0, atol=0.1)
-        assert errors.min() > reference.resolves
+        assert errors.min() > reference.resolution
         assert (rows["reference uncertainty [-]"] == reference.uncertainty).all()
 
 
@@ -221,7 +221,7 @@ def crossing(scatter=None):
 
 @pytest.mark.parametrize("scatter", [None, 0.1, 1.0])
 def test_crossover_is_where_another_series_becomes_the_fastest(scatter):
-    found = summary(pd.concat(crossing(scatter))).set_index("what")
+    found = summarize_cases(pd.concat(crossing(scatter))).set_index("what")
     # 1e-4 / e = 1e-3 / e^(1/3): e = 10^-1.5.
     assert_allclose(found.loc["crossover", "value"], 10.0**-1.5, rtol=0.05)
     assert found.loc["crossover", "answer"] == "fine"
@@ -230,9 +230,9 @@ def test_crossover_is_where_another_series_becomes_the_fastest(scatter):
 
 def test_no_series_overtakes_where_it_may_be_chance():
     """At no error they have in common is one faster than the other by more than a factor of ten."""
-    assert "crossover" not in set(summary(pd.concat(crossing(10.0)))["what"])
+    assert "crossover" not in set(summarize_cases(pd.concat(crossing(10.0)))["what"])
     same = [timed_rows("a", (0.1, 0.01), 1, 1.0), timed_rows("b", (0.1, 0.01), 1.02, 1.0)]
-    assert "crossover" not in set(summary(pd.concat(same))["what"])
+    assert "crossover" not in set(summarize_cases(pd.concat(same))["what"])
 
 
 @pytest.mark.parametrize(
@@ -247,7 +247,7 @@ def test_one_is_faster_if_its_median_is_less_than_the_fastest_run_of_the_other(
     costs, scatter, as_fast
 ):
     rows = [timed_rows(name, (0.09,), 2, cost, scatter) for name, cost in costs.items()]
-    best = summary(pd.concat(rows)).iloc[0]
+    best = summarize_cases(pd.concat(rows)).iloc[0]
     assert best["answer"] == "a(step=0.09)"
     assert best["as fast"] == ", ".join(f"{name}(step=0.09)" for name in as_fast)
     assert_allclose(best["value"], 1.0 / 0.09)
@@ -342,7 +342,7 @@ def test_a_killed_worker_is_tried_again_and_takes_no_other_case(tmp_path):
     # The reference of `once` met the marker first; one of the runs died, none was lost.
     assert results.table["status"][2] == "ok"
     assert marker.read_text() == "x"
-    again = Store(results.folder).outcome(results.study.task(always))
+    again = Store(results.folder).load(results.study.task(always))
     assert again == (None, ""), "tried again at the next start"
 
 
@@ -466,14 +466,14 @@ def test_damaged_results_are_computed_again(tmp_path):
     study = made(SWINGS[:1])
     store, task = Store(tmp_path), study.task(SWINGS[0])
     done(study, tmp_path)
-    known, _ = store.outcome(task)
+    known, _ = store.load(task)
     assert known.status.success
-    lines = store.trajectory(task).read_text().splitlines()
-    store.trajectory(task).write_text("\n".join(lines[:50]))
-    assert store.outcome(task)[0] is None
+    lines = store.trajectory_path(task).read_text().splitlines()
+    store.trajectory_path(task).write_text("\n".join(lines[:50]))
+    assert store.load(task)[0] is None
     for text in ("{", "[]"):
-        store.record(task).write_text(text)
-        assert store.outcome(task)[0] is None
+        store.record_path(task).write_text(text)
+        assert store.load(task)[0] is None
     again = done(study, tmp_path)
     pd.testing.assert_frame_equal(again.outcome(SWINGS[0]).table, known.table)
 
@@ -497,9 +497,9 @@ def factory(gravity):
 
 
 def test_what_a_model_is_closed_over_and_arrays_are_part_of_the_fingerprint():
-    one, other = (bd.Case(factory(g), {}, ALPHA).mechanism() for g in (1.0, 10.0))
+    one, other = (bd.Case(factory(g), {}, ALPHA).mechanism_fingerprint() for g in (1.0, 10.0))
     assert one != other
-    assert one == bd.Case(factory(1.0), {}, ALPHA).mechanism()
+    assert one == bd.Case(factory(1.0), {}, ALPHA).mechanism_fingerprint()
 
     zeros, changed = np.zeros(2000), np.zeros(2000)
     changed[700] = 1e-12
@@ -508,7 +508,10 @@ def test_what_a_model_is_closed_over_and_arrays_are_part_of_the_fingerprint():
     def tabled(values=zeros):
         return swing()
 
-    assert bd.Case(tabled).mechanism() != bd.Case(tabled, {"values": changed}).mechanism()
+    assert (
+        bd.Case(tabled).mechanism_fingerprint()
+        != bd.Case(tabled, {"values": changed}).mechanism_fingerprint()
+    )
 
 
 def test_two_models_of_one_name_are_refused():
@@ -524,11 +527,17 @@ def test_a_case_that_is_a_reference_as_well_is_run_once_and_animated(tmp_path):
 
 def test_parameters_stand_together_and_give_way_to_columns():
     cases = [bd.Case(swing, {"mass": 1.0}), bd.Case(swing, {"torque": 2.0})]
-    table = case_table([row(case, "g", Outcome.failed("no"), None) for case in cases])
+    table = assemble_case_table(
+        [tabulate_case(case, "g", Outcome.failed("no"), None) for case in cases]
+    )
     assert list(table)[:4] == ["model", "mass", "torque", "group"]
     tricky = replace(swing, parameters={"steps": 3, "shape": [1, 2]})
-    (line,) = case_table(
-        [row(bd.Case(tricky, {"steps": 5, "shape": [3, 4]}), "g", Outcome.failed("no"), None)]
+    (line,) = assemble_case_table(
+        [
+            tabulate_case(
+                bd.Case(tricky, {"steps": 5, "shape": [3, 4]}), "g", Outcome.failed("no"), None
+            )
+        ]
     ).to_dict("records")
     assert line["parameter steps"] == 5
     assert line["shape"] == "[3, 4]"
@@ -560,7 +569,7 @@ def test_interrupt_keeps_what_is_done_and_a_second_start_goes_on(tmp_path, monke
     kept = len(list(outcomes.glob("*.json")))
     monkeypatch.chdir(tmp_path)
     # Pictures take longer than the runs.
-    monkeypatch.setattr("beamdae.studies.study_pictures.plots", lambda results: {})
+    monkeypatch.setattr("beamdae.studies.study_pictures.list_plots", lambda results: {})
     again = CliRunner().invoke(app, command)
     assert again.exit_code == 0, again.stderr
     assert f"{kept} kept from before" in again.stderr
@@ -573,7 +582,7 @@ def test_repetitions_give_the_median_wall_time_and_its_ends(tmp_path):
     (line,) = results.table.to_dict("records")
     names = ("wall time min [s]", "wall time [s]", "wall time max [s]")
     assert 0.0 < line[names[0]] <= line[names[1]] <= line[names[2]]
-    assert {"wall min", "wall max"} <= {x["label"] for x in page(results)["columns"]}
+    assert {"wall min", "wall max"} <= {x["label"] for x in create_study_page(results)["columns"]}
     assert "wall time min [s]" not in done(made(SWINGS[:1]), tmp_path / "once").table
     with pytest.raises(bd.BeamdaeError, match="made: repetitions must be a whole number"):
         made(SWINGS[:1], repetitions=0)
@@ -613,16 +622,16 @@ def test_columns_are_checked_before_the_work_is_done(tmp_path):
 
 
 def test_outcomes_of_nothing():
-    lines = [row(SWINGS[0], "g", Outcome.failed("it does not build"), NOT_RUN)]
-    table = case_table(lines)
+    lines = [tabulate_case(SWINGS[0], "g", Outcome.failed("it does not build"), REFERENCE_NOT_RUN)]
+    table = assemble_case_table(lines)
     assert table["steps"].isna().all()
-    assert len(summary(table)) == 0
-    assert len(mesh_summary(table, "mass")) == 0
+    assert len(summarize_cases(table)) == 0
+    assert len(summarize_mesh_study(table, "mass")) == 0
 
 
 def test_frames_of_the_reference_are_kept_for_the_animation(swings):
-    keys = {case.mechanism() for case in SWINGS}
+    keys = {case.mechanism_fingerprint() for case in SWINGS}
     assert set(swings.frames) == keys
-    frames = swings.frames[SWINGS[0].mechanism()]
+    frames = swings.frames[SWINGS[0].mechanism_fingerprint()]
     assert json.dumps(frames)
     assert {symbol["name"] for symbol in frames["symbols"]} >= {"bob"}

@@ -12,10 +12,10 @@ from rich.console import Console
 
 import beamdae as bd
 from beamdae.report.terminal import text_tables as terminal
+from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.execution.case_run import Outcome
-from beamdae.studies.references import agreed, reference_tasks
-from beamdae.studies.run_values import by_time, values
-from beamdae.studies.tables import case_table, row
+from beamdae.studies.references import build_reference, create_reference_tasks
+from beamdae.studies.run_values import collect_run_values, tabulate_trajectory
 
 
 @bd.model(t_end=1.0)
@@ -72,22 +72,24 @@ def test_references_that_events_end_are_extrapolated_and_agree():
         cases=(bd.Case(pendulum),),
         references=(bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-10), FINE),
     )
-    methods = reference_tasks(study, study.cases)
+    methods = create_reference_tasks(study, study.cases)
     outcomes = {}
     for task in (task for tasks in methods for task in tasks):
         solution = bd.simulate(pendulum, task.case.integrator, 1.0, 1e-3)
-        outcomes[task.key] = Outcome(solution.status, values(solution), by_time(solution))
+        outcomes[task.key] = Outcome(
+            solution.status, collect_run_values(solution), tabulate_trajectory(solution)
+        )
     ends = {outcome.table.index[-1] for outcome in outcomes.values()}
     assert len(ends) == 3
-    reference = agreed(study, methods, outcomes)
+    reference = build_reference(study, methods, outcomes)
     truth = outcomes[methods[1][0].key]
     assert reference.uncertainty < 1e-6
     # Extrapolated, their times are much better than those of either run.
     coarse, fine = (outcomes[task.key].values[FIRST] for task in methods[0])
     off = abs(reference.events[FIRST] - truth.values[FIRST])
     assert off < 1e-2 * min(abs(x - truth.values[FIRST]) for x in (coarse, fine))
-    told = case_table([row(study.cases[0], "caught", truth, reference)])
+    told = assemble_case_table([tabulate_case(study.cases[0], "caught", truth, reference)])
     assert_allclose(told[f"error of {FIRST}"], off, rtol=1e-6)
     failed = replace(truth, status=replace(truth.status, kind="failed"), values={"steps": 3})
-    told = case_table([row(study.cases[0], "caught", failed, reference)])
+    told = assemble_case_table([tabulate_case(study.cases[0], "caught", failed, reference)])
     assert np.isnan(told[f"error of {FIRST}"][0])

@@ -9,7 +9,7 @@ from turning import THICK, THIN, swept
 
 import beamdae as bd
 from beamdae.report.page.page_file import write_page
-from beamdae.studies.study_page import page
+from beamdae.studies.study_page import create_study_page
 from beamdae.studies.sweeps.page import page_of_sweep
 from beamdae.studies.sweeps.scales import Scale
 from beamdae.studies.sweeps.tables import MEASURES
@@ -76,7 +76,7 @@ def test_ratios_make_a_logarithmic_axis_and_few_pairs_are_dots():
 
 def test_pages_lay_the_runs_over_each_other(found, tmp_path):
     assert found.page(tmp_path / "report.html").stat().st_size > 10_000
-    shown = page(found.results, found.table[["speed", "radius", "tip.x max [m]"]])
+    shown = create_study_page(found.results, found.table[["speed", "radius", "tip.x max [m]"]])
     assert [group["label"] for group in shown["groups"]] == ["turning_sweep"]
     assert [case["label"] for case in shown["cases"]][:2] == [
         "speed=4, radius=0.5",

@@ -22,8 +22,8 @@ from beamdae.studies.execution import engine
 from beamdae.studies.execution.packing import packed
 from beamdae.studies.execution.plan import Plan
 from beamdae.studies.execution.pool import LocalPool, SerialPool
-from beamdae.studies.store import rows
-from beamdae.studies.study_pictures import plots
+from beamdae.studies.store import trajectory_csv as rows
+from beamdae.studies.study_pictures import list_plots
 
 ALPHA = bd.GeneralizedAlpha(step=5e-3)
 
@@ -64,12 +64,12 @@ ROWS = pd.DataFrame(
 
 def test_rows_are_the_text_pandas_writes():
     expected = ROWS.rename(columns={'=a, "b"': '\'=a, "b"'}).to_csv(lineterminator="\n")
-    assert rows.to_text(ROWS) == expected.encode()
+    assert rows.format_trajectory(ROWS) == expected.encode()
 
 
 @pytest.mark.parametrize("table", [ROWS, ROWS[[]], ROWS.iloc[:0], ROWS.iloc[:1]])
 def test_rows_are_read_back_to_the_last_bit(table):
-    found = rows.from_text(rows.to_text(table), list(table))
+    found = rows.parse_trajectory(rows.format_trajectory(table), list(table))
     pd.testing.assert_frame_equal(found, table, check_exact=True, check_column_type=False)
     assert np.array_equal(np.signbit(found), np.signbit(table))
 
@@ -183,7 +183,7 @@ def test_a_study_has_errors_of_some_cases(tmp_path):
     assert not results.table["below resolution"][[0, 3]].any()
     assert set(results.summary["group"]) <= {"swing(mass=2.0)"}
     assert not results.failed
-    page = page_data.page(results)
+    page = page_data.create_study_page(results)
     assert [(x["label"], x["reference"]["accepted"]) for x in page["groups"]] == [
         ("swing(mass=2.0)", True),
         ("made", True),
@@ -235,7 +235,7 @@ def test_the_page_of_a_sweep_has_one_group_and_the_curves_of_the_first_cases(
     swept, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(page_data, "_MOST_CURVES", 4)
-    page = page_data.page(swept)
+    page = page_data.create_study_page(swept)
     assert [group["id"] for group in page["groups"]] == ["sweep"]
     assert page["cases"][0]["label"] == f"swing(mass=1.0), {ALPHA.label}"
     drawn = [case["curves"] is not None for case in page["cases"]]
@@ -244,7 +244,7 @@ def test_the_page_of_a_sweep_has_one_group_and_the_curves_of_the_first_cases(
         "Curves are those of the first 4 cases, the others' are in trajectories/."
     ]
     assert write_page(tmp_path / "report.html", page).stat().st_size > 10_000
-    assert plots(swept) == {}
+    assert list_plots(swept) == {}
 
 
 def test_references_are_two_or_none():

@@ -35,7 +35,7 @@ from tables import RESULTS, write
 import beamdae as bd
 from beamdae.studies.execution import engine
 from beamdae.studies.execution.pool import LocalPool
-from beamdae.studies.run_values import by_time
+from beamdae.studies.run_values import tabulate_trajectory
 
 STEP = 1e-3
 ROWS = 400
@@ -142,7 +142,9 @@ class Plain:
     def __call__(self, k: int) -> None:
         """Run the case of that number, and make its table."""
         mechanism = hub(torque=5.0 + 0.01 * k, density=2000.0 + k)
-        by_time(bd.simulate(mechanism, bd.GeneralizedAlpha(STEP), self.t_end, self.t_end / ROWS))
+        tabulate_trajectory(
+            bd.simulate(mechanism, bd.GeneralizedAlpha(STEP), self.t_end, self.t_end / ROWS)
+        )
 
 
 def beside(number: int, t_end: float, executor: Executor) -> float:

@@ -58,11 +58,11 @@ def compare_command(
 
 def _draws(results: Results) -> tuple[Draws, Draws]:
     from beamdae.report.page.page_file import write_page
-    from beamdae.studies.study_page import page
-    from beamdae.studies.study_pictures import plots
+    from beamdae.studies.study_page import create_study_page
+    from beamdae.studies.study_pictures import list_plots
 
     path = results.folder / "report.html"
-    return {path.name: lambda: [write_page(path, page(results))]}, plots(results)
+    return {path.name: lambda: [write_page(path, create_study_page(results))]}, list_plots(results)
 
 
 def _study(path: Path, name: str | None, settings: dict[str, str]) -> Study:

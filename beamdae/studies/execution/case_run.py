@@ -32,9 +32,19 @@ from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
 from beamdae.studies.execution.memory_limit import bounded, forget_peak, peak_memory
 from beamdae.studies.execution.packing import Packed, is_plain, packed, packed_around
-from beamdae.studies.run_values import by_time, output_values, timings, values
-from beamdae.studies.store.file_reads import Reads, digests, reading, unchanged
-from beamdae.studies.store.rows import to_text
+from beamdae.studies.run_values import (
+    collect_run_values,
+    evaluate_outputs,
+    summarize_wall_times,
+    tabulate_trajectory,
+)
+from beamdae.studies.store.file_reads import (
+    FileReads,
+    are_unchanged,
+    digest_reads,
+    record_file_reads,
+)
+from beamdae.studies.store.trajectory_csv import format_trajectory
 
 
 @dataclass(frozen=True)
@@ -69,8 +79,8 @@ class Task:
     ----------
     key
         `Case.fingerprint`.
-    mechanism
-        `Case.mechanism`, if that is known.
+    mechanism_fingerprint
+        `Case.mechanism_fingerprint`, if that is known.
     name
         For files, of this task alone in its study.
     outputs
@@ -84,7 +94,7 @@ class Task:
     limits: Limits = Limits()
     repetitions: int = 1
     animated: bool = False
-    mechanism: str = ""
+    mechanism_fingerprint: str = ""
     name: str = ""
     outputs: Mapping[str, Callable[[Solution], Any]] = field(default_factory=dict)
 
@@ -149,7 +159,7 @@ def perform(packed: bytes) -> Outcome:
     """
     folder = os.getcwd()
     try:
-        with reading() as reads:
+        with record_file_reads() as reads:
             outcome = _attempted(packed, reads)
     finally:
         with suppress(OSError):
@@ -157,7 +167,7 @@ def perform(packed: bytes) -> Outcome:
     return outcome
 
 
-def _attempted(packed: bytes, reads: Reads) -> Outcome:
+def _attempted(packed: bytes, reads: FileReads) -> Outcome:
     home = Path.cwd()
     try:
         task = cloudpickle.loads(packed)
@@ -171,7 +181,7 @@ def _attempted(packed: bytes, reads: Reads) -> Outcome:
         outcome = Outcome.failed("it needs more memory than there is, or than it may take")
     except BaseException as problem:  # Whatever a model raises is the end of its case alone.
         outcome = Outcome.failed(mistake(problem))
-    return replace(outcome, read=digests(reads, home))
+    return replace(outcome, read=digest_reads(reads, home))
 
 
 def mistake(problem: BaseException, whose: str = "the model") -> str:
@@ -183,7 +193,7 @@ def mistake(problem: BaseException, whose: str = "the model") -> str:
     return format_exception(problem)
 
 
-def _performed(task: Task, reads: Reads) -> Outcome:
+def _performed(task: Task, reads: FileReads) -> Outcome:
     begin = clock.perf_counter()
     forget_peak()
     with bounded(task.limits.memory), warnings.catch_warnings(record=True) as seen:
@@ -203,15 +213,15 @@ def _performed(task: Task, reads: Reads) -> Outcome:
                 break
         solution = solutions[-1]
         times = [s.statistics.wall_time for s in solutions]
-        found = values(solution) | timings(times)
+        found = collect_run_values(solution) | summarize_wall_times(times)
         status = solution.status
         if status.success:
             try:
-                found |= output_values(task.outputs, solution)
+                found |= evaluate_outputs(task.outputs, solution)
             except BeamdaeError as problem:
                 status = Status("failed", str(problem))
-        table = by_time(solution)
-        text = to_text(table)
+        table = tabulate_trajectory(solution)
+        text = format_trajectory(table)
         frames = export_run_frames(solution) if task.animated else None
     spent = sum(times) + sum(s.statistics.setup_time for s in solutions)
     found["measuring time [s]"] = clock.perf_counter() - begin - spent
@@ -234,13 +244,13 @@ class _Built:
     """Equations of motion, and the files that were read to build them."""
 
     equations: EquationsOfMotion
-    reads: Reads
+    reads: FileReads
 
 
 def _built(task: Task) -> _Built:
-    recipe = _Recipe(task.mechanism or task.case.mechanism(), task.case)
+    recipe = _Recipe(task.mechanism_fingerprint or task.case.mechanism_fingerprint(), task.case)
     built = _equations(recipe)
-    if not unchanged(built.reads):
+    if not are_unchanged(built.reads):
         _equations.cache_clear()
         built = _equations(recipe)
     return built
@@ -248,7 +258,7 @@ def _built(task: Task) -> _Built:
 
 @lru_cache(maxsize=1)
 def _equations(recipe: _Recipe) -> _Built:
-    with reading() as reads:
+    with record_file_reads() as reads:
         equations = as_equations("study", recipe.case.model(**recipe.case.parameters))
     return _Built(equations, reads)
 

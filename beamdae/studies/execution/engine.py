@@ -16,18 +16,18 @@ from beamdae.results.columns import observed_columns
 from beamdae.results.outcome import Status
 from beamdae.results.storage.files import escape_table, write_bytes, write_text
 from beamdae.studies.case import Case
+from beamdae.studies.case_summaries import summarize_cases, summarize_mesh_study
+from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.definition import Study
-from beamdae.studies.deviations import named_columns
+from beamdae.studies.deviations import select_observed_columns
 from beamdae.studies.execution.case_run import NOT_RUN, Outcome, Task
 from beamdae.studies.execution.deferred_interrupts import Interrupts
 from beamdae.studies.execution.plan import Plan
 from beamdae.studies.execution.pool import Executor
 from beamdae.studies.execution.study_progress import Count, Standing
-from beamdae.studies.references import NOT_RUN as NO_REFERENCE
-from beamdae.studies.references import Reference, agreed
+from beamdae.studies.references import REFERENCE_NOT_RUN as NO_REFERENCE
+from beamdae.studies.references import Reference, build_reference
 from beamdae.studies.store.store import Store
-from beamdae.studies.summaries import mesh_summary, summary
-from beamdae.studies.tables import case_table, row
 
 # More sentences of one kind are counted.
 _MOST_NOTES = 20
@@ -48,7 +48,7 @@ class Results:
     outcomes
         By fingerprint.
     frames
-        Shapes of the bodies over time, by `Case.mechanism`.
+        Shapes of the bodies over time, by `Case.mechanism_fingerprint`.
     interrupted
         Whether there was an interrupt; a second start goes on.
     notes
@@ -74,7 +74,7 @@ class Results:
 
     def frames_of(self, case: Case) -> dict[str, Any] | None:
         """Shapes of the bodies over time, of whatever run of the same mechanism has them."""
-        return self.frames.get(self._task(case).mechanism)
+        return self.frames.get(self._task(case).mechanism_fingerprint)
 
     def _task(self, case: Case) -> Task:
         # By identity: what a model refers to may have changed since.
@@ -138,7 +138,7 @@ def run(
     with Interrupts() as interrupts:
         plan = Plan.of(study)
         store = Store(folder)
-        store.clean()
+        store.remove_scratch_files()
         notes, outcomes = _kept(plan, store, interrupts)
         for sentence in notes:
             warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
@@ -157,7 +157,7 @@ def _kept(
     for task in plan.tasks:
         if interrupts.noted:
             break
-        outcome, problem = store.outcome(task)
+        outcome, problem = store.load(task)
         if outcome is not None:
             outcomes[task.key] = outcome
         if problem:
@@ -177,16 +177,18 @@ def _measured(
     """The tables, from whatever outcomes there are."""
     study = plan.study
     references = {
-        group: agreed(study, tasks_of, outcomes)
+        group: build_reference(study, tasks_of, outcomes)
         if all(task.key in outcomes for method in tasks_of for task in method)
         else NO_REFERENCE
         for group, tasks_of in plan.methods.items()
     }
     rows = [_row(plan, case, outcomes, references) for case in study.cases]
-    table = case_table(rows)
-    found = summary(table) if study.over is None else mesh_summary(table, study.over)
+    table = assemble_case_table(rows)
+    found = (
+        summarize_cases(table) if study.over is None else summarize_mesh_study(table, study.over)
+    )
     frames = {
-        task.mechanism: outcomes[task.key].frames
+        task.mechanism_fingerprint: outcomes[task.key].frames
         for task in plan.tasks
         if task.key in outcomes and outcomes[task.key].frames is not None
     }
@@ -201,10 +203,10 @@ def _row(
     group = plan.group_of[id(case)]
     outcome = outcomes.get(plan.of_cases[id(case)].key, NOT_RUN)
     try:
-        found = row(case, group, outcome, references.get(group))
+        found = tabulate_case(case, group, outcome, references.get(group))
     except BeamdaeError as problem:
         failed = Outcome(Status("failed", str(problem)), outcome.values)
-        found = row(case, group, failed, NO_REFERENCE)
+        found = tabulate_case(case, group, failed, NO_REFERENCE)
     return found | {"trajectory": f"trajectories/{outcome.file}" if outcome.file else ""}
 
 
@@ -229,7 +231,7 @@ def _perform(
             for task, outcome, keep in found:
                 _require_columns(plan, task, outcome)
                 if keep and outcome.status.kind != "interrupted":
-                    outcome = store.keep(task, outcome)
+                    outcome = store.save(task, outcome)
                 outcomes[task.key] = outcome
                 count.add(task, outcome)
                 count.tell(f"{task.case.group}, {task.case.label}")
@@ -249,7 +251,7 @@ def _require_columns(plan: Plan, task: Task, outcome: Outcome) -> None:
     study = plan.study
     table = outcome.table if study.columns and task.case.model is study.cases[0].model else None
     if table is not None:
-        named_columns(study.name, study.columns, observed_columns(table))
+        select_observed_columns(study.name, study.columns, observed_columns(table))
 
 
 def _write(results: Results) -> None:

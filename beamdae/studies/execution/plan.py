@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from beamdae.studies.case import Known
+from beamdae.studies.case import DigestCache
 from beamdae.studies.definition import Study
 from beamdae.studies.execution.case_run import Task
-from beamdae.studies.naming import file_names
-from beamdae.studies.references import groups, reference_tasks
+from beamdae.studies.references import create_reference_tasks, group_cases
+from beamdae.studies.unique_names import create_file_names
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class Plan:
     @classmethod
     def of(cls, study: Study) -> Plan:
         """The plan of a study as its models are now."""
-        known: Known = {}
+        known: DigestCache = {}
         of_cases = {id(case): study.task(case, known=known) for case in study.cases}
-        found = groups(study, of_cases, known)
+        found = group_cases(study, of_cases, known)
         methods = {
-            group: reference_tasks(study, cases, known)
+            group: create_reference_tasks(study, cases, known)
             for group, cases in found.items()
             if study.measures(len({of_cases[id(case)].key for case in cases}))
         }
@@ -61,5 +61,5 @@ def _unique(tasks: list[Task]) -> list[Task]:
             repetitions=max(earlier.repetitions, task.repetitions),
             animated=earlier.animated or task.animated,
         )
-    names = file_names((task.case.group, task.case.label) for task in found.values())
+    names = create_file_names((task.case.group, task.case.label) for task in found.values())
     return [replace(x, name=name) for x, name in zip(found.values(), names, strict=True)]

@@ -15,7 +15,7 @@ from beamdae.studies.execution.case_run import Outcome, Task, mistake, perform
 from beamdae.studies.execution.deferred_interrupts import Interrupts
 from beamdae.studies.execution.packing import Packed
 from beamdae.studies.execution.workers import Worker, WorkerError, ready
-from beamdae.studies.store.file_reads import forget
+from beamdae.studies.store.file_reads import clear_module_reads
 
 # A run that has not ended by its own time limit after so many seconds more is killed.
 _GRACE = 60.0
@@ -63,7 +63,7 @@ class SerialPool:
         """(task, outcome, whether it is to be kept) of each task, in their order."""
         known: Packed = {}
         for task in tasks:
-            forget()
+            clear_module_reads()
             outcome = perform(task.packed(known))
             yield task, outcome, True
             # The integrator took the interrupt for its run alone; it is meant for the study.

@@ -15,25 +15,25 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from beamdae.studies.store.sources import file_digest, is_installed, signature
+from beamdae.studies.store.sources import digest_file, file_signature, is_installed
 
-_WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+_WRITE_FLAGS = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 # A file that is not what was read: no hash is this.
-_CHANGED = "changed while it was read"
+_CHANGED_WHILE_READ = "changed while it was read"
 
 Signature = tuple[int, int, int] | None
 # Files by the name they are known by, "./" for those read relative to the working directory.
-Reads = dict[str, Signature]
+FileReads = dict[str, Signature]
 
 
-class _Watch:
+class _FileWatcher:
     """What Python says of files it opens; one a process, for hooks stay until its end."""
 
     def __init__(self) -> None:
         self.begun = False
-        self.current: list[Reads] = []
+        self.current: list[FileReads] = []
         # Read by modules that stay loaded: all later runs of a worker have it as well.
-        self.lasting: Reads = {}
+        self.lasting: FileReads = {}
         self.written: set[str] = set()
         self.folder = ""
 
@@ -55,30 +55,30 @@ class _Watch:
         absolute = os.path.abspath(path)
         if is_installed(absolute):
             return
-        if (mode and set(mode) & set("wax+")) or (flags or 0) & _WRITING:
+        if (mode and set(mode) & set("wax+")) or (flags or 0) & _WRITE_FLAGS:
             self.written.add(absolute)
             return
         code = path.endswith((".py", ".pyc"))
         if path.endswith(".pyc"):
-            absolute = path = _source_of(absolute)
+            absolute = path = _source_path(absolute)
         moved = os.path.isabs(path) or os.getcwd() != self.folder
         name = absolute if moved else f"./{os.path.normpath(path)}"
-        for reads in [self.lasting] if code or _by_module() else self.current:
-            reads.setdefault(name, signature(absolute))
+        for reads in [self.lasting] if code or _is_read_by_module() else self.current:
+            reads.setdefault(name, file_signature(absolute))
 
 
-_WATCH = _Watch()
+_WATCHER = _FileWatcher()
 
 
 @cache
-def _source_of(compiled: str) -> str:
+def _source_path(compiled: str) -> str:
     try:
         return importlib.util.source_from_cache(compiled)
     except ValueError:
         return compiled
 
 
-def _by_module() -> bool:
+def _is_read_by_module() -> bool:
     """Whether a loaded module of the user's own reads, which may keep what it has read."""
     frame = sys._getframe(3)
     while frame is not None:
@@ -94,32 +94,32 @@ def _by_module() -> bool:
     return False
 
 
-def watch() -> None:
+def start_watching() -> None:
     """Take notice of files from now on."""
-    _WATCH.begin()
+    _WATCHER.begin()
 
 
 @contextmanager
-def reading() -> Iterator[Reads]:
+def record_file_reads() -> Iterator[FileReads]:
     """Files read inside, whatever thread reads them, and those loaded modules have read before."""
-    _WATCH.begin()
-    reads: Reads = {}
-    _WATCH.folder = os.getcwd()
-    _WATCH.current.append(reads)
+    _WATCHER.begin()
+    reads: FileReads = {}
+    _WATCHER.folder = os.getcwd()
+    _WATCHER.current.append(reads)
     try:
         yield reads
     finally:
-        _WATCH.current[:] = [x for x in _WATCH.current if x is not reads]
-        reads |= _WATCH.lasting
+        _WATCHER.current[:] = [x for x in _WATCHER.current if x is not reads]
+        reads |= _WATCHER.lasting
 
 
-def forget() -> None:
+def clear_module_reads() -> None:
     """Begin anew: modules this process had loaded before are no part of what is run now."""
-    _WATCH.lasting.clear()
-    _WATCH.written.clear()
+    _WATCHER.lasting.clear()
+    _WATCHER.written.clear()
 
 
-def digests(reads: Mapping[str, Signature], home: Path) -> dict[str, str | None]:
+def digest_reads(reads: Mapping[str, Signature], home: Path) -> dict[str, str | None]:
     """Hashes of files that were read; absolute names become relative to `home`.
 
     So that a model and its files may move together. Files this process has written are left out.
@@ -127,19 +127,19 @@ def digests(reads: Mapping[str, Signature], home: Path) -> dict[str, str | None]
     found: dict[str, str | None] = {}
     for name, before in sorted(reads.items()):
         absolute = os.path.abspath(name)
-        if absolute in _WATCH.written or os.path.isdir(absolute):
+        if absolute in _WATCHER.written or os.path.isdir(absolute):
             continue
-        now = file_digest(absolute) if signature(absolute) == before else _CHANGED
-        found[_portable(name, home)] = now
+        now = digest_file(absolute) if file_signature(absolute) == before else _CHANGED_WHILE_READ
+        found[_portable_name(name, home)] = now
     return found
 
 
-def unchanged(reads: Mapping[str, Signature]) -> bool:
+def are_unchanged(reads: Mapping[str, Signature]) -> bool:
     """Whether files are still what they were when they were read."""
-    return all(signature(os.path.abspath(name)) == before for name, before in reads.items())
+    return all(file_signature(os.path.abspath(name)) == before for name, before in reads.items())
 
 
-def _portable(name: str, home: Path) -> str:
+def _portable_name(name: str, home: Path) -> str:
     if name.startswith("./"):
         return name
     try:
@@ -148,11 +148,11 @@ def _portable(name: str, home: Path) -> str:
         return name
 
 
-def changed(found: Mapping[str, str | None], home: Path) -> list[str]:
+def changed_files(found: Mapping[str, str | None], home: Path) -> list[str]:
     """Those of the files that are not what they were."""
 
     def place(name: str) -> str:
         inside = name.removeprefix("model:")
         return os.path.abspath(inside if inside == name else home / inside)
 
-    return [place(name) for name, known in found.items() if file_digest(place(name)) != known]
+    return [place(name) for name, known in found.items() if digest_file(place(name)) != known]

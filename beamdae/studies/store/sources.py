@@ -11,15 +11,15 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[2]
 # Commands and reports are no part of a result.
-_ABOVE = ("cli", "report")
+_RESULT_INDEPENDENT = ("cli", "report")
 # What the system holds, and what programs keep for themselves.
-_SYSTEM = ("/proc", "/sys", "/dev", "/etc", "/usr/share")
+_SYSTEM_FOLDERS = ("/proc", "/sys", "/dev", "/etc", "/usr/share")
 
 
 @cache
-def _installed() -> tuple[str, ...]:
+def _installed_folders() -> tuple[str, ...]:
     folders = [sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")]
-    folders += [*site.getsitepackages(), site.getusersitepackages(), *_SYSTEM, str(PACKAGE)]
+    folders += [*site.getsitepackages(), site.getusersitepackages(), *_SYSTEM_FOLDERS, str(PACKAGE)]
     folders.append(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
     both = {x for folder in folders if folder for x in (folder, os.path.realpath(folder))}
     return tuple(f"{folder.rstrip(os.sep)}{os.sep}" for folder in both)
@@ -28,22 +28,22 @@ def _installed() -> tuple[str, ...]:
 @cache
 def is_installed(file: str) -> bool:
     """Whether a file is no user's own: a part of Python, of a package or of the system."""
-    return file.startswith("<frozen ") or file.startswith(_installed())
+    return file.startswith("<frozen ") or file.startswith(_installed_folders())
 
 
 @cache
-def package_digest() -> str:
+def digest_package() -> str:
     """Hash of beamdae's own sources, as they are when it is asked first."""
     whole = hashlib.sha256()
     for path in sorted(PACKAGE.rglob("*.py")):
         place = path.relative_to(PACKAGE)
-        if place.parts[0] not in _ABOVE:
+        if place.parts[0] not in _RESULT_INDEPENDENT:
             whole.update(f"{place.as_posix()}\0".encode())
             whole.update(path.read_bytes() + b"\0")
     return whole.hexdigest()
 
 
-def signature(path: str) -> tuple[int, int, int] | None:
+def file_signature(path: str) -> tuple[int, int, int] | None:
     """What changes when a file does; None if there is no such file."""
     try:
         found = os.stat(path)
@@ -52,9 +52,9 @@ def signature(path: str) -> tuple[int, int, int] | None:
     return found.st_mtime_ns, found.st_size, found.st_ino
 
 
-def file_digest(path: str) -> str | None:
+def digest_file(path: str) -> str | None:
     """Hash of what a file holds; None if there is no such file, or it cannot be read."""
-    return _file_digest(path, signature(path))
+    return _file_digest(path, file_signature(path))
 
 
 @cache

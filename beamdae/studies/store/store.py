@@ -18,12 +18,12 @@ from beamdae.errors import BeamdaeError
 from beamdae.results.outcome import Kind, Status
 from beamdae.results.storage.files import atomic_write, remove_stale_scratch_files, write_bytes
 from beamdae.studies.execution.case_run import Outcome, Task
-from beamdae.studies.store.file_reads import changed
-from beamdae.studies.store.rows import from_text, to_text
+from beamdae.studies.store.file_reads import changed_files
+from beamdae.studies.store.trajectory_csv import format_trajectory, parse_trajectory
 
 _FORMAT = 3
 # Longer records are none of ours [bytes].
-_LARGEST = 1_000_000_000
+_MAX_RECORD_BYTES = 1_000_000_000
 
 
 class _DamagedError(Exception):
@@ -40,19 +40,19 @@ class Store:
 
     folder: Path
 
-    def record(self, task: Task) -> Path:
+    def record_path(self, task: Task) -> Path:
         """Where a task's outcome is kept."""
         return self.folder / "outcomes" / f"{task.key}.json"
 
-    def rows(self, task: Task) -> Path:
+    def rows_path(self, task: Task) -> Path:
         """Where a task's rows are kept."""
-        return self.record(task).with_suffix(".csv")
+        return self.record_path(task).with_suffix(".csv")
 
-    def trajectory(self, task: Task) -> Path:
+    def trajectory_path(self, task: Task) -> Path:
         """Where a task's rows are for readers."""
         return self.folder / "trajectories" / f"{task.name or task.key}.csv"
 
-    def keep(self, task: Task, outcome: Outcome) -> Outcome:
+    def save(self, task: Task, outcome: Outcome) -> Outcome:
         """Write an outcome, and return it with the name of its file.
 
         The record comes last, so that one that is there is complete; it has the hash of the rows
@@ -66,14 +66,14 @@ class Store:
         rows, table = None, outcome.table
         if table is not None:
             # The record has the headers as they are.
-            text = outcome.text or to_text(table)
-            write_bytes(self.rows(task), text)
-            self._show(task, text)
+            text = outcome.text or format_trajectory(table)
+            write_bytes(self.rows_path(task), text)
+            self._link_trajectory(task, text)
             rows = {
                 "sha256": hashlib.sha256(text).hexdigest(),
                 "columns": [str(c) for c in table],
             }
-            outcome = replace(outcome, file=self.trajectory(task).name)
+            outcome = replace(outcome, file=self.trajectory_path(task).name)
         content = {
             "status": asdict(outcome.status),
             "values": outcome.values,
@@ -85,11 +85,11 @@ class Store:
         }
         # Numbers of numpy are told as their own.
         content = json.loads(json.dumps(content, default=methodcaller("item")))
-        record = {"format": _FORMAT, "sha256": _sum(content), "outcome": content}
-        write_bytes(self.record(task), f"{json.dumps(record)}\n".encode())
+        record = {"format": _FORMAT, "sha256": _checksum(content), "outcome": content}
+        write_bytes(self.record_path(task), f"{json.dumps(record)}\n".encode())
         return replace(outcome, text=b"")
 
-    def outcome(self, task: Task) -> tuple[Outcome | None, str]:
+    def load(self, task: Task) -> tuple[Outcome | None, str]:
         """The outcome of a task if there is one that serves, and what is wrong if it is damaged.
 
         None without a word if it was never kept, if files it has read have changed, if it failed
@@ -100,17 +100,19 @@ class Store:
         BeamdaeError
             If there is a folder in the place of its file.
         """
-        for path in (self.record(task), self.rows(task), self.trajectory(task)):
+        for path in (self.record_path(task), self.rows_path(task), self.trajectory_path(task)):
             if path.is_dir():
                 raise BeamdaeError(f"{path}: it must be a file of results, and is a folder.")
         try:
             content = self._content(task)
-            if content is None or not _serves(task, content):
+            if content is None or not _is_usable(task, content):
                 return None, ""
             kept = None
             if content["rows"] is not None:
-                kept = _Kept(self.rows(task), self.trajectory(task), **content["rows"])
-                self._show(task, kept.text())
+                kept = _StoredRows(
+                    self.rows_path(task), self.trajectory_path(task), **content["rows"]
+                )
+                self._link_trajectory(task, kept.text())
         except _DamagedError as problem:
             return None, str(problem)
         status = Status(**content["status"])
@@ -119,9 +121,9 @@ class Store:
         return Outcome(status, values, kept, frames, read, file), ""
 
     def _content(self, task: Task) -> dict[str, Any] | None:
-        path = self.record(task)
+        path = self.record_path(task)
         try:
-            if path.stat().st_size > _LARGEST:
+            if path.stat().st_size > _MAX_RECORD_BYTES:
                 raise _DamagedError(f"{path.name} is larger than any record")
             record = json.loads(path.read_bytes())
         except FileNotFoundError:
@@ -135,15 +137,15 @@ class Store:
         if record["format"] != _FORMAT:
             raise _DamagedError(f"{path.name} is a record of another version")
         content = record.get("outcome")
-        if not isinstance(content, dict) or record.get("sha256") != _sum(content):
+        if not isinstance(content, dict) or record.get("sha256") != _checksum(content):
             raise _DamagedError(f"{path.name} is not what was written")
-        if not _is_record(content):
+        if not _is_valid_record(content):
             raise _DamagedError(f"{path.name} has values no record has")
         return content
 
-    def _show(self, task: Task, text: bytes) -> None:
+    def _link_trajectory(self, task: Task, text: bytes) -> None:
         """Have the rows of a task under its name, whatever was there before."""
-        source, path = self.rows(task), self.trajectory(task)
+        source, path = self.rows_path(task), self.trajectory_path(task)
         with suppress(OSError):
             if path.samefile(source) or path.read_bytes() == text:
                 return
@@ -154,14 +156,14 @@ class Store:
             except OSError:  # No file system has to have links.
                 scratch.write_bytes(text)
 
-    def clean(self) -> None:
+    def remove_scratch_files(self) -> None:
         """Remove what processes that have ended left unfinished."""
         for folder in (self.folder, self.folder / "outcomes", self.folder / "trajectories"):
             remove_stale_scratch_files(folder)
 
 
 @dataclass(frozen=True)
-class _Kept:
+class _StoredRows:
     """Rows in a file, known to readers by another name; they are read when they are asked for."""
 
     path: Path
@@ -183,7 +185,7 @@ class _Kept:
     def table(self) -> pd.DataFrame:
         """The rows."""
         try:
-            return from_text(self.text(), self.columns)
+            return parse_trajectory(self.text(), self.columns)
         except _DamagedError as problem:
             raise BeamdaeError(f"{self.shown.parent}: {problem}.") from None
 
@@ -192,9 +194,9 @@ class _Kept:
         return self.table
 
 
-def _serves(task: Task, content: dict[str, Any]) -> bool:
+def _is_usable(task: Task, content: dict[str, Any]) -> bool:
     """Whether an outcome is what the task asks for now."""
-    if changed(content["read"], task.case.model.home):
+    if changed_files(content["read"], task.case.model.home):
         return False
     if content["status"]["kind"] != "ok":
         return bool(content["limits"] == asdict(task.limits))
@@ -203,7 +205,7 @@ def _serves(task: Task, content: dict[str, Any]) -> bool:
     return not task.animated or content["frames"] is not None
 
 
-def _is_record(content: dict[str, Any]) -> bool:
+def _is_valid_record(content: dict[str, Any]) -> bool:
     """Whether all that is made use of is there, and of its kind."""
     kinds: dict[str, Any] = {
         "status": dict,
@@ -227,6 +229,6 @@ def _is_record(content: dict[str, Any]) -> bool:
     )
 
 
-def _sum(content: Any) -> str:
+def _checksum(content: Any) -> str:
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()

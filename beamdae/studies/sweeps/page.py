@@ -11,7 +11,7 @@ from beamdae.studies.sweeps.tables import parameter_column
 
 
 def page_of_sweep(swept: SweepResults) -> dict[str, Any]:
-    """The page of a sweep; see `beamdae.report.create_study_page.page_file.write_page`.
+    """The page of a sweep; see `beamdae.report.page.page_file.write_page`.
 
     What is told of its runs is drawn over a parameter; each choice of the others is a family.
     """
@@ -27,5 +27,8 @@ def page_of_sweep(swept: SweepResults) -> dict[str, Any]:
             case["rank"] = at if isinstance(at, (int, float)) else row
     numbers = {column["key"] for column in made["columns"] if column["kind"] == "number"}
     told = [key for key in map(extra_column_key, swept.told) if key in numbers]
-    made["axes"] = {"x": extra_column_key(parameter_column(swept.sweep, x)), "y": next(iter(told), None)}
+    made["axes"] = {
+        "x": extra_column_key(parameter_column(swept.sweep, x)),
+        "y": next(iter(told), None),
+    }
     return made

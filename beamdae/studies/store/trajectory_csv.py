@@ -12,7 +12,7 @@ import pandas as pd
 from beamdae.results.storage.files import escape_cell
 
 
-def to_text(table: pd.DataFrame) -> bytes:
+def format_trajectory(table: pd.DataFrame) -> bytes:
     """A table of floats as pandas writes it, in half the time; headers go through `escape_cell`."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow([table.index.name, *map(escape_cell, table)])
@@ -22,7 +22,7 @@ def to_text(table: pd.DataFrame) -> bytes:
     return text.getvalue().encode(errors="replace")
 
 
-def from_text(content: bytes, columns: Sequence[str]) -> pd.DataFrame:
+def parse_trajectory(content: bytes, columns: Sequence[str]) -> pd.DataFrame:
     """The table of such a text, with the headers it had."""
     text = io.StringIO(content.decode(), newline="")
     index, *_ = next(csv.reader(text))
