@@ -220,3 +220,19 @@ def test_incomplete_joints_are_rejected_with_what_they_lack():
         _ = hanging(Nameless).part("j").reaction
     with pytest.raises(bd.BeamdaeError, match="place must be one of"):
         hanging(Rod).part("j").reaction_on("c")
+
+
+@pytest.mark.parametrize(
+    ("gap", "message"),
+    [
+        (lambda t, a, b: [b.position[0]], "j: its constraint must be a CasADi SX column, got list"),
+        (lambda t, a, b: b.position, r"j: its constraint must have shape \(1, 1\), got \(2, 1\)"),
+        (lambda t, a, b: ca.SX.sym("z"), "j: its constraint must not depend on z"),
+        (lambda t, a, b: b.velocity, r"j: its constraints\(\) failed, .* no attribute 'velocity'"),
+        (lambda t, a: a.rotation, r"j: its constraints\(\) failed, TypeError: .*arguments"),
+    ],
+)
+def test_gaps_of_the_wrong_kind_are_rejected(gap, message):
+    joint = type("Wrong", (Rod,), {"gap": staticmethod(gap), "gap_parameters": ()})
+    with pytest.raises(bd.BeamdaeError, match=f"^{message}"):
+        bd.equations_of_motion(hanging(joint))

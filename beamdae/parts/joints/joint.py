@@ -59,6 +59,7 @@ class Joint(KinematicConstraint):
     - `laws`, if g depends on laws of time.
     - `points`, if it constrains more than two attachments.
     - `symbol`, to be drawn as another joint, such as "link" or "hinge".
+    - `slide_direction`, if it is a guide with `Friction`.
     - `slip`, instead of the gap or besides it, for a nonholonomic constraint: a static method with
       the arguments of `gap`, whose points have a `velocity` [m/s] and an `angular_velocity` [rad/s]
       as well. It is linear in these and zero while the joint holds.
