@@ -51,9 +51,9 @@ def collect_varying_laws(parts: Iterable[Part | GravityLaws]) -> tuple[PartLaw, 
 
 def select_varying_laws(laws: Iterable[tuple[str, Law]]) -> tuple[PartLaw, ...]:
     """Return those of (name of the part, law) that change with time, each law once."""
-    varying: dict[int, PartLaw] = {}
+    part_laws: dict[int, PartLaw] = {}
     for part, law in laws:
-        if id(law) in varying:
+        if id(law) in part_laws:
             continue
         formula, numbers = law.formula, np.zeros(0)
         if isinstance(formula, Formula):
@@ -62,8 +62,8 @@ def select_varying_laws(laws: Iterable[tuple[str, Law]]) -> tuple[PartLaw, ...]:
         else:
             function = _compile_varying_law(formula, ca.SX(0, 1))
         if function is not None:
-            varying[id(law)] = PartLaw(part, function, numbers)
-    return tuple(varying.values())
+            part_laws[id(law)] = PartLaw(part, function, numbers)
+    return tuple(part_laws.values())
 
 
 @lru_cache(maxsize=MAX_SHARED_KERNELS)

@@ -121,9 +121,9 @@ def build_equations(
     def observe(name: str, quantity: Quantity) -> Observable:
         return build_observable(name, quantity, coordinate_map, numbers, rows)
 
-    observed = [observe(name, quantity) for name, quantity in observables.items()]
-    require_unique_headers(coordinates, multipliers, observed)
-    event_terms = _build_event_terms(events, observed, observe)
+    observable_terms = [observe(name, quantity) for name, quantity in observables.items()]
+    require_unique_headers(coordinates, multipliers, observable_terms)
+    event_terms = _build_event_terms(events, observable_terms, observe)
     structure = Structure(
         len(coordinates), len(multipliers), tuple(force_terms), tuple(constraint_terms)
     )
@@ -138,7 +138,7 @@ def build_equations(
         breakpoints=breakpoints,
         time_scale=time_scale,
         scales=None if scales is None else read_only_copy(scales),
-        observables=tuple(observed),
+        observables=tuple(observable_terms),
         structure=intern_structure(structure),
         ranges=tuple(RangeTerm(x, coordinate_map.global_operator(x.pieces)) for x in ranges),
         laws=laws,
@@ -178,8 +178,8 @@ def build_observable(
             f"{name}: the quantity must give one value for each of its columns ({columns}), "
             f"got shape {kernel.values.shape}."
         )
-    stored = numbers.store(np.concatenate([data, more]))
-    return Observable(name, quantity.columns, kernel.function, operator, stored, lam_rows)
+    data_slice = numbers.store(np.concatenate([data, more]))
+    return Observable(name, quantity.columns, kernel.function, operator, data_slice, lam_rows)
 
 
 @lru_cache(maxsize=MAX_SHARED_KERNELS)

@@ -335,19 +335,19 @@ def _stack_constraints(
     """
     by_name = isinstance(constraints, dict)
     if by_name:
-        named = {parse_header(header): x for header, x in constraints.items()}
-        descriptions = [f"the {what} {x.name}" for x in named]
+        by_header = {parse_header(header): x for header, x in constraints.items()}
+        descriptions = [f"the {what} {x.name}" for x in by_header]
     else:
-        named = {} if constraints is None else {Named(letter, "-"): constraints}
+        by_header = {} if constraints is None else {Named(letter, "-"): constraints}
         descriptions = [f"{what.replace(' ', '_')}s"]
     symbols = expressions.local()
     blocks = [
         expressions.substitute(symbols, x, description)
-        for x, description in zip(named.values(), descriptions, strict=False)
+        for x, description in zip(by_header.values(), descriptions, strict=False)
     ]
     multipliers = tuple(
         Named(x.name if by_name and block.numel() == 1 else f"{x.name}{i}", x.unit)
-        for x, block in zip(named, blocks, strict=True)
+        for x, block in zip(by_header, blocks, strict=True)
         for i in range(block.numel())
     )
     # The symbols of the multipliers need their number, which the blocks determine.

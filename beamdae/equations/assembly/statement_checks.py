@@ -143,7 +143,7 @@ def select_multipliers(
 
     `rows` are the multipliers of each part.
     """
-    selected: list[int] = []
+    indices: list[int] = []
     for force in forces:
         count = force.kernel.local.n_multipliers
         if (force.joint is None) != (count == 0):
@@ -159,8 +159,8 @@ def select_multipliers(
                 f"{force.part}: it depends on {count} multipliers of {force.joint!r}, "
                 f"which has {available.stop - available.start}."
             )
-        selected += range(available.start, available.stop)
-    return np.array(selected) if selected else None
+        indices += range(available.start, available.stop)
+    return np.array(indices) if indices else None
 
 
 def _require_list(part: str, what: str, value: Any, kind: type[T]) -> list[T]:

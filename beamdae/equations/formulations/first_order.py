@@ -29,6 +29,11 @@ import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.sums import (
+    CORRECTION_STIFFNESS,
+    FIRST_LEVEL,
+    GRADIENT,
+    REACTION_STIFFNESS,
+    SCALED_GRADIENT,
     InputLayout,
     add_joint_matrices,
     add_tangents,
@@ -279,7 +284,7 @@ def _plan_jacobian(structure: Structure, name: str, apart: bool) -> tuple[sp.csc
         sums = ((STIFFNESS,), (DAMPING,), (MASS,))
     places = ((n, 0), (n, n), (below + n, n))[: len(sums)]
     # c_l is c; where the multipliers themselves are unknowns, G^T enters without it.
-    reaction, by_c = (1, below) if form.impulses else (0, 0)
+    reaction, by_c = (SCALED_GRADIENT, below) if form.impulses else (GRADIENT, 0)
     for term, copies in add_tangents(total, structure, layout, sums):
         for output, place in enumerate(places):
             total.add_matrix(copies, output, term.operator, term.operator, place)
@@ -290,21 +295,22 @@ def _plan_jacobian(structure: Structure, name: str, apart: bool) -> tuple[sp.csc
         on_q, on_g = joint.operator, joint.rows
         levels, corrects = joint.kernel.effective_levels(form.levels, form.stabilized)
         total.add_matrix(copies, reaction, on_g, on_q, (by_c + n, 2 * n), transposed=True)
-        total.add_matrix(copies, 2, on_q, on_q, (n, 0))
+        total.add_matrix(copies, REACTION_STIFFNESS, on_q, on_q, (n, 0))
         if corrects:
             total.add_matrix(copies, reaction, on_g, on_q, (by_c, 2 * n + m), transposed=True)
-            total.add_matrix(copies, 3, on_q, on_q, (0, 0))
-        level_output = 3 + corrects
+            total.add_matrix(copies, CORRECTION_STIFFNESS, on_q, on_q, (0, 0))
+        level_output = FIRST_LEVEL + corrects
         for k, level in enumerate(levels):
             row = 2 * n + k * m
             if level == NO_LEVEL:
                 place = (by_c + row, 2 * n + m)
-                total.add_matrix(copies, level_output + 1 + reaction, on_g, on_g, place)
+                identity = level_output + 1 + reaction
+                total.add_matrix(copies, identity, on_g, on_g, place)
             elif level == 0:
-                total.add_matrix(copies, 0, on_g, on_q, (row, 0))
+                total.add_matrix(copies, GRADIENT, on_g, on_q, (row, 0))
             elif level == 1:
                 total.add_matrix(copies, level_output, on_g, on_q, (row, 0))
-                total.add_matrix(copies, 0, on_g, on_q, (row, n))
+                total.add_matrix(copies, GRADIENT, on_g, on_q, (row, n))
             else:
                 for k_derivative, place in enumerate(((row, 0), (row, n), (below + row, n))):
                     total.add_matrix(copies, level_output + k_derivative, on_g, on_q, place)

@@ -10,6 +10,8 @@ import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.sums import (
+    GRADIENT,
+    REACTION_STIFFNESS,
     InputLayout,
     add_joint_matrices,
     add_tangents,
@@ -18,7 +20,7 @@ from beamdae.equations.formulations.sums import (
 )
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import BeamdaeError
-from beamdae.symbolic.force_kernel import STIFFNESS
+from beamdae.symbolic.force_kernel import STIFFNESS, Tangents
 from beamdae.symbolic.kernel_sums import (
     Sum,
     SumPlan,
@@ -45,14 +47,15 @@ def plan_static_sums(structure: Structure) -> StaticSums:
     # Velocities and accelerations share the zeros of the input.
     layout = InputLayout(q=0, v=n, a=n, lam=2 * n)
     residual = assemble_residual(structure, layout, (0,), stabilized=False).vector()
-    for term, copies in add_tangents(total, structure, layout, ((STIFFNESS,),)):
+    sums: Tangents = ((STIFFNESS,),)
+    for term, copies in add_tangents(total, structure, layout, sums):
         total.add_matrix(copies, 0, term.operator, term.operator, (0, 0))
         if term.rows is not None:
-            total.add_matrix(copies, 1, term.operator, term.rows, (0, n))
+            total.add_matrix(copies, len(sums), term.operator, term.rows, (0, n))
     for joint, copies in add_joint_matrices(total, structure, layout, (0,), False):
-        total.add_matrix(copies, 0, joint.rows, joint.operator, (n, 0))
-        total.add_matrix(copies, 0, joint.rows, joint.operator, (0, n), transposed=True)
-        total.add_matrix(copies, 2, joint.operator, joint.operator, (0, 0))
+        total.add_matrix(copies, GRADIENT, joint.rows, joint.operator, (n, 0))
+        total.add_matrix(copies, GRADIENT, joint.rows, joint.operator, (0, n), transposed=True)
+        total.add_matrix(copies, REACTION_STIFFNESS, joint.operator, joint.operator, (0, 0))
     pattern, tangent = total.matrix((n + m, n + m))
     return StaticSums(residual, tangent, pattern)
 

@@ -10,6 +10,9 @@ import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.sums import (
+    FIRST_LEVEL,
+    GRADIENT,
+    REACTION_STIFFNESS,
     InputLayout,
     add_joint_matrices,
     add_tangents,
@@ -224,10 +227,10 @@ def _plan_step_sums(
     anchor = InputLayout(q=3 * n + m, lam=4 * n + m)
     levels = (0, 1) if stabilized else (0,)
     residual = assemble_residual(structure, layout, levels, stabilized=False)
-    constrained = np.unique(
+    coordinates = np.unique(
         np.concatenate([[], *(joint.operator.indices for joint in select_holonomic(structure))])
     )
-    corrected = sp.eye_array(n, format="csc")[:, constrained.astype(int)]
+    corrected = sp.eye_array(n, format="csc")[:, coordinates.astype(int)]
     pattern, matrix = _plan_iteration_matrix(
         structure, layout, anchor, sp.csr_array(corrected), stabilized
     )
@@ -266,28 +269,29 @@ def _plan_iteration_matrix(
         on_q, on_g = joint.operator, joint.rows
         nonholonomic = not joint.kernel.is_holonomic
         if not (nonholonomic and stabilized):
-            total.add_matrix(copies, 0, on_g, on_q, (n, 0))
-        total.add_matrix(copies, 0, on_g, on_q, (0, n), transposed=True)
-        total.add_matrix(copies, 2, on_q, on_q, (0, 0))
+            total.add_matrix(copies, GRADIENT, on_g, on_q, (n, 0))
+        total.add_matrix(copies, GRADIENT, on_g, on_q, (0, n), transposed=True)
+        total.add_matrix(copies, REACTION_STIFFNESS, on_q, on_q, (0, 0))
         if nonholonomic and not stabilized:
-            total.add_matrix(copies, 3, on_g, on_q, (n, 0))
+            total.add_matrix(copies, FIRST_LEVEL, on_g, on_q, (n, 0))
         if stabilized:
             on_r = sp.csr_array(on_q @ corrected)
-            total.add_matrix(copies, 2, on_q, on_r, (0, r))
+            total.add_matrix(copies, REACTION_STIFFNESS, on_q, on_r, (0, r))
             if nonholonomic:
-                total.add_matrix(copies, 4, on_g, on_g, (n, eta))
+                identity = FIRST_LEVEL + 1
+                total.add_matrix(copies, identity, on_g, on_g, (n, eta))
             else:
-                total.add_matrix(copies, 0, on_g, on_r, (n, r))
-            total.add_matrix(copies, 0, on_g, on_q, (eta, 0))
-            total.add_matrix(copies, 3, on_g, on_q, (eta, 0))
-            total.add_matrix(copies, 3, on_g, on_r, (eta, r))
+                total.add_matrix(copies, GRADIENT, on_g, on_r, (n, r))
+            total.add_matrix(copies, GRADIENT, on_g, on_q, (eta, 0))
+            total.add_matrix(copies, FIRST_LEVEL, on_g, on_q, (eta, 0))
+            total.add_matrix(copies, FIRST_LEVEL, on_g, on_r, (eta, r))
     if not stabilized:
         return total.matrix((n + m, n + m))
     for joint, copies in add_joint_matrices(total, structure, anchor, (), False):
         if not joint.kernel.is_holonomic:
             continue
         on_r = sp.csr_array(joint.operator @ corrected)
-        total.add_matrix(copies, 0, joint.rows, on_r, (r, eta), transposed=True)
+        total.add_matrix(copies, GRADIENT, joint.rows, on_r, (r, eta), transposed=True)
     size = r + corrected.shape[1]
     total.add_diagonal(corrected.shape[1], (r, r), None, 1.0)
     return total.matrix((size, size))

@@ -24,6 +24,13 @@ N_BALANCE_SCALARS = 6
 _FORCE_SCALARS = (0, 1, 2, 3, 5)  # scalars of a balance that forces contribute
 _DRIVER_POWER = 4  # the scalar that joints contribute
 
+# Outputs of `ConstraintKernel.matrices_kernel`.
+GRADIENT = 0  # G
+SCALED_GRADIENT = 1  # c_l G
+REACTION_STIFFNESS = 2  # d(G^T lam)/dq
+FIRST_LEVEL = 3  # first derivative of the levels above positions, if there is no mu
+CORRECTION_STIFFNESS = 3  # d(G^T mu)/dq, if there is mu; the levels follow
+
 
 @dataclass(frozen=True)
 class InputLayout:
@@ -218,13 +225,13 @@ def add_joint_matrices(
     stabilized: bool,
 ) -> list[tuple[ConstraintTerm, KernelCopies]]:
     """Add the matrices of all joints, see `ConstraintKernel.matrices_kernel`."""
-    added = []
+    joint_copies = []
     for joint in structure.joints:
         effective = joint.kernel.effective_levels(levels, stabilized)
         kernel = joint.kernel.matrices_kernel(*effective)
         inputs = _joint_inputs(joint, layout, *effective)
-        added.append((joint, total.add(kernel, inputs, joint.data, joint.count)))
-    return added
+        joint_copies.append((joint, total.add(kernel, inputs, joint.data, joint.count)))
+    return joint_copies
 
 
 def create_matrix_sum() -> SumBuilder:

@@ -109,7 +109,7 @@ def _close_with_positions(
 ) -> Array:
     """Return positions with the prescribed values that satisfy the constraints."""
     solver, selection = ConsistencySolver(e), _selection(list(prescribed), e.n)
-    q = drawn = solver.state(time, e.q0, e.v0).q
+    q = drawn_q = solver.state(time, e.q0, e.v0).q
     if not prescribed:
         return q
     begin, end = selection @ q, np.array(list(prescribed.values()))
@@ -117,9 +117,9 @@ def _close_with_positions(
     # Values in between may contradict each other: such steps are skipped.
     for share in np.linspace(0.0, 1.0, int(np.ceil(change / _MAX_APPROACH_STEP)) + 1)[1:-1]:
         values = begin + share * (end - begin)
-        nearer, gaps = _impose_positions(solver, time, q, drawn, selection, values)
+        nearer, gaps = _impose_positions(solver, time, q, drawn_q, selection, values)
         q = nearer if _is_closed(e, gaps) else q
-    q, gaps = _impose_positions(solver, time, q, drawn, selection, end)
+    q, gaps = _impose_positions(solver, time, q, drawn_q, selection, end)
     if not _is_closed(e, gaps):
         values = ", ".join(f"{e.q_names[k]} = {value:g}" for k, value in prescribed.items())
         joint_gaps, remaining = np.abs(gaps[: e.m]), ""
@@ -138,7 +138,7 @@ def _impose_positions(
     solver: ConsistencySolver,
     time: Array,
     begin: Array,
-    drawn: Array,
+    drawn_q: Array,
     selection: sp.csr_array,
     values: Array,
 ) -> tuple[Array, Array]:
@@ -157,7 +157,7 @@ def _impose_positions(
         q = q + solve_least_change(stiffness + mass, rows, -gaps)
     if q is begin or not _is_closed(e, gaps):
         return q, gaps
-    q = minimize_strain(solver, time, begin, q, drawn, constraints, 1.0)
+    q = minimize_strain(solver, time, begin, q, drawn_q, constraints, 1.0)
     return q, constraints(q)[0]
 
 

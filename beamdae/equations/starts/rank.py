@@ -51,11 +51,11 @@ class ConstraintJacobian:
         """Return G at rows of (t, branch) and q without zero columns, (rows, m, columns)."""
         pattern = self.pattern
         count = np.diff(pattern.indptr)
-        (constrained,) = np.nonzero(count)
-        column = np.repeat(np.arange(len(constrained)), count[constrained])
+        (nonzero_columns,) = np.nonzero(count)
+        column = np.repeat(np.arange(len(nonzero_columns)), count[nonzero_columns])
         values = self._nonzeros(times, q)
-        values *= np.repeat(self.equations.position_scales[constrained], count[constrained])
-        matrix = np.zeros((len(q), self.equations.m, len(constrained)))
+        values *= np.repeat(self.equations.position_scales[nonzero_columns], count[nonzero_columns])
+        matrix = np.zeros((len(q), self.equations.m, len(nonzero_columns)))
         matrix[:, pattern.indices, column] = values
         length = np.linalg.norm(matrix, axis=2, keepdims=True)
         return matrix / np.where(length > 0.0, length, 1.0)

@@ -62,13 +62,15 @@ def require_independent_constraints(evaluator: StateEvaluator, time: Array, q: A
             f"{name}: this constraint has a zero gradient at t = {t:g} s; it cannot be met from "
             "these start values, or it constrains nothing."
         )
-    scaled = gradients / lengths[pattern.indices]
+    scaled_gradients = gradients / lengths[pattern.indices]
     if count > _MAX_SVD_CONSTRAINTS and _are_clearly_independent(
-        sp.csr_array(sp.csc_array((scaled, pattern.indices, pattern.indptr), shape=(count, size)))
+        sp.csr_array(
+            sp.csc_array((scaled_gradients, pattern.indices, pattern.indptr), shape=(count, size))
+        )
     ):
         return
     matrix = np.zeros((count, size))
-    matrix[pattern.indices, columns] = scaled
+    matrix[pattern.indices, columns] = scaled_gradients
     left, singular, _ = la.svd(matrix, full_matrices=False)
     rank = int(np.sum(singular > _SINGULAR_VALUE_TOLERANCE))
     if rank == count:
@@ -263,20 +265,20 @@ def _gradients_nearby(
 ) -> Array:
     """Return the scaled G beside a position, along a motion the constraints allow, if any."""
     e = evaluator.equations
-    (constrained,) = np.nonzero(np.any(constraint_rank.matrix, axis=0))
-    free = la.null_space(constraint_rank.matrix[:, constrained], rcond=_NULL_SPACE_TOLERANCE)
+    (nonzero_columns,) = np.nonzero(np.any(constraint_rank.matrix, axis=0))
+    free = la.null_space(constraint_rank.matrix[:, nonzero_columns], rcond=_NULL_SPACE_TOLERANCE)
     if not free.shape[1]:
         return constraint_rank.matrix
     direction = np.zeros(e.n)
-    direction[constrained] = free @ np.cos(np.arange(free.shape[1]) ** 2.0)
+    direction[nonzero_columns] = free @ np.cos(np.arange(free.shape[1]) ** 2.0)
     nearby = q + _SIDE_STEP * e.position_scales * direction / np.max(np.abs(direction))
     for _ in range(_MAX_SIDE_ITERATIONS):
         g = evaluator.position_gaps(time, nearby)
         if np.max(np.abs(g)) <= _AGREEMENT_TOLERANCE * max(1.0, e.length):
             return analyze_constraint_rank(evaluator, time, nearby).matrix
         gradients = evaluator.constraint_matrix(time, nearby).toarray() * e.position_scales
-        change = la.lstsq(gradients[:, constrained], g, cond=_LEAST_SQUARES_TOLERANCE)[0]
-        nearby[constrained] -= (e.position_scales[constrained]) * change
+        change = la.lstsq(gradients[:, nonzero_columns], g, cond=_LEAST_SQUARES_TOLERANCE)[0]
+        nearby[nonzero_columns] -= (e.position_scales[nonzero_columns]) * change
     return constraint_rank.matrix
 
 
@@ -299,15 +301,15 @@ def _describe_blocked_motion(
     has_others = len(rows) < len(members)
     along = weights[rows] @ matrix[rows] if has_others else matrix[rows[-1]]
     # Coordinates without any constraint take no part in the motion.
-    (constrained,) = np.nonzero(np.any(matrix, axis=0))
-    outside = np.delete(matrix, members, axis=0)[:, constrained]
+    (nonzero_columns,) = np.nonzero(np.any(matrix, axis=0))
+    outside = np.delete(matrix, members, axis=0)[:, nonzero_columns]
     free = (
         la.null_space(outside, rcond=_OUTSIDE_NULL_SPACE_TOLERANCE)
         if len(outside)
-        else np.eye(len(constrained))
+        else np.eye(len(nonzero_columns))
     )
     motion = np.zeros(matrix.shape[1])
-    motion[constrained] = free @ (free.T @ along[constrained])
+    motion[nonzero_columns] = free @ (free.T @ along[nonzero_columns])
     too_small = np.linalg.norm(motion) < _MIN_ALLOWED_MOTION * np.linalg.norm(along)
     if too_small or not np.any(along):
         motion = along

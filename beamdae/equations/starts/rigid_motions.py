@@ -52,22 +52,22 @@ class Body(NamedTuple):
 
 def collect_bodies(e: EquationsOfMotion) -> tuple[Body, ...]:
     """Return the parts that have coordinates."""
-    collected = []
+    bodies = []
     for part in e.parts:
         index = {e.q_names[k].rpartition(".")[2]: k for k in range(part.rows.start, part.rows.stop)}
         nodes = _node_coordinates(index)
         if nodes is not None:
             x, y, angle = nodes[0].tolist()
             others = tuple(nodes[1:].ravel().tolist())
-            collected.append(Body(part.name, (x, y), angle, others, nodes))
+            bodies.append(Body(part.name, (x, y), angle, others, nodes))
             continue
         x, y, angle = next(
             (names for names in _FRAME_COORDINATES if names[0] in index), _FRAME_COORDINATES[0]
         )
         place = (index.pop(x), index.pop(y)) if x in index and y in index else None
         rotation = index.pop(angle) if place is not None and angle in index else None
-        collected.append(Body(part.name, place, rotation, tuple(index.values())))
-    return tuple(collected)
+        bodies.append(Body(part.name, place, rotation, tuple(index.values())))
+    return tuple(bodies)
 
 
 def _node_coordinates(index: dict[str, int]) -> Array | None:
@@ -109,15 +109,19 @@ def _motion_sizes(
     e: EquationsOfMotion, q: Array, body: Body, motion: Array
 ) -> tuple[float, float, float]:
     """Return translation, rotation and deformation in lengths of the mechanism, or rad."""
-    scaled = motion / e.position_scales
+    scaled_motion = motion / e.position_scales
     if body.nodes is not None:
         indices, rigid = body.nodes.ravel(), _rigid_motions_of_nodes(e, q, body.nodes)
-        shares = np.linalg.lstsq(rigid[indices], scaled[indices])[0]
-        deformation = float(np.max(np.abs(scaled[indices] - rigid[indices] @ shares)))
+        shares = np.linalg.lstsq(rigid[indices], scaled_motion[indices])[0]
+        deformation = float(np.max(np.abs(scaled_motion[indices] - rigid[indices] @ shares)))
         return float(np.hypot(*shares[:2])), abs(float(shares[2])), deformation
-    translation = float(np.hypot(*scaled[list(body.place)])) if body.place else 0.0
-    rotation = abs(float(scaled[body.angle])) if body.angle is not None else 0.0
-    return translation, rotation, float(np.max(np.abs(scaled[list(body.others)]), initial=0.0))
+    translation = float(np.hypot(*scaled_motion[list(body.place)])) if body.place else 0.0
+    rotation = abs(float(scaled_motion[body.angle])) if body.angle is not None else 0.0
+    return (
+        translation,
+        rotation,
+        float(np.max(np.abs(scaled_motion[list(body.others)]), initial=0.0)),
+    )
 
 
 def describe_largest_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:

@@ -13,6 +13,7 @@ import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.sums import (
+    GRADIENT,
     InputLayout,
     add_joint_matrices,
     add_tangents,
@@ -20,6 +21,7 @@ from beamdae.equations.formulations.sums import (
     create_matrix_sum,
 )
 from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
 from beamdae.symbolic.kernel_sums import (
     Sum,
     SumPlan,
@@ -83,16 +85,17 @@ def plan_state_sums(structure: Structure) -> StateSums:
     layout = InputLayout(q=0, v=n, a=2 * n, lam=3 * n)
     jacobian = create_matrix_sum()
     for joint, copies in add_joint_matrices(jacobian, structure, layout, (), False):
-        jacobian.add_matrix(copies, 0, joint.rows, joint.operator, (0, 0))
+        jacobian.add_matrix(copies, GRADIENT, joint.rows, joint.operator, (0, 0))
     gradient_pattern, gradients = jacobian.matrix((m, n))
     total = create_matrix_sum()
-    for term, copies in add_tangents(total, structure, layout, ((0, 1, 2),)):
+    sums: Tangents = ((STIFFNESS, DAMPING, MASS),)
+    for term, copies in add_tangents(total, structure, layout, sums):
         total.add_matrix(copies, 0, term.operator, term.operator, (0, 0))
         if term.rows is not None:
-            total.add_matrix(copies, 1, term.operator, term.rows, (0, n))
+            total.add_matrix(copies, len(sums), term.operator, term.rows, (0, n))
     for joint, copies in add_joint_matrices(total, structure, layout, (), False):
-        total.add_matrix(copies, 0, joint.rows, joint.operator, (n, 0))
-        total.add_matrix(copies, 0, joint.rows, joint.operator, (0, n), transposed=True)
+        total.add_matrix(copies, GRADIENT, joint.rows, joint.operator, (n, 0))
+        total.add_matrix(copies, GRADIENT, joint.rows, joint.operator, (0, n), transposed=True)
     pattern, saddle = total.matrix((n + m, n + m))
     motion = assemble_motion(structure, layout).vector()
     return StateSums(
@@ -106,10 +109,10 @@ def _locate_force_block(pattern: sp.csc_array, n: int) -> ForceBlock:
     rows, columns = pattern.indices[entries].astype(np.int64), column[entries]
     starts = np.searchsorted(columns, np.arange(n + 1))
     block = sp.csc_array((np.ones(len(entries)), rows, starts), shape=(n, n))
-    # Positions ascend because the entries are sorted by column and row.
-    place, across = columns * n + rows, rows * n + columns
-    mirrored = np.minimum(np.searchsorted(place, across), len(place) - 1)
-    return ForceBlock(block, entries, columns, np.where(place[mirrored] == across, mirrored, -1))
+    # The keys of the entries ascend because these are sorted by column and row.
+    key, mirror_key = columns * n + rows, rows * n + columns
+    mirrored = np.minimum(np.searchsorted(key, mirror_key), len(key) - 1)
+    return ForceBlock(block, entries, columns, np.where(key[mirrored] == mirror_key, mirrored, -1))
 
 
 @dataclass(frozen=True)
