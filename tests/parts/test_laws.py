@@ -189,7 +189,7 @@ def test_invalid_laws_are_rejected(law, message):
         (lambda: bd.sine(1.0, 1.0, "late"), "sine: phase must be a number, got 'late'"),
         (lambda: bd.run_up(1.0, -1.0), "run_up: duration must be positive, got -1"),
         (lambda: bd.run_up(np.inf, 1.0), "run_up: speed must be finite, got inf"),
-        (lambda: bd.piecewise(), "piecewise: give at least one law"),
+        (lambda: bd.piecewise(), "piecewise: .* give at least one law"),
         (lambda: bd.piecewise(1.0, 2.0), r"piecewise: .* a pair \(end time, law\), got 1.0"),
         (
             lambda: bd.piecewise((2.0, 1.0), (1.0, 2.0), 0.0),
