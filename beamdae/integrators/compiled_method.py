@@ -24,10 +24,25 @@ from beamdae.equations.formulations.first_order import (
     evaluate_residual,
     formulate_first_order,
 )
-from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
+from beamdae.integrators.compiled_run import (
+    KEEP_RATE,
+    MAX_CORRECTION_GROWTH,
+    MAX_ITERATIONS,
+    MIN_FIRST_RATE,
+    MIN_RATE,
+    SLOW_RATE,
+    FactorizedMatrix,
+    StepLoop,
+)
 from beamdae.integrators.error_control import motion_scales
 from beamdae.integrators.limits import require_feasible_step
-from beamdae.integrators.method import StepError
+from beamdae.integrators.method import (
+    MATRIX_SINGULAR,
+    RESIDUAL_NOT_FINITE,
+    STEPS_PER_CHECK,
+    StepError,
+    count_equal_steps,
+)
 from beamdae.integrators.run_plan import RunPlan
 from beamdae.native.loop_functions import combine, factorize, max_norm, solve
 from beamdae.native.return_codes import DONE, FULL, NEW_PIVOTS, SINGULAR
@@ -39,23 +54,10 @@ Array = np.ndarray
 NOT_CONVERGED = -1
 NOT_FINITE = -2
 
-_MAX_ITERATIONS = 12
-# The factors are kept while every iteration reduces the correction by this factor.
-_KEEP_RATE = 0.05
-# If it converges more slowly than this, the matrix is renewed within the iteration.
-_SLOW_RATE = 0.2
-# An iteration diverges if its correction grows by more than this factor.
-_MAX_CORRECTION_GROWTH = 2.0
-# Least rate of convergence that is believed, after and before the second iteration.
-_MIN_RATE = 1e-4
-_MIN_FIRST_RATE = 1e-2
-# An interval is divided into one step less if that makes them longer by less than this share.
-_STEP_COUNT_ROUNDING = 1e-6
-_STEPS_PER_CHECK = 64
 _FAILURES = {
     NOT_CONVERGED: "Newton's iteration did not converge; take a smaller step",
-    NOT_FINITE: "the residual is not finite; check laws and start values",
-    SINGULAR: "the matrix is singular or not finite; check masses and joints",
+    NOT_FINITE: RESIDUAL_NOT_FINITE,
+    SINGULAR: MATRIX_SINGULAR,
 }
 
 
@@ -146,7 +148,7 @@ def solve_stage(run: Any, stage: ImplicitStage, t: float, c: float) -> int:
     function has to return any other code than DONE.
     """
     combine(stage.prediction, (1.0,), (stage.y,))
-    if stage.rate <= _KEEP_RATE and stage.c == c:
+    if stage.rate <= KEEP_RATE and stage.c == c:
         code = _iterate_newton(run, stage, t, c, False)
         if code in (DONE, NOT_FINITE):
             return code
@@ -172,7 +174,7 @@ def _factorize_stage(run: Any, stage: ImplicitStage, t: float, c: float) -> int:
 
 def _iterate_newton(run: Any, stage: ImplicitStage, t: float, c: float, may_renew: bool) -> int:
     previous = math.inf
-    for k in range(_MAX_ITERATIONS):
+    for k in range(MAX_ITERATIONS):
         combine(stage.yp, (c, 1.0), (stage.y, stage.offset))
         evaluate_residual(run.form, t, run.branch, stage.y, stage.yp, stage.change)
         run.residuals += 1
@@ -182,15 +184,15 @@ def _iterate_newton(run: Any, stage: ImplicitStage, t: float, c: float, may_rene
         if k == 0 and not math.isfinite(size):
             return NOT_FINITE
         # Written so that a size that is not a number ends the iteration, too.
-        if not size <= _MAX_CORRECTION_GROWTH * previous:
+        if not size <= MAX_CORRECTION_GROWTH * previous:
             return NOT_CONVERGED
         if k > 0:
-            stage.rate = max(size / previous, _MIN_RATE) if previous > 0.0 else 0.0
-        rate = stage.rate if k > 0 else max(stage.rate, _MIN_FIRST_RATE)
+            stage.rate = max(size / previous, MIN_RATE) if previous > 0.0 else 0.0
+        rate = stage.rate if k > 0 else max(stage.rate, MIN_FIRST_RATE)
         if rate < 1.0 and size * rate <= run.newton_tolerance * (1.0 - rate):
             combine(stage.yp, (c, 1.0), (stage.y, stage.offset))
             return DONE
-        if may_renew and rate > _SLOW_RATE:
+        if may_renew and rate > SLOW_RATE:
             code = _factorize_stage(run, stage, t, c)
             if code != DONE:
                 return code
@@ -257,7 +259,7 @@ class FixedStepMethod:
     """
 
     rows_per_step: ClassVar[int] = 1
-    steps_per_check: ClassVar[int] = _STEPS_PER_CHECK
+    steps_per_check: ClassVar[int] = STEPS_PER_CHECK
     resolved_options: ClassVar[dict[str, Any]] = {}
 
     def __init__(
@@ -298,7 +300,7 @@ class FixedStepMethod:
                 weights=weights,
                 newton_tolerance=newton_tolerance,
                 has_impulses=int(form.formulation.impulses),
-                rows=np.zeros((_STEPS_PER_CHECK, 1 + 3 * n + m)),
+                rows=np.zeros((STEPS_PER_CHECK, 1 + 3 * n + m)),
                 **{name: make_stage(matrix, native) for name, matrix in self._matrices.items()},
             )
 
@@ -331,8 +333,7 @@ class FixedStepMethod:
         """Begin a smooth interval [s] at a consistent state."""
         run = self._run
         run.start, run.end, run.branch = start, end, branch
-        count = int(np.ceil((end - start) / self._step - _STEP_COUNT_ROUNDING))
-        run.step_count, run.total_steps = 0, max(count, 1)
+        run.step_count, run.total_steps = 0, count_equal_steps(end - start, self._step)
         run.y[:], run.yp[:] = self._form.pack(state)
         for name in self._stages:
             getattr(run, name).rate = math.inf
@@ -346,7 +347,7 @@ class FixedStepMethod:
             If no step is possible.
         """
         run = self._run
-        run.most, run.filled = min(most, _STEPS_PER_CHECK), 0
+        run.most, run.filled = min(most, STEPS_PER_CHECK), 0
         # The steps before a failure are returned first: the loop fails again on the next call.
         code = self._step_loop()
         if run.filled == 0:

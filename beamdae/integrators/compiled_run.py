@@ -20,6 +20,18 @@ from beamdae.native.return_codes import NEW_PIVOTS
 Array = np.ndarray
 W = TypeVar("W")
 
+# Newton iterations of fixed-step loops keep their factors while every iteration reduces the
+# correction by this factor, ...
+KEEP_RATE = 0.05
+# ... and renew them within the iteration if it converges more slowly than this.
+SLOW_RATE = 0.2
+# An iteration diverges if its correction grows by more than this factor.
+MAX_CORRECTION_GROWTH = 2.0
+# Least rate of convergence that is believed after and before the second iteration.
+MIN_RATE = 1e-4
+MIN_FIRST_RATE = 1e-2
+MAX_ITERATIONS = 12
+
 
 class InterpretedSolver:
     """Solver of an interpreted loop: same interface as the compiled `LinearSolver`.

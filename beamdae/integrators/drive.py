@@ -22,10 +22,17 @@ from beamdae.integrators.events.event_detection import STEPS_PER_EVENT_CHECK, Ev
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
 from beamdae.integrators.limits import RunLimits, StallDetector
-from beamdae.integrators.method import STEP_TOO_SMALL, LoopMethod, Method, StepError, StepMethod
+from beamdae.integrators.method import (
+    PROBE_SHARE,
+    STEP_TOO_SMALL,
+    LoopMethod,
+    Method,
+    StepError,
+    StepMethod,
+)
 from beamdae.integrators.pilot_run import PILOT_LABEL, run_pilot
 from beamdae.integrators.redundant_constraints import remove_redundant, restore_reactions
-from beamdae.integrators.run_plan import RunPlan, branch_time, plan_run
+from beamdae.integrators.run_plan import SAME_TIME, RunPlan, branch_time, plan_run
 from beamdae.integrators.step_history import OutOfMemoryError, RunSegment, StepHistory
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.results.event_records import EventRecord
@@ -36,11 +43,6 @@ from beamdae.results.trajectory import Trajectory
 Array = np.ndarray
 
 PARTS_SWITCHED = Status("ok", "an event switched parts")
-
-# After a failure the residual is evaluated this far ahead, relative to the rest of the interval.
-_PROBE_SHARE = 1e-6
-# Relative difference of times that are the same time rounded twice.
-_SAME_TIME = 1e-12
 
 _NO_MEMORY = "more memory is needed than there is; take larger steps, or end the run sooner"
 _NOT_FINITE = "the state is not finite; check laws, masses and start values"
@@ -280,7 +282,7 @@ class _Run:
                     return Status("limited", f"{stop}, stopped at t = {t:.6g} s")
         except StepError as problem:
             time = np.array([history.end, branch])
-            ahead = history.end + _PROBE_SHARE * (end - history.end)
+            ahead = history.end + PROBE_SHARE * (end - history.end)
             equations, state = self._plan.equations, history.last_state
             causes = diagnose_failure(equations, time, state, ahead, problem.residual)
             return self._failure("; ".join(filter(None, (str(problem), causes))))
@@ -354,7 +356,7 @@ def _require_progress(history: StepHistory, t: float, end: float) -> None:
 
 def _output_times(times: Array, end: float, status: Status) -> Array:
     """Return the output times up to `end` [s], with `end` itself where an event stopped the run."""
-    reached = times[times <= end * (1.0 + _SAME_TIME)]
-    if status.success and end > reached[-1] * (1.0 + _SAME_TIME):
+    reached = times[times <= end * (1.0 + SAME_TIME)]
+    if status.success and end > reached[-1] * (1.0 + SAME_TIME):
         reached = np.append(reached, end)
     return reached

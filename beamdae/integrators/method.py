@@ -12,13 +12,24 @@ from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
 
+# Reasons of failures that several methods share.
 STEP_TOO_SMALL = "the step became too small to advance time; check laws, or loosen rtol"
+RESIDUAL_NOT_FINITE = "the residual is not finite; check laws and start values"
+MATRIX_SINGULAR = "the matrix is singular or not finite; check masses and joints"
+
+# Steps of a compiled loop between two checks of limits.
+STEPS_PER_CHECK = 64
+# After a failure the residual is evaluated this far ahead, relative to the rest of the interval:
+# steps shrink to nothing before a time from which on the residual is not finite.
+PROBE_SHARE = 1e-6
 
 # Time and state at the end of a step, and those of its inner stages if the method has any.
 StepResult = tuple[float, State] | tuple[float, State, Sequence[tuple[float, State]]]
 
 # A step that covers the rest of an interval up to this share is stretched to its end.
 _LAST_STEP_MARGIN = 1.0 - 1e-9
+# An interval is divided into one step less if that makes them longer by less than this share.
+_STEP_COUNT_ROUNDING = 1e-6
 
 
 class Method(Protocol):
@@ -98,3 +109,8 @@ class StepError(ArithmeticError):
 def clip_step(step: float, remaining: float) -> float:
     """Return the next step [s] if `remaining` is left of an interval: its last two are equal."""
     return remaining if step >= _LAST_STEP_MARGIN * remaining else min(step, 0.5 * remaining)
+
+
+def count_equal_steps(duration: float, step: float) -> int:
+    """Return into how many equal steps of at most `step` [s] an interval is divided."""
+    return max(int(np.ceil(duration / step - _STEP_COUNT_ROUNDING)), 1)

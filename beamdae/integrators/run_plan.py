@@ -21,8 +21,8 @@ from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE
 
 Array = np.ndarray
 
-# Relative difference of breakpoints that are the same time rounded twice.
-_SAME_TIME = 1e-12
+# Relative difference of times that are the same time rounded twice.
+SAME_TIME = 1e-12
 # Longest step by default: one over this many parts of the run, and `MIN_STEPS_PER_TIME_SCALE`.
 _MIN_STEPS_PER_RUN = 20.0
 
@@ -127,7 +127,7 @@ def plan_run(equations: EquationsOfMotion, times: Array) -> RunPlan:
 
 def interval_ends(breakpoints: Sequence[float], start: float, end: float) -> tuple[float, ...]:
     """Return the ends of the smooth intervals between `start` and `end` [s]."""
-    tolerance = _SAME_TIME * max(abs(start), abs(end))
+    tolerance = SAME_TIME * max(abs(start), abs(end))
     inner: list[float] = []
     for breakpoint_time in breakpoints:
         previous = inner[-1] if inner else start

@@ -285,7 +285,7 @@ def test_the_cured_start_keeps_multipliers_from_ringing(family, formulation):
             step=2e-3, rho_inf=0.8, family=family, formulation=formulation, start=start
         )
         lam = bd.simulate(SWING, integrator, 0.02, 2e-3).lam[1:, 0]
-        # Second differences: the part that alternates from step to step.
+        # Fourth differences: the part that alternates from step to step.
         ringing.append(np.max(np.abs(np.diff(lam, 4))))
     assert ringing[0] < 0.2 * ringing[1]
 

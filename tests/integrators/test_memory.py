@@ -151,7 +151,8 @@ def test_regression_ida_without_sparse_solver_checks_memory(monkeypatch):
 
 def test_mechanism_that_exceeds_memory_is_rejected(monkeypatch):
     monkeypatch.setattr(
-        "beamdae.memory._free_physical_memory", lambda: 10.0 * assemble._BYTES_PER_COORDINATE
+        "beamdae.memory._free_physical_memory",
+        lambda: 10.0 * assemble._BYTES_PER_COORDINATE,
     )
     mech = bd.Mechanism()
     for k in range(10):

@@ -16,7 +16,7 @@ Array = np.ndarray
 FAMILIES = ("generalized-alpha", "hht", "newmark")
 
 # Interval over which the jerk is a difference of accelerations, relative to the step.
-_JERK_INTERVAL = 1e-2
+JERK_INTERVAL = 1e-2
 # Modes stiffer than this share of the step respond to a sudden load as they would after the step.
 _STIFF_TIME = 0.5
 
@@ -115,7 +115,7 @@ class AlphaStart:
         q, v, ddq, lam = (x.copy() for x in state)
         if not self.cured:
             return Motion(q, v, ddq, ddq.copy(), lam, h)
-        interval = _JERK_INTERVAL * h
+        interval = JERK_INTERVAL * h
         jerk = self.solver.evaluate_normal_jerk(time, state, interval)
         stiff_time = _STIFF_TIME * h
         ddq, _ = self.solver.acceleration(time, state.q, state.v, stiff_time=stiff_time)

@@ -14,8 +14,17 @@ from beamdae.equations.formulations.step_equations import (
     evaluate_step_position,
     evaluate_step_residual,
 )
+from beamdae.integrators.alpha.family import JERK_INTERVAL
 from beamdae.integrators.alpha.jerk import AdaptiveAlphaWorkspace, evaluate_normal_jerk
 from beamdae.integrators.alpha.workspace import AlphaWorkspace, Motion
+from beamdae.integrators.compiled_run import (
+    KEEP_RATE,
+    MAX_CORRECTION_GROWTH,
+    MAX_ITERATIONS,
+    MIN_FIRST_RATE,
+    MIN_RATE,
+    SLOW_RATE,
+)
 from beamdae.integrators.method import clip_step
 from beamdae.native.loop_functions import combine, euclidean_norm, factorize, fill, max_norm, solve
 from beamdae.native.return_codes import DONE, FULL, NEW_PIVOTS, SINGULAR
@@ -30,21 +39,8 @@ NOT_FINITE = -2
 ERROR_TOO_LARGE = -4
 STEP_NOT_CHANGED = -6
 
-_MAX_ITERATIONS = 12
-# The factors are kept while every iteration reduces the correction by this factor.
-_KEEP_RATE = 0.05
-# If it converges more slowly than this, the matrix is renewed within the iteration.
-_SLOW_RATE = 0.2
-# An iteration diverges if its correction grows by more than this factor.
-_MAX_CORRECTION_GROWTH = 2.0
-# Least rate of convergence that is believed, after and before the second iteration.
-_MIN_RATE = 1e-4
-_MIN_FIRST_RATE = 1e-2
-
 # Relative difference of steps that are taken as equal.
 _SAME_STEP = 1e-9
-# Interval over which the jerk is a difference of accelerations, relative to the step.
-_JERK_INTERVAL = 1e-2
 
 # A step grows if this many steps allow it, by _MIN_GROWTH to _MAX_GROWTH: new factors cost more
 # than a few steps, and the jerk of a vibration passes zero.
@@ -143,7 +139,7 @@ def _change_step(run: AdaptiveAlphaWorkspace, h: float) -> int:
     accepted, current, h_n = run.accepted, run.current, run.accepted.h
     _copy_motion(current, accepted)
     if run.corrects_velocities == 1 and h != h_n:
-        interval = _JERK_INTERVAL * h
+        interval = JERK_INTERVAL * h
         code = evaluate_normal_jerk(run.jerk, run.t, run.branch, accepted, interval)
         if code != DONE:
             run.jerk.linear.singular = 0
@@ -254,7 +250,7 @@ def _solve_step(run: AlphaWorkspace, t: float) -> int:
     """
     x, n, current = run.x, run.current.q.size, run.current
     combine(run.first_iterate, (1.0,), (x,))
-    if run.rate <= _KEEP_RATE:
+    if run.rate <= KEEP_RATE:
         code = _iterate_newton(run, t, False)
         if code in (DONE, NOT_FINITE):
             return code
@@ -290,7 +286,7 @@ def _iterate_newton(run: AlphaWorkspace, t: float, may_renew: bool) -> int:
     x_change = change[: x.size]
     q_change = change[: run.current.q.size]
     previous = math.inf
-    for k in range(_MAX_ITERATIONS):
+    for k in range(MAX_ITERATIONS):
         evaluate_step_residual(run.form, t, run.branch, run.prediction, x, change)
         run.residuals += 1
         solve(run.linear, change)
@@ -298,14 +294,14 @@ def _iterate_newton(run: AlphaWorkspace, t: float, may_renew: bool) -> int:
         size = euclidean_norm(q_change, run.weights)
         if k == 0 and not math.isfinite(size):
             return NOT_FINITE
-        if not size <= _MAX_CORRECTION_GROWTH * previous:
+        if not size <= MAX_CORRECTION_GROWTH * previous:
             return NOT_CONVERGED
         if k > 0:
-            run.rate = max(size / previous, _MIN_RATE) if previous > 0.0 else 0.0
-        rate = run.rate if k > 0 else max(run.rate, _MIN_FIRST_RATE)
+            run.rate = max(size / previous, MIN_RATE) if previous > 0.0 else 0.0
+        rate = run.rate if k > 0 else max(run.rate, MIN_FIRST_RATE)
         if rate < 1.0 and size * rate <= run.bound * (1.0 - rate):
             return DONE
-        if may_renew and rate > _SLOW_RATE:
+        if may_renew and rate > SLOW_RATE:
             code = _factorize_step_matrix(run, t)
             if code != DONE:
                 return code

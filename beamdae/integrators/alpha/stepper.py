@@ -24,7 +24,7 @@ from beamdae.integrators.alpha.step_loop import (
 )
 from beamdae.integrators.alpha.workspace import AlphaWorkspace, Motion
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
-from beamdae.integrators.method import StepError
+from beamdae.integrators.method import STEPS_PER_CHECK, StepError, count_equal_steps
 from beamdae.native.return_codes import SINGULAR
 from beamdae.results.outcome import Statistics
 
@@ -35,9 +35,6 @@ Array = np.ndarray
 _INCREMENT_ROUNDING = 1e-15
 # Shortest adaptive step, relative to the duration of the run.
 _MIN_STEP_SHARE = 1e-9
-# An interval is divided into one step less if that makes them longer by less than this share.
-_STEP_COUNT_ROUNDING = 1e-6
-_STEPS_PER_CHECK = 64
 _FAILURES = {
     NOT_CONVERGED: "Newton's iteration did not converge",
     NOT_FINITE: "the residual is not finite",
@@ -51,7 +48,7 @@ class AlphaStepper:
     """Base of the methods with fixed and with adaptive steps."""
 
     rows_per_step: ClassVar[int] = 1
-    steps_per_check: ClassVar[int] = _STEPS_PER_CHECK
+    steps_per_check: ClassVar[int] = STEPS_PER_CHECK
     _loop: ClassVar[Any]
 
     def __init__(
@@ -100,7 +97,7 @@ class AlphaStepper:
                 change=np.zeros(form.pattern.shape[0]),
                 nonzeros=matrix.nonzeros,
                 weights=weights,
-                rows=np.zeros((_STEPS_PER_CHECK, 1 + 3 * n + m)),
+                rows=np.zeros((STEPS_PER_CHECK, 1 + 3 * n + m)),
                 newton_tolerance=newton_tolerance,
                 min_bound=_INCREMENT_ROUNDING * max(1.0, size),
                 tolerance=tolerance,
@@ -150,7 +147,7 @@ class AlphaStepper:
             If no step is possible.
         """
         run = self._run
-        run.most, run.filled = min(most, _STEPS_PER_CHECK), 0
+        run.most, run.filled = min(most, STEPS_PER_CHECK), 0
         if self._code >= 0:
             while (code := self._step_loop()) == FIRST_STEP:
                 self._set_initial_motion(run.next_step)
@@ -196,8 +193,7 @@ class FixedAlphaStepper(AlphaStepper):
         """Begin a smooth interval [s] at a consistent state."""
         self._begin(start, end, branch, state)
         run = self._run
-        count = int(np.ceil((end - start) / self._step - _STEP_COUNT_ROUNDING))
-        run.step_count, run.total_steps = 0, max(count, 1)
+        run.step_count, run.total_steps = 0, count_equal_steps(end - start, self._step)
         run.accepted.h = 0.0
         self._set_initial_motion((end - start) / run.total_steps)
 

@@ -10,7 +10,7 @@ from scipy.sparse.linalg import splu
 
 from beamdae.equations.equations_of_motion import ImpactEquations, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.redundant_constraints import require_independent_constraints
+from beamdae.equations.starts.dependent_constraints import require_independent_constraints
 
 Array = np.ndarray
 

@@ -19,6 +19,7 @@ from beamdae.integrators.ida.callbacks import (
     residual_callback,
     take_ida_steps,
 )
+from beamdae.integrators.method import STEPS_PER_CHECK
 from beamdae.native.linear_solver import LinearSolver
 from beamdae.native.loops import CompiledLoop
 from beamdae.native.return_codes import DONE, FULL
@@ -28,8 +29,6 @@ from beamdae.sundials.solver import IdaSolver
 
 Array = np.ndarray
 
-# Steps returned at once.
-_BUFFER_STEPS = 64
 _MAX_ORDER = 5
 # Number of unknowns listed in the report "limited_by".
 _LISTED_UNKNOWNS = 3
@@ -96,7 +95,7 @@ class CompiledIda:
             newton,
             SundialsFunctions(*(getattr(functions, name) for name in SundialsFunctions.__slots__)),
             has_impulses=int(form.formulation.impulses),
-            rows=np.zeros((_BUFFER_STEPS, 1 + 3 * n + m)),
+            rows=np.zeros((STEPS_PER_CHECK, 1 + 3 * n + m)),
             orders=np.zeros(_MAX_ORDER + 1, np.int64),
             limiting_counts=np.zeros(form.size, np.int64),
             weights=weights,
@@ -138,7 +137,7 @@ class CompiledIda:
     def advance(self, most: int) -> Array:
         """Return rows (t, q, v, a, lam) of up to `most` more steps, none after a failure."""
         run = self._run
-        run.most, run.filled = min(most, _BUFFER_STEPS), 0
+        run.most, run.filled = min(most, STEPS_PER_CHECK), 0
         # The steps before a failure are returned first: the failure is reported on the next call.
         if self.code in (DONE, FULL):
             self.code = self._loop()

@@ -21,7 +21,13 @@ from beamdae.integrators.error_control import (
 from beamdae.integrators.ida.callbacks import NO_ADVANCE
 from beamdae.integrators.ida.compiled_solver import CompiledIda
 from beamdae.integrators.ida.kinematic_scaling import KinematicRowScaling
-from beamdae.integrators.method import STEP_TOO_SMALL, StepError
+from beamdae.integrators.method import (
+    PROBE_SHARE,
+    RESIDUAL_NOT_FINITE,
+    STEP_TOO_SMALL,
+    STEPS_PER_CHECK,
+    StepError,
+)
 from beamdae.integrators.run_plan import RunPlan
 from beamdae.native.llvm import MachineCodeError
 from beamdae.results.outcome import Statistics
@@ -33,9 +39,6 @@ Array = np.ndarray
 # IDA's codes of steps that fail at their smallest size.
 _ERROR_TEST_FAILED = -3
 _NEWTON_FAILED = -4
-# After a failure the residual is evaluated this far ahead, relative to the rest of the interval:
-# steps shrink to nothing before a time from which on the residual is not finite.
-_PROBE_SHARE = 1e-6
 # Share of each Newton correction that is made if forces depend on multipliers or if velocities
 # alone are constrained, because multipliers are then in the iteration's test. IDA accepts a first
 # correction by an earlier rate of convergence, and one of any size if that rate was zero, as in
@@ -59,7 +62,7 @@ class IdaStepper:
     """Steps of IDA, up to 64 at a time."""
 
     rows_per_step: ClassVar[int] = 1
-    steps_per_check: ClassVar[int] = 64
+    steps_per_check: ClassVar[int] = STEPS_PER_CHECK
 
     def __init__(
         self,
@@ -157,12 +160,12 @@ class IdaStepper:
         return rows
 
     def _describe_failure(self) -> str:
-        ahead = self._t + _PROBE_SHARE * (self._end - self._t)
+        ahead = self._t + PROBE_SHARE * (self._end - self._t)
         y, yp, last_residual = self._ida.last_point
         residual_ahead = np.zeros(self._form.size)
         evaluate_residual(self._form.buffers(), ahead, self._branch, y, yp, residual_ahead)
         if not (np.isfinite(last_residual).all() and np.isfinite(residual_ahead).all()):
-            return "the residual is not finite; check laws and start values"
+            return RESIDUAL_NOT_FINITE
         code = self._ida.code
         if code == NO_ADVANCE:
             return STEP_TOO_SMALL

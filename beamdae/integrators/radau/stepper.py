@@ -22,7 +22,7 @@ from beamdae.integrators.error_control import (
     motion_scales,
     resolve_error_control,
 )
-from beamdae.integrators.method import StepError
+from beamdae.integrators.method import MATRIX_SINGULAR, RESIDUAL_NOT_FINITE, StepError
 from beamdae.integrators.radau.step_loop import take_radau_steps
 from beamdae.integrators.radau.workspace import (
     ERROR_TOO_LARGE,
@@ -48,8 +48,8 @@ _STAGES = 3
 _FAILURES = {
     NOT_CONVERGED: "Newton's iteration did not converge at the smallest step; check the model near "
     "this time",
-    NOT_FINITE: "the residual is not finite; check laws and start values",
-    SINGULAR: "the matrix is singular or not finite; check masses and joints",
+    NOT_FINITE: RESIDUAL_NOT_FINITE,
+    SINGULAR: MATRIX_SINGULAR,
     ERROR_TOO_LARGE: "the error test failed at the smallest step; loosen rtol",
     TOO_SMALL: "the step is too small to advance time; check laws and start values",
 }
