@@ -1,8 +1,11 @@
-"""Memory available to this process, compared with a requirement before it is allocated."""
+"""Memory of this process: available, required, limited and used."""
 
 from __future__ import annotations
 
 import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from beamdae.errors import BeamdaeError
@@ -12,6 +15,13 @@ _BYTES_PER_KILOBYTE = 1024.0
 # Address space, which limits apply to, over memory in use: 2.8 in a run of 10 000 elements. SuperLU
 # crashes the process where address space runs out.
 _ADDRESS_SPACE_RATIO = 2.5
+_STATUS_FILE = Path("/proc/self/status")
+_CLEAR_FILE = Path("/proc/self/clear_refs")
+# Writing this to clear_refs resets the peak of resident memory.
+_RESET_PEAK = "5"
+# Smallest limit above the present memory [GB]: before it is reached, the watch of a run ends the run
+# and keeps its results.
+_MIN_LIMIT = 0.5
 
 
 def available_memory() -> float:
@@ -68,3 +78,57 @@ def require_memory(part: str, purpose: str, required: float, remedy: str) -> Non
 def format_gigabytes(size: float) -> str:
     """Return a size [bytes] as text, in gigabytes."""
     return f"{size / _BYTES_PER_GIGABYTE:.2g} GB"
+
+
+@contextmanager
+def limit_memory(memory: float | None) -> Iterator[None]:
+    """Limit this process to `memory` [GB] beyond its present size, if the system supports it.
+
+    Allocations beyond the limit raise MemoryError, also while a model is built, when no run checks
+    its memory.
+    """
+    present = _read_status("VmData")
+    if memory is None or present is None:
+        yield
+        return
+    import resource
+
+    previous = resource.getrlimit(resource.RLIMIT_DATA)
+    limit = int((present + max(memory, _MIN_LIMIT)) * _BYTES_PER_GIGABYTE)
+    finite_limits = [limit, *(x for x in previous if x != resource.RLIM_INFINITY)]
+    resource.setrlimit(resource.RLIMIT_DATA, (min(finite_limits), previous[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, previous)
+
+
+def reset_peak_memory() -> None:
+    """Start a new peak of memory, if the system supports it."""
+    try:
+        _CLEAR_FILE.write_text(_RESET_PEAK)
+    except OSError:
+        return
+
+
+def peak_memory() -> float:
+    """Return the largest memory [GB] since `reset_peak_memory` or the start; NaN if unknown."""
+    peak = _read_status("VmHWM")
+    if peak is not None:
+        return peak
+    try:
+        from resource import RUSAGE_SELF, getrusage
+    except ImportError:
+        return float("nan")
+    # ru_maxrss is in bytes on macOS and in kilobytes elsewhere.
+    unit = 1.0 if sys.platform == "darwin" else _BYTES_PER_KILOBYTE
+    return getrusage(RUSAGE_SELF).ru_maxrss * unit / _BYTES_PER_GIGABYTE
+
+
+def _read_status(name: str) -> float | None:
+    """Return an entry of Linux's status of this process [GB]; None if there is none."""
+    try:
+        lines = [x for x in _STATUS_FILE.read_text().splitlines() if x.startswith(f"{name}:")]
+        return float(lines[0].split()[1]) * _BYTES_PER_KILOBYTE / _BYTES_PER_GIGABYTE
+    except (OSError, IndexError):
+        return None

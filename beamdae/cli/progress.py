@@ -16,7 +16,7 @@ from beamdae.cli.output import hushed, progress_console
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
 
-    from beamdae.studies.execution.engine import Standing
+    from beamdae.studies.execution.study_progress import StudyProgress
 
 # Letters of a bar: more are of no use, and with fewer it says nothing.
 _WIDEST, _NARROWEST = 14, 3
@@ -88,7 +88,7 @@ def run_progress(t_end: float, what: str = "") -> Iterator[Callable[[str, float]
 
 
 @contextmanager
-def study_progress() -> Iterator[Callable[[Standing], None]]:
+def study_progress() -> Iterator[Callable[[StudyProgress], None]]:
     """How far a study is, by the runs done."""
     begin = monotonic()
     with _shown() as show:
@@ -96,7 +96,7 @@ def study_progress() -> Iterator[Callable[[Standing], None]]:
             yield (lambda _: None) if hushed() else _StudyLines()
             return
 
-        def progress(standing: Standing) -> None:
+        def progress(standing: StudyProgress) -> None:
             done = f"{standing.done}/{standing.total}"
             label = ", ".join(filter(None, [_counts(standing), standing.last]))
             share = standing.done / max(standing.total, 1)
@@ -145,7 +145,7 @@ class _Course:
         return (monotonic() - begin) * max(self._end - t, 0.0) / (t - start)
 
 
-def _counts(standing: Standing) -> str:
+def _counts(standing: StudyProgress) -> str:
     """How many are under way, failed and found on disk, if any."""
     counts = {
         "running": standing.running,
@@ -155,7 +155,7 @@ def _counts(standing: Standing) -> str:
     return ", ".join(f"{number} {what}" for what, number in counts.items() if number)
 
 
-def seconds_left(standing: Standing, begin: float) -> float | None:
+def seconds_left(standing: StudyProgress, begin: float) -> float | None:
     """What the study says of the time it still takes, or what its runs have taken so far."""
     told = getattr(standing, "left", None)
     fresh, missing = standing.done - standing.kept, standing.total - standing.done
@@ -195,7 +195,7 @@ class _StudyLines:
         self._next = 0.0
         self._begin = monotonic()
 
-    def __call__(self, standing: Standing) -> None:
+    def __call__(self, standing: StudyProgress) -> None:
         if standing.done >= self._next or standing.done == standing.total:
             seconds = seconds_left(standing, self._begin)
             rest = f", about {seconds:.0f} s left" if seconds else ""

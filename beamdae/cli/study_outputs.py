@@ -21,8 +21,9 @@ from beamdae.errors import BeamdaeError, require_positive
 # Whatever imports NumPy or CasADi is imported inside the command: help has to answer at once.
 if TYPE_CHECKING:
     from beamdae.studies import Study
-    from beamdae.studies.execution.engine import Results, Standing
-    from beamdae.studies.execution.pool import Executor
+    from beamdae.studies.execution.executors import Executor
+    from beamdae.studies.execution.study_progress import StudyProgress
+    from beamdae.studies.execution.study_run import StudyResults
 
     Draws = dict[str, Callable[[], list[Path]]]
 
@@ -75,14 +76,16 @@ class Work:
 
     study: Study
     folder: Path
-    draws: Callable[[Results], tuple[Draws, Draws]]
+    draws: Callable[[StudyResults], tuple[Draws, Draws]]
     parquet: bool = False
-    results: Results | None = None
+    results: StudyResults | None = None
     runs: int = 0
     written: Written = field(default_factory=Written)
 
 
-def carry_out(work: Work, executor: Callable[[], Executor], say: Callable[[Results], None]) -> None:
+def carry_out(
+    work: Work, executor: Callable[[], Executor], say: Callable[[StudyResults], None]
+) -> None:
     """Run a study, write its files, say what came of it, and end the command by that."""
     require_writable(work.folder / "outcomes")
     if work.parquet and not (find_spec("pyarrow") or find_spec("fastparquet")):
@@ -106,7 +109,7 @@ def carry_out(work: Work, executor: Callable[[], Executor], say: Callable[[Resul
 
 def _do(work: Work, executor: Callable[[], Executor]) -> None:
     """Run a study and write its files, the page before the pictures, until an interrupt."""
-    from beamdae.studies.execution import engine
+    from beamdae.studies.execution import study_run
 
     if interrupts.heard():
         # One that was lost, as in a callback of other code, is made up for.
@@ -114,11 +117,11 @@ def _do(work: Work, executor: Callable[[], Executor]) -> None:
     with interrupts.held(through=1):
         with study_progress() as progress:
 
-            def heard(standing: Standing) -> None:
+            def heard(standing: StudyProgress) -> None:
                 work.runs = standing.total
                 progress(standing)
 
-            results = work.results = engine.run(work.study, work.folder, executor(), heard)
+            results = work.results = study_run.run_study(work.study, work.folder, executor(), heard)
         work.written.paths += [results.folder / name for name in results.tables]
         first, pictures = work.draws(results)
         for name, draw in first.items():
@@ -130,7 +133,7 @@ def _do(work: Work, executor: Callable[[], Executor]) -> None:
         work.written.draw(name, draw)
 
 
-def say_failures(results: Results) -> None:
+def say_failures(results: StudyResults) -> None:
     """A sentence for each case that did not reach its end, if it was begun."""
     from beamdae.report.terminal import text_tables as terminal
 

@@ -15,7 +15,7 @@ from beamdae.results.solution import Solution
 from beamdae.studies.case import Case
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.deviations import require_column_names, select_error_columns
-from beamdae.studies.execution.case_run import NOT_RUN, Outcome, mistake
+from beamdae.studies.execution.case_run import NOT_RUN, Outcome, describe_exception
 from beamdae.studies.references import Reference
 from beamdae.studies.run_values import collect_event_values, collect_run_values, tabulate_trajectory
 
@@ -113,7 +113,7 @@ def _run_case(
     except BeamdaeError as problem:
         return Outcome.failed(str(problem))
     except BaseException as problem:  # Whatever a model does, sys.exit included, ends its row.
-        return Outcome.failed(mistake(problem))
+        return Outcome.failed(describe_exception(problem))
     return Outcome(solution.status, collect_run_values(solution), tabulate_trajectory(solution))
 
 
@@ -146,7 +146,7 @@ def _solve_reference(
         raise
     except BaseException as problem:  # Whatever a model does, sys.exit included.
         raise BeamdaeError(
-            f"{case.model.name}: the reference failed, {label}: {mistake(problem)}."
+            f"{case.model.name}: the reference failed, {label}: {describe_exception(problem)}."
         ) from problem
     if not solution.status.success:
         raise BeamdaeError(

@@ -21,7 +21,7 @@ from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model, require_file_name
 from beamdae.studies.case import Case, DigestCache
 from beamdae.studies.deviations import require_column_names
-from beamdae.studies.execution.case_run import Limits, Task, mistake
+from beamdae.studies.execution.case_run import Limits, Task, describe_exception
 
 _DEFAULT_OUTPUT_ROWS = 400
 _MAX_REPETITIONS = 1000
@@ -256,5 +256,5 @@ def call_definition(function: Callable[[], Any], what: str) -> Any:
         raise
     except BaseException as problem:  # Whatever a user's function does, sys.exit included.
         raise BeamdaeError(
-            f"{function.__name__}: it cannot list its {what}, {mistake(problem, 'it')}."
+            f"{function.__name__}: it cannot list its {what}, {describe_exception(problem, 'it')}."
         ) from problem

@@ -16,7 +16,7 @@ from beamdae.studies.case import Case
 from beamdae.studies.case_table import ERROR_COLUMN, WALL_TIME_COLUMN
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compute_deviations, count_common_rows
-from beamdae.studies.execution.engine import Results
+from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.references import Reference
 from beamdae.studies.run_values import EVENTS_COLUMN, WALL_TIME_RANGE
 from beamdae.studies.sweeps.sweep import Sweep
@@ -48,7 +48,7 @@ _TABLE_COLUMNS = (
 )
 
 
-def create_study_page(results: Results, told: pd.DataFrame | None = None) -> dict[str, Any]:
+def create_study_page(results: StudyResults, told: pd.DataFrame | None = None) -> dict[str, Any]:
     """The page of a study; see `beamdae.report.page.write_page`.
 
     `told` has a row a case as well: what stands in the place of the parameters.
@@ -89,7 +89,7 @@ def _describe_extra_column(table: pd.DataFrame, name: str) -> tuple[str, str, st
     return extra_column_key(name), name.removesuffix(f" [{unit}]"), unit, _column_kind(table[name])
 
 
-def _create_notes(results: Results) -> list[str]:
+def _create_notes(results: StudyResults) -> list[str]:
     notes = []
     if results.references:
         notes.append(
@@ -106,7 +106,7 @@ def _create_notes(results: Results) -> list[str]:
     return notes
 
 
-def _create_groups(results: Results, rest: str) -> list[dict[str, Any]]:
+def _create_groups(results: StudyResults, rest: str) -> list[dict[str, Any]]:
     """Those with a reference, and one, called `rest`, of all cases that have none."""
     frames: dict[str, Any] = {}
     for case, group in zip(results.study.cases, results.table["group"], strict=True):
@@ -140,7 +140,7 @@ def _create_group(
 
 
 def _create_cases(
-    results: Results, table: pd.DataFrame, keys: list[str], rest: str
+    results: StudyResults, table: pd.DataFrame, keys: list[str], rest: str
 ) -> list[dict[str, Any]]:
     study, ranks, most = results.study, _rank_cases(results.study), _max_rows_per_case(results)
     found = []
@@ -198,7 +198,7 @@ def _as_json_value(value: Any) -> Any:
 
 
 def _create_curves(
-    results: Results, case: Case, row: pd.Series, most: int
+    results: StudyResults, case: Case, row: pd.Series, most: int
 ) -> dict[str, Any] | None:
     """A run over time, with its error and its differences to the reference."""
     table = results.outcome(case).table
@@ -224,7 +224,7 @@ def _column_arrays(table: pd.DataFrame) -> dict[str, np.ndarray]:
     return {str(name): table[name].to_numpy() for name in table}
 
 
-def _max_rows_per_case(results: Results) -> int:
+def _max_rows_per_case(results: StudyResults) -> int:
     """How many rows there is room for on the page in the curves of each case."""
     tables = [results.outcome(case).table for case in results.study.cases[:_MAX_CURVES]]
     # Each with its difference to a reference.

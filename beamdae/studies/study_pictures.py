@@ -16,7 +16,7 @@ from beamdae.report.pictures.time_plots import save_comparison_figure
 from beamdae.results.columns import observed_columns
 from beamdae.studies.case_table import ACCURACY_COLUMNS, ERROR_COLUMN, WALL_TIME_COLUMN
 from beamdae.studies.deviations import compute_deviations
-from beamdae.studies.execution.engine import Results
+from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.run_values import WALL_TIME_RANGE
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ _LEAST, _MOST = 1e-300, 1e300
 Plot = Callable[[], list[Path]]
 
 
-def list_plots(results: Results) -> dict[str, Plot]:
+def list_plots(results: StudyResults) -> dict[str, Plot]:
     """What draws the plots a study may have data for, by name.
 
     Each writes PNG and SVG and returns their paths: none where there is nothing to draw.
@@ -54,7 +54,7 @@ def list_plots(results: Results) -> dict[str, Plot]:
     }
 
 
-def _draw_comparison(results: Results) -> list[Path]:
+def _draw_comparison(results: StudyResults) -> list[Path]:
     """What the runs of a single group say of the same columns, and their errors over time."""
     groups = set(results.table["group"])
     if len(groups) != 1 or len(results.study.cases) > _MAX_COMPARED_RUNS:
@@ -80,7 +80,7 @@ def _observed_table(table: pd.DataFrame) -> pd.DataFrame:
     return table[observed_columns(table)].reset_index()
 
 
-def _draw_work_precision(results: Results) -> list[Path]:
+def _draw_work_precision(results: StudyResults) -> list[Path]:
     """Error over wall time, a panel a group; hollow where the reference cannot tell.
 
     Thin lines go from the fastest to the slowest of repeated runs.
@@ -113,7 +113,7 @@ def _draw_work_precision(results: Results) -> list[Path]:
     return _save_figure(figure, styles, results.folder / "work_precision")
 
 
-def _select_measured_rows(results: Results) -> pd.DataFrame:
+def _select_measured_rows(results: StudyResults) -> pd.DataFrame:
     """The rows that can be drawn, the height at which each is, and whether that is a limit."""
     table = results.table
     rows = table[table["status"] == "ok"]
@@ -130,7 +130,7 @@ def _positive(values: pd.Series) -> pd.Series:
     return values.astype(float).between(_LEAST, _MOST)
 
 
-def _draw_mesh_convergence(results: Results) -> list[Path]:
+def _draw_mesh_convergence(results: StudyResults) -> list[Path]:
     """Error over the refined parameter, one curve a group."""
     table, over = results.table, str(results.study.over)
     rows = table[(table["status"] == "ok") & _positive(table[ERROR_COLUMN])].sort_values(over)
@@ -146,7 +146,7 @@ def _draw_mesh_convergence(results: Results) -> list[Path]:
     return _save_figure(figure, styles, results.folder / "mesh_convergence")
 
 
-def _draw_cost_scaling(results: Results) -> list[Path]:
+def _draw_cost_scaling(results: StudyResults) -> list[Path]:
     """Wall time over the size of the model, a panel for each choice of the other parameters."""
     table = results.table
     parameters = [str(c) for c in table][1 : list(table).index("group")]

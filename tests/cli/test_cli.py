@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import beamdae as bd
 from beamdae.cli.app import app
-from beamdae.studies.execution.pool import SerialPool
+from beamdae.studies.execution.executors import SerialPool
 
 ARM = """
 import numpy as np
@@ -71,7 +71,9 @@ def command(tmp_path, monkeypatch):
 @pytest.fixture
 def serial(monkeypatch):
     """No processes: what a command writes and says of a study does not depend on them."""
-    monkeypatch.setattr("beamdae.studies.execution.pool.LocalPool", lambda workers: SerialPool())
+    monkeypatch.setattr(
+        "beamdae.studies.execution.executors.LocalPool", lambda workers: SerialPool()
+    )
 
 
 def assert_mistake(result, *words):

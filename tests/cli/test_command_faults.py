@@ -14,7 +14,7 @@ from beamdae.cli import app as commands
 from beamdae.cli import signals as interrupts
 from beamdae.cli.app import app
 from beamdae.errors import KernelWarning
-from beamdae.studies.execution.pool import SerialPool
+from beamdae.studies.execution.executors import SerialPool
 
 MODEL = '''
 import os
@@ -330,7 +330,7 @@ def test_a_study_takes_its_time_limit_from_the_command(here, monkeypatch):
         seen.append(study.limits.time)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("beamdae.studies.execution.engine.run", never)
+    monkeypatch.setattr("beamdae.studies.execution.study_run.run_study", never)
     result = CliRunner().invoke(app, ["compare", "model.py", "--time-limit", "3.5"])
     assert (seen, result.exit_code) == ([3.5], 130)
     result = CliRunner().invoke(app, ["compare", "model.py", "--time-limit", "nan"])
@@ -373,7 +373,9 @@ def test_workers_beyond_all_use_are_refused(here):
 
 @pytest.fixture
 def serial(monkeypatch):
-    monkeypatch.setattr("beamdae.studies.execution.pool.LocalPool", lambda workers: SerialPool())
+    monkeypatch.setattr(
+        "beamdae.studies.execution.executors.LocalPool", lambda workers: SerialPool()
+    )
 
 
 DEAD = "mech.add(bd.Moment('m', on=bob.at(0.0, 0.0), law=lambda t: t * (0.0105 - t) ** 0.5))"

@@ -9,7 +9,7 @@ from terminals import process, shell
 from typer.testing import CliRunner
 
 from beamdae.cli.app import app
-from beamdae.studies.execution.pool import SerialPool
+from beamdae.studies.execution.executors import SerialPool
 
 MODEL = '''
 import sys
@@ -152,7 +152,9 @@ def test_a_broken_file_of_a_folder_is_a_row_of_the_list(here):
 
 @pytest.mark.slow(reason="a study, twice")
 def test_the_document_of_a_study(here, monkeypatch):
-    monkeypatch.setattr("beamdae.studies.execution.pool.LocalPool", lambda workers: SerialPool())
+    monkeypatch.setattr(
+        "beamdae.studies.execution.executors.LocalPool", lambda workers: SerialPool()
+    )
     result = called("compare", "model.py", "--json")
     told = strict(result.stdout)
     assert result.exit_code == 0, result.output

@@ -289,5 +289,5 @@ def test_a_case_of_a_study_warns_in_its_row_alone():
     task = work.Task("bent", bd.Case(bent, {}, bd.Radau(rtol=1e-3)), 0.02, 0.01)
     with warnings.catch_warnings():
         warnings.simplefilter("error", bd.BeamdaeWarning)
-        outcome = work.perform(task.packed({}))
+        outcome = work.run_task(task.packed({}))
     assert outcome.values["warnings"].startswith("strip: it bends")

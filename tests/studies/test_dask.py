@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 import beamdae as bd
-from beamdae.studies.execution import engine
-from beamdae.studies.execution.pool import DaskPool, SerialPool
+from beamdae.studies.execution import study_run
+from beamdae.studies.execution.executors import DaskPool, SerialPool
 
 
 @pytest.fixture
@@ -57,8 +57,8 @@ def test_a_study_survives_a_killed_worker_and_gives_the_serial_table(tmp_path, d
             if progress.done == 4 and len(victims) == 2:
                 os.kill(victims.pop(), signal.SIGKILL)
 
-        found = engine.run(STUDY, tmp_path / "dask", DaskPool(address), kill_one)
-        again = engine.run(STUDY, tmp_path / "dask", DaskPool(address))
+        found = study_run.run_study(STUDY, tmp_path / "dask", DaskPool(address), kill_one)
+        again = study_run.run_study(STUDY, tmp_path / "dask", DaskPool(address))
         # Nothing was left to do, and its connection is closed nevertheless.
         with pytest.raises(ValueError, match="No clients found"):
             distributed.Client.current()
@@ -69,7 +69,7 @@ def test_a_study_survives_a_killed_worker_and_gives_the_serial_table(tmp_path, d
     assert list(swept.table["rows"].fillna(0.0)) == [401.0, 0.0, 401.0]
     assert len(victims) == 1
     assert len(again.table) == len(STUDY.cases)
-    serial = engine.run(STUDY, tmp_path / "serial", SerialPool())
+    serial = study_run.run_study(STUDY, tmp_path / "serial", SerialPool())
     assert set(found.table["status"]) == {"ok"}
     pd.testing.assert_frame_equal(
         found.table.drop(columns=UNSTEADY), serial.table.drop(columns=UNSTEADY)
@@ -79,6 +79,6 @@ def test_a_study_survives_a_killed_worker_and_gives_the_serial_table(tmp_path, d
 @pytest.mark.slow(reason="waits for an answer")
 @pytest.mark.usefixtures("distributed")
 def test_a_scheduler_that_is_not_there_is_told(monkeypatch):
-    monkeypatch.setattr("beamdae.studies.execution.pool._PATIENCE", 0.2)
+    monkeypatch.setattr("beamdae.studies.execution.executors._CONNECT_TIMEOUT", 0.2)
     with pytest.raises(bd.BeamdaeError, match=r"--scheduler tcp://127\.0\.0\.1:9: no Dask sched"):
         DaskPool("tcp://127.0.0.1:9")

@@ -17,12 +17,13 @@ from slow_study import slow_study
 
 import beamdae as bd
 from beamdae.results.outcome import Status
-from beamdae.studies.execution import engine, pool
+from beamdae.studies.execution import executors as pool
+from beamdae.studies.execution import study_run
 from beamdae.studies.execution.case_run import Limits, Outcome
-from beamdae.studies.execution.deferred_interrupts import Interrupts
-from beamdae.studies.execution.engine import Results
-from beamdae.studies.execution.pool import LocalPool, SerialPool
-from beamdae.studies.execution.time_estimates import Forecast
+from beamdae.studies.execution.deferred_interrupts import DeferredInterrupts
+from beamdae.studies.execution.executors import LocalPool, SerialPool
+from beamdae.studies.execution.study_progress import TimeEstimator
+from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.study_page import create_study_page
 
 ALPHA = bd.GeneralizedAlpha(step=5e-3)
@@ -104,7 +105,7 @@ RAISED = {
 def test_regression_what_a_model_raises_is_the_row_of_its_case(tmp_path):
     """sys.exit() in one of them ended the study with exit code 0 and without tables."""
     study = made(*faults("none", *RAISED, "long"))
-    results = engine.run(study, tmp_path, SerialPool())
+    results = study_run.run_study(study, tmp_path, SerialPool())
     assert results.table["status"][0] == "ok"
     assert list(results.table["reason"][1:-1]) == list(RAISED.values())
     (*_, last) = results.table["reason"]
@@ -126,7 +127,7 @@ def test_regression_compare_gives_a_row_for_whatever_a_model_raises(tmp_path, mo
 # States of a study that is not complete ----------------------------------------------------------
 
 
-def complete(results: Results) -> Results:
+def complete(results: StudyResults) -> StudyResults:
     """All that pictures, page and terminal ask for is there."""
     assert len(results.table) == len(results.study.cases)
     for column in ("status", "reason", "error [-]", "wall time [s]", "below resolution", "steps"):
@@ -142,17 +143,17 @@ def complete(results: Results) -> Results:
 
 
 def test_regression_a_study_without_any_success_is_complete(tmp_path):
-    results = complete(engine.run(made(*faults("base", "mute")), tmp_path, SerialPool()))
+    results = complete(study_run.run_study(made(*faults("base", "mute")), tmp_path, SerialPool()))
     assert results.failed
     assert not results.interrupted
     # Again at every start.
-    again = complete(engine.run(results.study, tmp_path, SerialPool()))
+    again = complete(study_run.run_study(results.study, tmp_path, SerialPool()))
     assert list(again.table["reason"]) == list(results.table["reason"])
 
 
 def test_a_group_without_a_success_beside_one_with(tmp_path):
     study = made(*faults("base"), bd.Case(swing, {}, ALPHA))
-    results = complete(engine.run(study, tmp_path, SerialPool()))
+    results = complete(study_run.run_study(study, tmp_path, SerialPool()))
     assert results.failed
     assert list(results.table["status"]) == ["failed", "ok"]
 
@@ -176,12 +177,12 @@ class Interrupting(SerialPool):
 def test_an_interrupt_at_any_moment_leaves_a_complete_study(tmp_path, after):
     """Before the first run ended, during references, during the cases."""
     study = made(bd.Case(swing, {}, ALPHA), bd.Case(swing, {}, bd.Ida(rtol=1e-3)))
-    results = complete(engine.run(study, tmp_path, Interrupting(after)))
+    results = complete(study_run.run_study(study, tmp_path, Interrupting(after)))
     assert results.interrupted
     assert len(results.outcomes) == after
     assert list(results.table["status"]) == ["interrupted" if after < 4 else "ok", "interrupted"]
     seen = []
-    assert not complete(engine.run(study, tmp_path, SerialPool(), seen.append)).interrupted
+    assert not complete(study_run.run_study(study, tmp_path, SerialPool(), seen.append)).interrupted
     assert seen[0].kept == after
 
 
@@ -189,17 +190,17 @@ def test_an_interrupt_at_any_moment_leaves_a_complete_study(tmp_path, after):
 @pytest.mark.parametrize("where", ["_kept", "_measured", "_write"])
 def test_an_interrupt_while_files_are_read_or_written_waits(tmp_path, monkeypatch, where):
     study = made(bd.Case(swing, {}, ALPHA))
-    engine.run(study, tmp_path, SerialPool())
-    real = getattr(engine, where)
+    study_run.run_study(study, tmp_path, SerialPool())
+    real = getattr(study_run, where)
 
     def interrupted(*arguments):
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
         return real(*arguments)
 
-    monkeypatch.setattr(engine, where, interrupted)
+    monkeypatch.setattr(study_run, where, interrupted)
     standings = []
-    results = complete(engine.run(study, tmp_path, SerialPool(), standings.append))
+    results = complete(study_run.run_study(study, tmp_path, SerialPool(), standings.append))
     assert results.interrupted
     assert len(standings) == 1
 
@@ -208,21 +209,21 @@ def test_interrupts_are_held_back_noted_and_heard_by_those_before():
     heard = []
     before = signal.signal(signal.SIGINT, lambda number, _: heard.append(number))
     try:
-        with Interrupts() as interrupts:
+        with DeferredInterrupts() as interrupts:
             signal.raise_signal(signal.SIGINT)
             assert interrupts.noted
         assert signal.getsignal(signal.SIGINT)(2, None) is None
     finally:
         signal.signal(signal.SIGINT, before)
     assert heard == [2, 2]
-    with Interrupts() as interrupts:
+    with DeferredInterrupts() as interrupts:
         interrupts.raising = True
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
     ignored = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        with Interrupts() as interrupts:
+        with DeferredInterrupts() as interrupts:
             signal.raise_signal(signal.SIGINT)
         assert not interrupts.noted
     finally:
@@ -279,12 +280,12 @@ import sys
 from pathlib import Path
 if __name__ == "__main__":
     from beamdae.cli.model_files.model_file import contents
-    from beamdae.studies.execution import engine
-    from beamdae.studies.execution.pool import LocalPool
+    from beamdae.studies.execution import study_run
+    from beamdae.studies.execution.executors import LocalPool
     study = contents(Path("file.py"))[1]["masses"]
     print("ready", flush=True)
     tell = lambda standing: print("done", standing.done, flush=True)
-    results = engine.run(study, Path("out"), LocalPool(2), tell)
+    results = study_run.run(study, Path("out"), LocalPool(2), tell)
     print("end", results.interrupted, len(results.table), flush=True)
     print("bye", flush=True)
     sys.stdin.read()
@@ -504,7 +505,7 @@ def test_regression_numbers_of_any_size_are_labels_and_cells(tmp_path):
     assert {case.label for case in cases} == {ALPHA.label}
     assert all(case.group.startswith("swing(extra=") for case in cases)
     assert len({case.fingerprint(0.1, 0.01) for case in cases}) == len(cases)
-    results = engine.run(made(*cases), tmp_path, Interrupting(2))
+    results = study_run.run_study(made(*cases), tmp_path, Interrupting(2))
     assert list(results.table["group"]) == [case.group for case in cases]
     assert len(pd.read_csv(tmp_path / "cases.csv")) == len(cases)
     with pytest.raises(bd.BeamdaeError, match="swing: mass must be finite"):
@@ -518,7 +519,7 @@ def test_the_time_left_follows_what_runs_have_cost():
     steps, masses = (4e-3, 2e-3, 1e-3, 5e-4), (1.0, 2.0)
     cases = [bd.Case(swing, {"mass": m}, bd.GeneralizedAlpha(h)) for m in masses for h in steps]
     tasks = [made(*cases).task(case) for case in cases]
-    forecast = Forecast(tasks, 2)
+    forecast = TimeEstimator(tasks, 2)
     assert forecast.left is None
 
     def ended(task):
@@ -541,11 +542,11 @@ def test_the_time_left_follows_what_runs_have_cost():
 def test_progress_hears_of_the_time_left(tmp_path):
     seen = []
     study = made(bd.Case(swing, {}, ALPHA), bd.Case(swing, {}, bd.Ida(rtol=1e-3)))
-    engine.run(study, tmp_path, SerialPool(), seen.append)
+    study_run.run_study(study, tmp_path, SerialPool(), seen.append)
     assert seen[0].left is None
     assert all(standing.left >= 0.0 for standing in seen[1:])
     assert seen[-1].left == 0.0
     more = replace(study, cases=(*study.cases, bd.Case(swing, {}, bd.Radau(rtol=1e-3))))
     again = []
-    engine.run(more, tmp_path, SerialPool(), again.append)
+    study_run.run_study(more, tmp_path, SerialPool(), again.append)
     assert again[0].left > 0.0, "what is kept tells as well"

@@ -19,8 +19,8 @@ import pytest
 import beamdae as bd
 from beamdae.cli.model_files.model_file import contents
 from beamdae.studies import case as case_module
-from beamdae.studies.execution import engine
-from beamdae.studies.execution.pool import LocalPool, SerialPool
+from beamdae.studies.execution import study_run
+from beamdae.studies.execution.executors import LocalPool, SerialPool
 from beamdae.studies.store.fingerprints import FingerprintError, digest, digest_transferable
 from beamdae.studies.store.sources import digest_package
 from beamdae.studies.store.store import Store
@@ -58,7 +58,7 @@ def key(study):
 def kept(study, folder, executor=None):
     """How many runs were found on disk."""
     seen = []
-    results = engine.run(study, folder, executor or SerialPool(), seen.append)
+    results = study_run.run_study(study, folder, executor or SerialPool(), seen.append)
     assert set(results.table["status"]) == {"ok"}, list(results.table["reason"])
     return seen[0].kept, seen[0].total
 
@@ -192,7 +192,7 @@ def test_regression_a_study_follows_data_read_inside_the_model(tmp_path, monkeyp
     assert [store.load(task)[0] is not None for task in tasks] == [True, False]
     # They move with the model, and equations of the same process are built anew.
     (tmp_path / "five.csv").write_text("4.5\n")
-    results = engine.run(study, tmp_path / "out", SerialPool())
+    results = study_run.run_study(study, tmp_path / "out", SerialPool())
     masses = [results.outcome(case).table["energy.kinetic [J]"].iloc[-1] for case in study.cases]
     assert masses[1] / masses[0] == pytest.approx(2.0 * 4.5)
 

@@ -17,9 +17,9 @@ import pytest
 
 import beamdae as bd
 from beamdae.results.outcome import Status
-from beamdae.studies.execution import engine
+from beamdae.studies.execution import study_run
 from beamdae.studies.execution.case_run import Limits, Outcome, Task
-from beamdae.studies.execution.pool import SerialPool
+from beamdae.studies.execution.executors import SerialPool
 from beamdae.studies.store import store
 from beamdae.studies.store.store import Store
 from beamdae.studies.unique_names import create_file_names
@@ -195,13 +195,13 @@ def test_a_record_that_may_not_be_read_is_run_again(filled):
 def test_a_folder_in_the_place_of_a_file_is_refused_before_the_work(tmp_path):
     Store(tmp_path).record_path(TASK).mkdir(parents=True)
     with pytest.raises(bd.BeamdaeError, match=r"\.json: it must be a file of results, and is a fo"):
-        engine.run(STUDY, tmp_path, SerialPool())
+        study_run.run_study(STUDY, tmp_path, SerialPool())
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
-    return folder, engine.run(STUDY, folder, SerialPool())
+    return folder, study_run.run_study(STUDY, folder, SerialPool())
 
 
 def test_regression_damaged_results_are_run_again_and_that_is_told(run):
@@ -210,12 +210,12 @@ def test_regression_damaged_results_are_run_again_and_that_is_told(run):
     file.write_bytes(file.read_bytes()[:-12])
     seen = []
     with pytest.warns(bd.BeamdaeWarning, match=rf"{file.name} is not what was written, so .* run"):
-        again = engine.run(STUDY, folder, SerialPool(), seen.append)
+        again = study_run.run_study(STUDY, folder, SerialPool(), seen.append)
     assert (seen[0].kept, seen[0].total) == (3, 4)
     assert len(again.notes) == 1
     pd.testing.assert_frame_equal(again.outcome(CASE).table, before.outcome(CASE).table)
     # Said once: now they are whole.
-    assert engine.run(STUDY, folder, SerialPool()).notes == ()
+    assert study_run.run_study(STUDY, folder, SerialPool()).notes == ()
 
 
 def test_trajectories_are_named_by_their_case(run):
@@ -261,7 +261,7 @@ def test_parameters_given_as_they_are_by_default_find_their_file(tmp_path, run):
         bd.Case(swing, {"mass": 2.0}, CASE.integrator),
     )
     for cases in ((plain, told), (told, plain)):
-        results = engine.run(replace(STUDY, cases=cases), tmp_path, SerialPool())
+        results = study_run.run_study(replace(STUDY, cases=cases), tmp_path, SerialPool())
         assert results.table["trajectory"].nunique() == 1
         assert (tmp_path / results.table["trajectory"][0]).is_file()
 
@@ -286,10 +286,10 @@ def test_regression_a_full_disk_ends_the_study_with_a_sentence(tmp_path, monkeyp
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", sometimes)
         with pytest.raises(bd.BeamdaeError, match="it cannot be written, No space left on device"):
-            engine.run(STUDY, tmp_path, SerialPool())
+            study_run.run_study(STUDY, tmp_path, SerialPool())
     assert not list(tmp_path.rglob("*.scratch"))
     seen = []
-    results = engine.run(STUDY, tmp_path, SerialPool(), seen.append)
+    results = study_run.run_study(STUDY, tmp_path, SerialPool(), seen.append)
     assert seen[0].kept == 1
     assert results.notes == ()
     assert set(results.table["status"]) == {"ok"}
@@ -307,7 +307,7 @@ def test_executors_are_closed_before_the_sentence_is_told(tmp_path, monkeypatch)
 
     monkeypatch.setattr(Path, "write_bytes", no_room)
     with pytest.raises(bd.BeamdaeError) as caught:
-        engine.run(STUDY, tmp_path, Watched())
+        study_run.run_study(STUDY, tmp_path, Watched())
     assert closed, caught
 
 
@@ -333,7 +333,7 @@ def test_what_killed_processes_leave_is_swept_up(filled):
 
 def test_tables_are_guarded_and_numbers_stay_numbers(tmp_path):
     cases = (bd.Case(swing, {"note": "=1+2", "mass": 1.0}, CASE.integrator),)
-    results = engine.run(replace(STUDY, cases=cases), tmp_path, SerialPool())
+    results = study_run.run_study(replace(STUDY, cases=cases), tmp_path, SerialPool())
     table = pd.read_csv(tmp_path / "cases.csv")
     assert table["note"][0] == "'=1+2"
     assert table["mass"][0] == 1.0

@@ -24,9 +24,9 @@ from beamdae.cli.model_files.model_file import contents
 from beamdae.studies.case_summaries import summarize_cases, summarize_mesh_study
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.execution import case_run as work
-from beamdae.studies.execution import engine
+from beamdae.studies.execution import study_run
 from beamdae.studies.execution.case_run import Limits, Outcome
-from beamdae.studies.execution.pool import LocalPool, SerialPool
+from beamdae.studies.execution.executors import LocalPool, SerialPool
 from beamdae.studies.references import REFERENCE_NOT_RUN
 from beamdae.studies.store.store import Store
 from beamdae.studies.study_page import create_study_page
@@ -80,7 +80,7 @@ def made(cases, references=COARSE, **settings):
 
 
 def done(study, folder, executor=None, progress=None):
-    return engine.run(study, folder, executor or SerialPool(), progress)
+    return study_run.run_study(study, folder, executor or SerialPool(), progress)
 
 
 STEPS = (0.02, 0.01, 0.005)
@@ -140,7 +140,7 @@ def test_an_interrupted_serial_run_ends_the_study_and_is_done_again(tmp_path, mo
     # Steps enough that progress is told.
     study = made([bd.Case(swing, {"mass": mass}, bd.GeneralizedAlpha(1e-3)) for mass in (1.0, 2.0)])
     with monkeypatch.context() as patch:
-        patch.setattr(work._Watchman, "__call__", interrupt)
+        patch.setattr(work._LimitMonitor, "__call__", interrupt)
         results = done(study, tmp_path)
     assert results.interrupted
     # A reference may take so few steps that no progress is told.

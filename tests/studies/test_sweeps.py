@@ -18,10 +18,10 @@ import beamdae as bd
 from beamdae.cli.app import app
 from beamdae.report.page.page_file import write_page
 from beamdae.studies import study_page as page_data
-from beamdae.studies.execution import engine
-from beamdae.studies.execution.packing import packed
-from beamdae.studies.execution.plan import Plan
-from beamdae.studies.execution.pool import LocalPool, SerialPool
+from beamdae.studies.execution import study_run
+from beamdae.studies.execution.executors import LocalPool, SerialPool
+from beamdae.studies.execution.packing import pack
+from beamdae.studies.execution.study_run import StudyPlan
 from beamdae.studies.store import trajectory_csv as rows
 from beamdae.studies.study_pictures import list_plots
 
@@ -47,7 +47,7 @@ def sweep(*values, **settings):
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory):
     study = sweep(*bd.grid(mass=[1.0, -1.0, *range(2, 6)]))
-    return engine.run(study, tmp_path_factory.mktemp("sweep"), SerialPool())
+    return study_run.run_study(study, tmp_path_factory.mktemp("sweep"), SerialPool())
 
 
 # Rows as text -------------------------------------------------------------------------------------
@@ -80,7 +80,7 @@ def test_rows_are_read_back_to_the_last_bit(table):
 def test_the_model_of_tasks_that_differ_in_numbers_is_packed_once(monkeypatch):
     packings = []
     monkeypatch.setattr(
-        "beamdae.studies.execution.packing.packed", lambda x: packings.append(x) or packed(x)
+        "beamdae.studies.execution.packing.pack", lambda x: packings.append(x) or pack(x)
     )
     study = sweep(*bd.grid(mass=[1.0, np.float64(2.0), 3]))
     known = {}
@@ -136,7 +136,7 @@ MIXED = [bd.Case(swing, {"mass": m}, x) for m, x in ((1.0, ALPHA), (2.0, ALPHA),
 
 def measured(cases, **settings):
     """The groups with a reference."""
-    return list(Plan.of(bd.Study("made", tuple(cases), **settings)).methods)
+    return list(StudyPlan.of(bd.Study("made", tuple(cases), **settings)).methods)
 
 
 def test_references_are_of_groups_that_compare_integrators_unless_errors_are_asked_for():
@@ -158,7 +158,7 @@ def test_cases_of_equal_parameters_share_a_reference_however_they_are_told():
         bd.Case(swing, x, bd.GeneralizedAlpha(step=h))
         for x, h in zip(told, (1, 2, 3, 4), strict=True)
     ]
-    plan = Plan.of(bd.Study("made", tuple(cases), t_end=10.0))
+    plan = StudyPlan.of(bd.Study("made", tuple(cases), t_end=10.0))
     assert set(plan.group_of.values()) == {"swing"}
     # Two methods, one of them with two steps.
     assert len(plan.tasks) == 4 + 3
@@ -169,7 +169,7 @@ def test_regression_parameters_that_read_alike_are_no_group():
     values = (3, "3", np.array([0.1]), np.array([0.1 + 1e-12]), "a", "A")
     free = replace(swing, parameters={"x": None})
     cases = [bd.Case(free, {"x": x}, y) for x in values for y in (ALPHA, FINE[0])]
-    plan = Plan.of(bd.Study("made", tuple(cases)))
+    plan = StudyPlan.of(bd.Study("made", tuple(cases)))
     names = ["swing(x=3)", "swing(x=3) (2)", "swing(x=[0.1])", "swing(x=[0.1]) (2)"]
     names += ["swing(x=a)", "swing(x=A)"]
     assert list(plan.methods) == names
@@ -178,7 +178,7 @@ def test_regression_parameters_that_read_alike_are_no_group():
 
 def test_a_study_has_errors_of_some_cases(tmp_path):
     cases = [*MIXED, bd.Case(swing, {"mass": -1.0}, ALPHA)]
-    results = engine.run(bd.Study("made", tuple(cases)), tmp_path, SerialPool())
+    results = study_run.run_study(bd.Study("made", tuple(cases)), tmp_path, SerialPool())
     assert list(results.table["error [-]"].notna()) == [False, True, True, False]
     assert not results.table["below resolution"][[0, 3]].any()
     assert set(results.summary["group"]) <= {"swing(mass=2.0)"}
@@ -224,7 +224,7 @@ def test_a_sweep_goes_on_where_it_stopped(swept, tmp_path):
 
     pool = SerialPool()
     pool.outcomes = refused
-    again = engine.run(swept.study, swept.folder, pool)
+    again = study_run.run_study(swept.study, swept.folder, pool)
     pd.testing.assert_frame_equal(again.table, swept.table)
     for key, outcome in swept.outcomes.items():
         if outcome.table is not None:

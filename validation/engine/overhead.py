@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 import beamdae as bd
-from beamdae.studies.execution import engine
-from beamdae.studies.execution.pool import LocalPool
+from beamdae.studies.execution import study_run
+from beamdae.studies.execution.executors import LocalPool
 
 pendulum = bd.load_model(Path(__file__).parents[2] / "models" / "pendulum.py")
 
@@ -37,7 +37,7 @@ def main() -> None:
     pool = LocalPool()
     with tempfile.TemporaryDirectory() as folder:
         begin = time.perf_counter()
-        results = engine.run(study, Path(folder), pool)
+        results = study_run.run_study(study, Path(folder), pool)
         total = (time.perf_counter() - begin) * pool.workers
     outcomes = results.outcomes.values()
     integration = sum(o.values["wall time [s]"] for o in outcomes)

@@ -33,8 +33,8 @@ import pandas as pd
 from tables import RESULTS, write
 
 import beamdae as bd
-from beamdae.studies.execution import engine
-from beamdae.studies.execution.pool import LocalPool
+from beamdae.studies.execution import study_run
+from beamdae.studies.execution.executors import LocalPool
 from beamdae.studies.run_values import tabulate_trajectory
 
 STEP = 1e-3
@@ -94,7 +94,7 @@ def swept(number: int, t_end: float) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as counted, tempfile.TemporaryDirectory() as folder:
         planned = study(number, t_end, counted)
         wall, main = time.perf_counter(), time.process_time()
-        results = engine.run(planned, Path(folder), LocalPool(WORKERS))
+        results = study_run.run_study(planned, Path(folder), LocalPool(WORKERS))
         wall, main = time.perf_counter() - wall, time.process_time() - main
         assert (results.table["status"] == "ok").all()
         of_workers = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -234,9 +234,9 @@ def invoked(arguments: list[str]) -> Seen:
     from typer.testing import CliRunner
 
     from beamdae.cli.app import app
-    from beamdae.studies.execution.pool import SerialPool
+    from beamdae.studies.execution.executors import SerialPool
 
-    with mock.patch("beamdae.studies.execution.pool.LocalPool", return_value=SerialPool()):
+    with mock.patch("beamdae.studies.execution.executors.LocalPool", return_value=SerialPool()):
         done = CliRunner().invoke(app, arguments, prog_name="beamdae")
     problem = done.exception
     if problem is not None and not isinstance(problem, SystemExit):

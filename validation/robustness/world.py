@@ -204,7 +204,7 @@ def integrated(world: World, integrator: Any) -> bd.Solution:
 
 def done(world: World, study: Any) -> Any:
     """The study, run here and now."""
-    from beamdae.studies.execution import engine
-    from beamdae.studies.execution.pool import SerialPool
+    from beamdae.studies.execution import study_run
+    from beamdae.studies.execution.executors import SerialPool
 
-    return engine.run(study, world.folder, SerialPool()).table
+    return study_run.run_study(study, world.folder, SerialPool()).table

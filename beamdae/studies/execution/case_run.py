@@ -25,13 +25,13 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
+from beamdae.memory import limit_memory, peak_memory, reset_peak_memory
 from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
-from beamdae.studies.execution.memory_limit import bounded, forget_peak, peak_memory
-from beamdae.studies.execution.packing import Packed, is_plain, packed, packed_around
+from beamdae.studies.execution.packing import PackedParts, is_plain, pack, pack_task_around
 from beamdae.studies.run_values import (
     collect_run_values,
     evaluate_outputs,
@@ -98,14 +98,14 @@ class Task:
     name: str = ""
     outputs: Mapping[str, Callable[[Solution], Any]] = field(default_factory=dict)
 
-    def packed(self, known: Packed) -> bytes:
+    def packed(self, known: PackedParts) -> bytes:
         """The task for another process, the source of its model included; models once."""
         case = self.case
         # What else a user defines may refer to what the model does, and has to go along with it.
         own = type(case.integrator).__module__.startswith("beamdae.")
         values = (*case.parameters.values(), *vars(case.integrator).values())
         apart = own and not self.outputs and all(map(is_plain, values))
-        return packed_around(self, case.model, known) if apart else packed(self)
+        return pack_task_around(self, case.model, known) if apart else pack(self)
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ class Outcome:
 NOT_RUN = Outcome(Status("interrupted", "not run, the study was interrupted"))
 
 
-def perform(packed: bytes) -> Outcome:
+def run_task(packed: bytes) -> Outcome:
     """Do a packed task; a mistake in the model is a sentence, not an exception.
 
     The outcome has the files that were read, and where the process is stays as it was.
@@ -160,19 +160,19 @@ def perform(packed: bytes) -> Outcome:
     folder = os.getcwd()
     try:
         with record_file_reads() as reads:
-            outcome = _attempted(packed, reads)
+            outcome = _run_guarded(packed, reads)
     finally:
         with suppress(OSError):
             os.chdir(folder)
     return outcome
 
 
-def _attempted(packed: bytes, reads: FileReads) -> Outcome:
+def _run_guarded(packed: bytes, reads: FileReads) -> Outcome:
     home = Path.cwd()
     try:
         task = cloudpickle.loads(packed)
         home = task.case.model.home
-        outcome = _performed(task, reads)
+        outcome = _run_case(task, reads)
     except KeyboardInterrupt:
         raise
     except BeamdaeError as problem:
@@ -180,11 +180,11 @@ def _attempted(packed: bytes, reads: FileReads) -> Outcome:
     except MemoryError:
         outcome = Outcome.failed("it needs more memory than there is, or than it may take")
     except BaseException as problem:  # Whatever a model raises is the end of its case alone.
-        outcome = Outcome.failed(mistake(problem))
+        outcome = Outcome.failed(describe_exception(problem))
     return replace(outcome, read=digest_reads(reads, home))
 
 
-def mistake(problem: BaseException, whose: str = "the model") -> str:
+def describe_exception(problem: BaseException, whose: str = "the model") -> str:
     """What an exception of a user's function says, in words."""
     if isinstance(problem, SystemExit):
         return (
@@ -193,19 +193,19 @@ def mistake(problem: BaseException, whose: str = "the model") -> str:
     return format_exception(problem)
 
 
-def _performed(task: Task, reads: FileReads) -> Outcome:
+def _run_case(task: Task, reads: FileReads) -> Outcome:
     begin = clock.perf_counter()
-    forget_peak()
-    with bounded(task.limits.memory), warnings.catch_warnings(record=True) as seen:
+    reset_peak_memory()
+    with limit_memory(task.limits.memory), warnings.catch_warnings(record=True) as seen:
         # They are a column of the table.
         warnings.simplefilter("ignore", BeamdaeWarning)
         # Neighboring cases differ in the integrator alone: their equations are built once.
-        built = _built(task)
+        built = _build_equations(task)
         reads |= built.reads
         integrator = task.case.integrator
         solutions = []
         for _ in range(task.repetitions):
-            watch = _Watchman(task.limits, task.t_end)
+            watch = _LimitMonitor(task.limits, task.t_end)
             solutions.append(
                 simulate(built.equations, integrator, task.t_end, task.output_step, watch)
             )
@@ -232,7 +232,7 @@ def _performed(task: Task, reads: FileReads) -> Outcome:
 
 
 @dataclass(frozen=True)
-class _Recipe:
+class _EquationsKey:
     """What equations of motion are built from, known by its hash."""
 
     key: str
@@ -240,15 +240,17 @@ class _Recipe:
 
 
 @dataclass(frozen=True)
-class _Built:
+class _BuiltEquations:
     """Equations of motion, and the files that were read to build them."""
 
     equations: EquationsOfMotion
     reads: FileReads
 
 
-def _built(task: Task) -> _Built:
-    recipe = _Recipe(task.mechanism_fingerprint or task.case.mechanism_fingerprint(), task.case)
+def _build_equations(task: Task) -> _BuiltEquations:
+    recipe = _EquationsKey(
+        task.mechanism_fingerprint or task.case.mechanism_fingerprint(), task.case
+    )
     built = _equations(recipe)
     if not are_unchanged(built.reads):
         _equations.cache_clear()
@@ -257,13 +259,13 @@ def _built(task: Task) -> _Built:
 
 
 @lru_cache(maxsize=1)
-def _equations(recipe: _Recipe) -> _Built:
+def _equations(recipe: _EquationsKey) -> _BuiltEquations:
     with record_file_reads() as reads:
         equations = as_equations("study", recipe.case.model(**recipe.case.parameters))
-    return _Built(equations, reads)
+    return _BuiltEquations(equations, reads)
 
 
-class _Watchman:
+class _LimitMonitor:
     """Ends a run that takes more time or memory, or makes less progress, than it may."""
 
     def __init__(self, limits: Limits, t_end: float) -> None:

@@ -10,7 +10,7 @@ from typing import Any, Self
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-class Interrupts:
+class DeferredInterrupts:
     """Holds back interrupts inside a `with` block of the main thread, and notes them.
 
     Attributes

@@ -16,7 +16,7 @@ import numpy as np
 _PLAIN = (bool, int, float, str, type(None))
 
 
-def packed(value: Any) -> bytes:
+def pack(value: Any) -> bytes:
     """A value, with all that is not defined in installed modules, as bytes."""
     return cloudpickle.dumps(value)
 
@@ -27,16 +27,16 @@ def is_plain(value: Any) -> bool:
 
 
 # Parts of values by their identity, which lasts as long as they do, and packed.
-Packed = dict[int, tuple[Any, bytes]]
+PackedParts = dict[int, tuple[Any, bytes]]
 
 
-def packed_around(value: Any, part: Any, known: Packed) -> bytes:
+def pack_task_around(value: Any, part: Any, known: PackedParts) -> bytes:
     """A value that has no functions but those of `part`, which is packed once.
 
     The part is a copy of its own wherever the value is unpacked.
     """
     if id(part) not in known:
-        known[id(part)] = part, packed(part)
+        known[id(part)] = part, pack(part)
     stream = io.BytesIO()
     pickler = pickle.Pickler(stream)
     table: dict[type, Callable[[Any], Any]] = {**copyreg.dispatch_table}

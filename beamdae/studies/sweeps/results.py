@@ -26,9 +26,9 @@ from beamdae.errors import (
 )
 from beamdae.results.storage.files import escape_table, require_file_path, write_text
 from beamdae.studies.case import format_parameter
-from beamdae.studies.execution import engine
-from beamdae.studies.execution.pool import SerialPool, pool_of
-from beamdae.studies.execution.study_progress import Standing
+from beamdae.studies.execution import study_run
+from beamdae.studies.execution.executors import SerialPool, create_executor
+from beamdae.studies.execution.study_progress import StudyProgress
 from beamdae.studies.sweeps.run import SweptRun
 from beamdae.studies.sweeps.sweep import Sweep
 from beamdae.studies.sweeps.tables import (
@@ -67,7 +67,7 @@ class SweepResults:
     """
 
     sweep: Sweep
-    results: engine.Results
+    results: study_run.StudyResults
     table: pd.DataFrame
 
     @property
@@ -226,14 +226,14 @@ def _same(said: Any, value: Any) -> bool:
     return bool(said == (value if isinstance(value, (bool, str)) else format_parameter(value)))
 
 
-def _heard(part: str, progress: Any) -> Callable[[Standing], None] | None:
+def _heard(part: str, progress: Any) -> Callable[[StudyProgress], None] | None:
     """The function of a user's own, whose mistakes are told as such."""
     if progress is None:
         return None
     if not callable(progress):
         raise BeamdaeError(f"{part}: progress must be a function, got {short_repr(progress)}.")
 
-    def hear(standing: Standing) -> None:
+    def hear(standing: StudyProgress) -> None:
         try:
             progress(standing)
         except Exception as problem:
@@ -249,18 +249,18 @@ def run_sweep(
     folder: str | Path | None,
     jobs: int | None,
     scheduler: str | None,
-    progress: Callable[[Standing], None] | None,
+    progress: Callable[[StudyProgress], None] | None,
 ) -> SweepResults:
     """Run a sweep from Python, see `bd.sweep`."""
     alone = scheduler is None and as_real(jobs) == 1.0
-    executor = SerialPool() if alone else pool_of(sweep.name, "jobs", jobs, scheduler)
+    executor = SerialPool() if alone else create_executor(sweep.name, "jobs", jobs, scheduler)
     hear = _heard(sweep.name, progress)
     if folder is None:
         # Kept in memory alone, once it has run.
         with TemporaryDirectory(prefix="beamdae-") as scratch:
-            found = engine.run(sweep, Path(scratch), executor, hear)
+            found = study_run.run_study(sweep, Path(scratch), executor, hear)
     else:
-        found = engine.run(sweep, _folder(sweep.name, folder), executor, hear)
+        found = study_run.run_study(sweep, _folder(sweep.name, folder), executor, hear)
     swept = results_of(found)
     if folder is None:
         swept = replace(swept, table=swept.table.drop(columns=TRAJECTORY))
@@ -283,8 +283,8 @@ def _folder(part: str, given: Any) -> Path:
     return Path(given)
 
 
-def results_of(found: engine.Results) -> SweepResults:
-    """What the engine made of a sweep."""
+def results_of(found: study_run.StudyResults) -> SweepResults:
+    """Return the results of a sweep from those of its study run."""
     assert isinstance(found.study, Sweep)
     return SweepResults(found.study, found, sweep_table(found, found.study))
 

@@ -21,7 +21,7 @@ from beamdae.studies.store.fingerprints import FingerprintError, digest
 from beamdae.studies.sweeps.parameter_values import combinations_of
 
 if TYPE_CHECKING:
-    from beamdae.studies.execution.study_progress import Standing
+    from beamdae.studies.execution.study_progress import StudyProgress
     from beamdae.studies.sweeps.results import SweepResults
 
 Output = Callable[[Solution], Any]
@@ -98,7 +98,7 @@ class Sweep(Study):
         folder: str | Path | None = None,
         jobs: int | None = 1,
         scheduler: str | None = None,
-        progress: Callable[[Standing], None] | None = None,
+        progress: Callable[[StudyProgress], None] | None = None,
     ) -> SweepResults:
         """Run all cases that are not in `folder` yet; see `bd.sweep`."""
         from beamdae.studies.sweeps.results import run_sweep

@@ -15,7 +15,7 @@ from beamdae.studies.definition import call_definition
 from beamdae.studies.sweeps.sweep import Output, Sweep, sweep_of
 
 if TYPE_CHECKING:
-    from beamdae.studies.execution.study_progress import Standing
+    from beamdae.studies.execution.study_progress import StudyProgress
     from beamdae.studies.sweeps.results import SweepResults
 
 # Values by parameter, or combinations of them.
@@ -50,7 +50,7 @@ def sweep(
     folder: str | Path | None = None,
     jobs: int | None = 1,
     scheduler: str | None = None,
-    progress: Callable[[Standing], None] | None = None,
+    progress: Callable[[StudyProgress], None] | None = None,
 ) -> SweepResults: ...
 
 
@@ -67,7 +67,7 @@ def sweep(
     folder: str | Path | None = None,
     jobs: int | None = 1,
     scheduler: str | None = None,
-    progress: Callable[[Standing], None] | None = None,
+    progress: Callable[[StudyProgress], None] | None = None,
 ) -> Any:
     """Run a model over values of its parameters; without `over`, a decorator.
 
@@ -106,7 +106,7 @@ def sweep(
     scheduler
         Address of a Dask scheduler, whose workers do the runs.
     progress
-        Called with a `Standing` (`done`, `total`, `failed`, ...) after each run.
+        Called with a `StudyProgress` (`done`, `total`, `failed`, ...) after each run.
 
     Returns
     -------

@@ -14,7 +14,7 @@ from beamdae.report.pictures.figures import characteristic_columns
 from beamdae.results.columns import Header, observed_columns, select_columns
 from beamdae.studies.deviations import select_observed_columns
 from beamdae.studies.execution.case_run import Outcome
-from beamdae.studies.execution.engine import Results
+from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.run_values import format_output_column
 from beamdae.studies.sweeps.sweep import TAKEN, Sweep
 
@@ -49,7 +49,7 @@ def parameter_column(sweep: Sweep, name: str) -> str:
     return f"parameter {name}" if name in TAKEN else name
 
 
-def observed(results: Results, sweep: Sweep) -> list[str]:
+def observed(results: StudyResults, sweep: Sweep) -> list[str]:
     """The observed columns a sweep tells of, of all its runs.
 
     Raises
@@ -64,7 +64,7 @@ def observed(results: Results, sweep: Sweep) -> list[str]:
     return select_observed_columns(sweep.name, sweep.columns, list(every))
 
 
-def sweep_table(results: Results, sweep: Sweep) -> pd.DataFrame:
+def sweep_table(results: StudyResults, sweep: Sweep) -> pd.DataFrame:
     """One row a case: parameters, status, outputs, measures of observed columns, reason, warnings.
 
     What is told of a run is there where it reached its end.
@@ -108,7 +108,7 @@ def _measures(outcome: Outcome, headers: list[str]) -> dict[str, float]:
     return found
 
 
-def characteristic(results: Results, sweep: Sweep) -> list[str]:
+def characteristic(results: StudyResults, sweep: Sweep) -> list[str]:
     """The names that tell most: outputs, or else columns that are asked for, or a few of them."""
     if sweep.outputs:
         return list(sweep.outputs)

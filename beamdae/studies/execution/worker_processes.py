@@ -15,7 +15,7 @@ from multiprocessing.connection import wait as _wait
 from types import ModuleType
 from typing import Any
 
-from beamdae.studies.execution.case_run import Outcome, perform
+from beamdae.studies.execution.case_run import Outcome, run_task
 
 
 class WorkerError(Exception):
@@ -37,7 +37,7 @@ class Worker:
         context = get_context("spawn")
         self._connection, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs,), name="beamdae worker")
-        with _no_interrupts(), _no_main(), theirs:
+        with _block_interrupts(), _hide_main_module(), theirs:
             self._process.start()
         self.task: Any = None
         self.deadline: float | None = None
@@ -70,7 +70,7 @@ class Worker:
             found = pickle.loads(self._connection.recv_bytes())
         except (EOFError, OSError):
             self._process.join(timeout=1.0)
-            raise WorkerError(_ending(self._process.exitcode)) from None
+            raise WorkerError(describe_exit(self._process.exitcode)) from None
         self.task = self.deadline = None
         assert isinstance(found, Outcome)
         return found
@@ -95,14 +95,14 @@ class Worker:
         return [self._connection, self._process.sentinel]
 
 
-def ready(workers: list[Worker], seconds: float) -> list[Worker]:
+def wait_for_workers(workers: list[Worker], seconds: float) -> list[Worker]:
     """Those that have an outcome, or have died, or do so within so many seconds."""
     found = _wait([sign for worker in workers for sign in worker.signs], timeout=seconds)
     return [worker for worker in workers if any(sign in found for sign in worker.signs)]
 
 
 @contextmanager
-def _no_interrupts() -> Iterator[None]:
+def _block_interrupts() -> Iterator[None]:
     """What is started inside never hears of Ctrl-C, not even before its first line."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -117,7 +117,7 @@ def _no_interrupts() -> Iterator[None]:
 
 
 @contextmanager
-def _no_main() -> Iterator[None]:
+def _hide_main_module() -> Iterator[None]:
     """What is started inside does not run the main program, of which tasks bring what they need."""
     own = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
@@ -127,7 +127,7 @@ def _no_main() -> Iterator[None]:
         sys.modules["__main__"] = own
 
 
-def _ending(code: int | None) -> str:
+def describe_exit(code: int | None) -> str:
     if code is None:
         return "closed its connection"
     if code >= 0:
@@ -140,26 +140,26 @@ def _ending(code: int | None) -> str:
 
 def _serve(connection: Connection) -> None:
     """Perform what comes, until nothing can come any more."""
-    _settle()
+    _isolate_process()
     own = os.getpid()
     while True:
         try:
             packed = connection.recv_bytes()
         except (EOFError, OSError):
-            _leave()
-        outcome = _performed(packed)
+            _exit_group()
+        outcome = _run_packed_task(packed)
         if os.getpid() != own:
             # A model that forks returns twice.
             os._exit(0)
         try:
             connection.send_bytes(pickle.dumps(outcome))
         except OSError:
-            _leave()
+            _exit_group()
 
 
-def _performed(packed: bytes) -> Outcome:
+def _run_packed_task(packed: bytes) -> Outcome:
     try:
-        return perform(packed)
+        return run_task(packed)
     except KeyboardInterrupt:
         # No key was pressed: the process does not hear of them.
         return Outcome.failed("the model raised KeyboardInterrupt")
@@ -167,7 +167,7 @@ def _performed(packed: bytes) -> Outcome:
         return Outcome.failed(f"it cannot be performed, {type(problem).__name__}")
 
 
-def _settle() -> None:
+def _isolate_process() -> None:
     """A group of its own, deaf to Ctrl-C, with nothing to say on the screen."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "setsid"):
@@ -183,7 +183,7 @@ def _settle() -> None:
             text.reconfigure(errors="backslashreplace")
 
 
-def _leave() -> None:
+def _exit_group() -> None:
     """End at once, with all that was started here."""
     if hasattr(os, "killpg") and os.getpgrp() == os.getpid():
         os.killpg(0, signal.SIGKILL)

@@ -1,4 +1,4 @@
-"""Run a study: what is on disk already is kept, the rest is done, then everything is measured."""
+"""All runs of a study: its cases and their references, each once."""
 
 from __future__ import annotations
 
@@ -15,26 +15,86 @@ from beamdae.errors import BeamdaeError, BeamdaeWarning
 from beamdae.results.columns import observed_columns
 from beamdae.results.outcome import Status
 from beamdae.results.storage.files import escape_table, write_bytes, write_text
-from beamdae.studies.case import Case
+from beamdae.studies.case import Case, DigestCache
 from beamdae.studies.case_summaries import summarize_cases, summarize_mesh_study
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import select_observed_columns
 from beamdae.studies.execution.case_run import NOT_RUN, Outcome, Task
-from beamdae.studies.execution.deferred_interrupts import Interrupts
-from beamdae.studies.execution.plan import Plan
-from beamdae.studies.execution.pool import Executor
-from beamdae.studies.execution.study_progress import Count, Standing
+from beamdae.studies.execution.deferred_interrupts import DeferredInterrupts
+from beamdae.studies.execution.executors import Executor
+from beamdae.studies.execution.study_progress import ProgressCounter, StudyProgress
 from beamdae.studies.references import REFERENCE_NOT_RUN as NO_REFERENCE
-from beamdae.studies.references import Reference, build_reference
+from beamdae.studies.references import (
+    Reference,
+    build_reference,
+    create_reference_tasks,
+    group_cases,
+)
 from beamdae.studies.store.store import Store
-
-# More sentences of one kind are counted.
-_MOST_NOTES = 20
+from beamdae.studies.unique_names import create_file_names
 
 
 @dataclass(frozen=True)
-class Results:
+class StudyPlan:
+    """All runs of a study, with fingerprints that were taken once.
+
+    Attributes
+    ----------
+    of_cases
+        The task of each case, by its identity.
+    group_of
+        The group of each case, likewise.
+    methods
+        The tasks of the two methods of the reference of each group in which errors are asked for.
+    tasks
+        Each run once.
+    """
+
+    study: Study
+    of_cases: dict[int, Task]
+    group_of: dict[int, str]
+    methods: dict[str, list[list[Task]]]
+    tasks: list[Task]
+
+    @classmethod
+    def of(cls, study: Study) -> StudyPlan:
+        """The plan of a study as its models are now."""
+        known: DigestCache = {}
+        of_cases = {id(case): study.task(case, known=known) for case in study.cases}
+        found = group_cases(study, of_cases, known)
+        methods = {
+            group: create_reference_tasks(study, cases, known)
+            for group, cases in found.items()
+            if study.measures(len({of_cases[id(case)].key for case in cases}))
+        }
+        of_references = [task for group in methods.values() for m in group for task in m]
+        group_of = {id(case): group for group, cases in found.items() for case in cases}
+        return cls(
+            study, of_cases, group_of, methods, _merge_tasks([*of_references, *of_cases.values()])
+        )
+
+
+def _merge_tasks(tasks: list[Task]) -> list[Task]:
+    """Each run once, with all that any of those who want it ask for, and a name of its own."""
+    found: dict[str, Task] = {}
+    for task in tasks:
+        earlier = found.setdefault(task.key, task)
+        found[task.key] = replace(
+            earlier,
+            repetitions=max(earlier.repetitions, task.repetitions),
+            animated=earlier.animated or task.animated,
+        )
+    names = create_file_names((task.case.group, task.case.label) for task in found.values())
+    return [replace(x, name=name) for x, name in zip(found.values(), names, strict=True)]
+
+
+# More sentences of one kind are counted.
+_MAX_NOTES = 20
+
+
+@dataclass(frozen=True)
+class StudyResults:
     """What became of a study.
 
     Attributes
@@ -112,12 +172,12 @@ class Results:
         return paths
 
 
-def run(
+def run_study(
     study: Study,
     folder: Path,
     executor: Executor,
-    progress: Callable[[Standing], None] | None = None,
-) -> Results:
+    progress: Callable[[StudyProgress], None] | None = None,
+) -> StudyResults:
     """Run the cases of a study and their references, and write its tables to `folder`.
 
     Finished runs are kept there by a hash of what they depend on; they are not done again. An
@@ -135,21 +195,21 @@ def run(
     BeamdaeWarning
         Of results on disk that are damaged, which are run again.
     """
-    with Interrupts() as interrupts:
-        plan = Plan.of(study)
+    with DeferredInterrupts() as interrupts:
+        plan = StudyPlan.of(study)
         store = Store(folder)
         store.remove_scratch_files()
-        notes, outcomes = _kept(plan, store, interrupts)
+        notes, outcomes = load_stored_outcomes(plan, store, interrupts)
         for sentence in notes:
             warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
-        interrupted = _perform(plan, outcomes, store, executor, progress, interrupts)
-        results = _measured(plan, folder, outcomes, notes)
-        _write(results)
+        interrupted = _run_missing_tasks(plan, outcomes, store, executor, progress, interrupts)
+        results = _evaluate_outcomes(plan, folder, outcomes, notes)
+        _write_tables(results)
         return replace(results, interrupted=interrupted or interrupts.noted)
 
 
-def _kept(
-    plan: Plan, store: Store, interrupts: Interrupts
+def load_stored_outcomes(
+    plan: StudyPlan, store: Store, interrupts: DeferredInterrupts
 ) -> tuple[tuple[str, ...], dict[str, Outcome]]:
     """Sentences on what is damaged, and the outcomes that are on disk and serve."""
     outcomes: dict[str, Outcome] = {}
@@ -162,18 +222,18 @@ def _kept(
             outcomes[task.key] = outcome
         if problem:
             damaged.append(f"{store.folder}: {problem}, so {task.case.label} is run again.")
-    if len(damaged) > _MOST_NOTES:
-        more = len(damaged) - _MOST_NOTES
-        damaged[_MOST_NOTES:] = [f"{store.folder}: {more} more results are damaged and run again."]
+    if len(damaged) > _MAX_NOTES:
+        more = len(damaged) - _MAX_NOTES
+        damaged[_MAX_NOTES:] = [f"{store.folder}: {more} more results are damaged and run again."]
     return tuple(damaged), outcomes
 
 
-def _measured(
-    plan: Plan,
+def _evaluate_outcomes(
+    plan: StudyPlan,
     folder: Path,
     outcomes: dict[str, Outcome],
     notes: tuple[str, ...],
-) -> Results:
+) -> StudyResults:
     """The tables, from whatever outcomes there are."""
     study = plan.study
     references = {
@@ -182,7 +242,7 @@ def _measured(
         else NO_REFERENCE
         for group, tasks_of in plan.methods.items()
     }
-    rows = [_row(plan, case, outcomes, references) for case in study.cases]
+    rows = [_create_row(plan, case, outcomes, references) for case in study.cases]
     table = assemble_case_table(rows)
     found = (
         summarize_cases(table) if study.over is None else summarize_mesh_study(table, study.over)
@@ -192,13 +252,13 @@ def _measured(
         for task in plan.tasks
         if task.key in outcomes and outcomes[task.key].frames is not None
     }
-    return Results(
+    return StudyResults(
         study, folder, table, found, references, outcomes, frames, False, notes, plan.of_cases
     )
 
 
-def _row(
-    plan: Plan, case: Case, outcomes: dict[str, Outcome], references: dict[str, Reference]
+def _create_row(
+    plan: StudyPlan, case: Case, outcomes: dict[str, Outcome], references: dict[str, Reference]
 ) -> dict[str, Any]:
     group = plan.group_of[id(case)]
     outcome = outcomes.get(plan.of_cases[id(case)].key, NOT_RUN)
@@ -210,17 +270,17 @@ def _row(
     return found | {"trajectory": f"trajectories/{outcome.file}" if outcome.file else ""}
 
 
-def _perform(
-    plan: Plan,
+def _run_missing_tasks(
+    plan: StudyPlan,
     outcomes: dict[str, Outcome],
     store: Store,
     executor: Executor,
-    progress: Callable[[Standing], None] | None,
-    interrupts: Interrupts,
+    progress: Callable[[StudyProgress], None] | None,
+    interrupts: DeferredInterrupts,
 ) -> bool:
     """Do what is not there yet and add it; returns whether it was interrupted."""
     missing = [task for task in plan.tasks if task.key not in outcomes]
-    count = Count(plan.tasks, outcomes, executor.workers, progress)
+    count = ProgressCounter(plan.tasks, outcomes, executor.workers, progress)
     count.tell("")
     if interrupts.noted:
         return True
@@ -243,7 +303,7 @@ def _perform(
     return False
 
 
-def _require_columns(plan: Plan, task: Task, outcome: Outcome) -> None:
+def _require_columns(plan: StudyPlan, task: Task, outcome: Outcome) -> None:
     """Refuse a column the model of the first case does not observe, as soon as that is known.
 
     Not by a look at the model: whatever it does when it is built, no process but its own does it.
@@ -254,7 +314,7 @@ def _require_columns(plan: Plan, task: Task, outcome: Outcome) -> None:
         select_observed_columns(study.name, study.columns, observed_columns(table))
 
 
-def _write(results: Results) -> None:
+def _write_tables(results: StudyResults) -> None:
     for name, table in results.tables.items():
         text = escape_table(table).to_csv(index=False, lineterminator="\n")
         write_text(results.folder / name, text)
