@@ -176,7 +176,7 @@ GROUPS = (
                 "beamdae.beams.sliding",
                 lambda m: {
                     "name": "slider",
-                    "a": m.disk.at(*m.beam.at(0.5).point),
+                    "a": m.disk.at(*m.beam.start.point),
                     "beam": m.beam,
                     "ends": "record",
                 },
