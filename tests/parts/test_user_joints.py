@@ -89,6 +89,23 @@ class Lift(bd.Joint):
         return (b.position - a.position)[1] - height
 
 
+@dataclass(frozen=True, eq=False)
+class Midpoint(bd.Joint):
+    """Point b stays halfway between a and c."""
+
+    c: bd.Attachment = None
+    multipliers = (Named("x", "N"), Named("y", "N"))
+    reactions = ("Fx", "Fy")
+
+    @property
+    def points(self):
+        return {"a": self.a, "b": self.b, "c": self.c}
+
+    @staticmethod
+    def gap(t, a, b, c):
+        return b.position - 0.5 * (a.position + c.position)
+
+
 def hanging(joint):
     """Return a mechanism with a ball of 1 kg below the origin, held by a joint."""
     mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
@@ -122,6 +139,21 @@ def test_a_law_of_time_enters_the_gap_and_drives_the_ball():
     solution = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=1.0)
     assert_allclose(solution["ball.y"].iloc[-1], -0.25, atol=1e-7)
     assert mech.laws == [law]
+
+
+def test_a_joint_of_three_points_distributes_its_reaction():
+    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
+    left, middle, right = (
+        mech.add(bd.PointMass(name, 1.0, at=(x, 0.0)))
+        for name, x in (("left", -1.0), ("middle", 0.0), ("right", 1.0))
+    )
+    joint = mech.add(Midpoint("j", left.point, middle.point, right.point))
+    mech.add(bd.Force("pull", middle.point, (0.0, -6.0)))
+    for place in joint.points:
+        mech.observe(place, joint.reaction_on(place))
+    observed = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=0.01).observed.iloc[0]
+    # All three points accelerate by 6 N / 3 kg downwards relative to free fall.
+    assert_allclose([observed[f"{place}.Fy [N]"] for place in "abc"], [-2.0, 4.0, -2.0], rtol=1e-9)
 
 
 def test_rods_of_different_lengths_share_one_kernel():
