@@ -15,17 +15,17 @@ from beamdae.analysis.linear_dynamics.symmetric_eigenproblem import (
 from beamdae.beams.beam import Beam
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.dependent_constraints import (
+    DependentSet,
+    analyze_constraint_rank,
+    find_dependent_sets,
+)
 from beamdae.equations.starts.mobility import (
     count_rigid_mobility,
     describe_free_motions,
     find_loose_groups,
 )
 from beamdae.equations.starts.reduced_equations import drop_dependent_constraints
-from beamdae.equations.starts.redundant_constraints import (
-    DependentSet,
-    analyze_constraint_rank,
-    find_dependent_sets,
-)
 from beamdae.errors import BeamdaeError, BeamdaeWarning, require_choice, require_positive
 from beamdae.integrators.auto import Auto
 from beamdae.integrators.run_plan import branch_time, plan_run

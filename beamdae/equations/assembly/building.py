@@ -1,4 +1,4 @@
-"""Equations of motion from statements on bodies: terms on the global coordinates."""
+"""Equations of motion from statements on bodies: terms and observables on all coordinates."""
 
 from __future__ import annotations
 
@@ -182,6 +182,43 @@ def build_observable(
     return Observable(name, quantity.columns, kernel.function, operator, data_slice, lam_rows)
 
 
+def add_observable(
+    e: EquationsOfMotion, name: str, what: Attachment | Quantity
+) -> EquationsOfMotion:
+    """Return the equations of motion of a mechanism with one more observable.
+
+    Raises
+    ------
+    BeamdaeError
+        If they are not those of a mechanism, or the quantity is that of another mechanism.
+    """
+    name, mechanism = require_name("observe", name), e.mechanism
+    if mechanism is None:
+        raise BeamdaeError(
+            f"{name}: the run is not one of a mechanism; observe columns of a ConstrainedSystem "
+            "by its parameter observe."
+        )
+    quantity, coordinate_map = as_quantity(name, what), map_coordinates(mechanism)
+    for piece in quantity.pieces:
+        if id(piece.owner) not in coordinate_map.sizes:
+            raise BeamdaeError(
+                f"{name}: {piece.owner.name!r} is no part of the mechanism that ran; observe one "
+                "of its parts."
+            )
+    require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
+    numbers = NumberStore(e.p)
+    rows: dict[str, slice] = {}
+    for row, multiplier in enumerate(e.lam_names):
+        part = multiplier.rpartition(".")[0]
+        rows[part] = slice(rows.get(part, slice(row, row)).start, row + 1)
+    added = build_observable(name, quantity, coordinate_map, numbers, rows)
+    observables = (*e.observables, added)
+    require_unique_headers(e.coordinates, e.multipliers, observables)
+    observed = copy(mechanism)
+    observed.observables = {**mechanism.observables, name: quantity}
+    return replace(e, observables=observables, p=read_only_copy(numbers.all), mechanism=observed)
+
+
 @lru_cache(maxsize=MAX_SHARED_KERNELS)
 def _build_shared_kernel(
     expression: FormulaExpression, size: int, n_data: int, n_multipliers: int
@@ -266,40 +303,3 @@ def _selection(indices: Array, size: int) -> sp.csr_array:
     """Return the operator that selects these of `size` rows."""
     parts = (np.ones(len(indices)), indices, np.arange(len(indices) + 1))
     return sp.csr_array(parts, shape=(len(indices), size))
-
-
-def add_observable(
-    e: EquationsOfMotion, name: str, what: Attachment | Quantity
-) -> EquationsOfMotion:
-    """Return the equations of motion of a mechanism with one more observable.
-
-    Raises
-    ------
-    BeamdaeError
-        If they are not those of a mechanism, or the quantity is that of another mechanism.
-    """
-    name, mechanism = require_name("observe", name), e.mechanism
-    if mechanism is None:
-        raise BeamdaeError(
-            f"{name}: the run is not one of a mechanism; observe columns of a ConstrainedSystem "
-            "by its parameter observe."
-        )
-    quantity, coordinate_map = as_quantity(name, what), map_coordinates(mechanism)
-    for piece in quantity.pieces:
-        if id(piece.owner) not in coordinate_map.sizes:
-            raise BeamdaeError(
-                f"{name}: {piece.owner.name!r} is no part of the mechanism that ran; observe one "
-                "of its parts."
-            )
-    require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
-    numbers = NumberStore(e.p)
-    rows: dict[str, slice] = {}
-    for row, multiplier in enumerate(e.lam_names):
-        part = multiplier.rpartition(".")[0]
-        rows[part] = slice(rows.get(part, slice(row, row)).start, row + 1)
-    added = build_observable(name, quantity, coordinate_map, numbers, rows)
-    observables = (*e.observables, added)
-    require_unique_headers(e.coordinates, e.multipliers, observables)
-    observed = copy(mechanism)
-    observed.observables = {**mechanism.observables, name: quantity}
-    return replace(e, observables=observables, p=read_only_copy(numbers.all), mechanism=observed)

@@ -11,8 +11,8 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import State
+from beamdae.equations.starts.dependent_constraints import require_independent_constraints
 from beamdae.equations.starts.least_strain import minimize_strain
-from beamdae.equations.starts.redundant_constraints import require_independent_constraints
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.errors import BeamdaeError
 from beamdae.linear.factorizations import (

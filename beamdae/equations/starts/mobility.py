@@ -8,8 +8,8 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.starts.dependent_constraints import ConstraintRank
 from beamdae.equations.starts.rank import RANK_TOLERANCE
-from beamdae.equations.starts.redundant_constraints import ConstraintRank
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions, describe_free_motion
 from beamdae.equations.starts.state_evaluator import plan_state_sums
 from beamdae.symbolic.sparse_operators import column_indices

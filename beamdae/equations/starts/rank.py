@@ -77,8 +77,8 @@ class ConstraintJacobian:
 
     def singular_joints(self, time: Array, q: Array) -> list[str]:
         """Return the joints whose reactions balance each other where G has lost rank."""
-        left, _, _ = np.linalg.svd(self.at(time[None], q[None])[0])
-        share = np.abs(left[:, self.rank - 1])
+        left_vectors, _, _ = np.linalg.svd(self.at(time[None], q[None])[0])
+        share = np.abs(left_vectors[:, self.rank - 1])
         names = [name.rpartition(".")[0] or name for name in self.equations.lam_names]
         involved = share > _INVOLVED_SHARE * share.max()
         return list(

@@ -9,11 +9,11 @@ import scipy.linalg as la
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.rank import RANK_TOLERANCE, build_constraint_jacobian
-from beamdae.equations.starts.redundant_constraints import (
+from beamdae.equations.starts.dependent_constraints import (
     analyze_constraint_rank,
     find_dependent_sets,
 )
+from beamdae.equations.starts.rank import RANK_TOLERANCE, build_constraint_jacobian
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.equations.structure import Structure, intern_structure
 from beamdae.errors import BeamdaeError
@@ -101,8 +101,8 @@ class ReducedEquations:
         for k in range(len(lam)):
             matrix = jacobian.at(times[k : k + 1], q[k : k + 1])[0]
             # G^T lam = (D G)^T lam / D, where the rows of D G have length one.
-            left, singular, _ = la.svd(matrix, full_matrices=False)
-            basis = left[:, singular > RANK_TOLERANCE]
+            left_vectors, singular, _ = la.svd(matrix, full_matrices=False)
+            basis = left_vectors[:, singular > RANK_TOLERANCE]
             multipliers[k, self.independent] = lam[k] * lengths[k, self.independent]
             multipliers[k] = basis @ (basis.T @ multipliers[k])
         return multipliers / np.where(lengths > 0.0, lengths, 1.0)

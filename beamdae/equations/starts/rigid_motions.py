@@ -1,4 +1,4 @@
-"""Rigid motions of the bodies of a mechanism, and motions described in words."""
+"""Motions of the bodies of a mechanism: rigid motions, descriptions and the size of motions."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from beamdae.analysis.linear_dynamics.symmetric_eigenproblem import FrequencyRange
-from beamdae.equations.starts.redundant_constraints import describe_dependent_sets
+from beamdae.equations.starts.dependent_constraints import describe_dependent_sets
 from beamdae.integrators.error_control import STABLE_DAMPING_RATIO
 
 _MAX_FREE_MOTIONS = 8

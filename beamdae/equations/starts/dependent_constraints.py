@@ -1,4 +1,4 @@
-"""Redundant constraints: refuse, find and describe those that depend on each other."""
+"""Dependent (redundant) constraints: refuse, find and describe them."""
 
 from __future__ import annotations
 
@@ -71,13 +71,13 @@ def require_independent_constraints(evaluator: StateEvaluator, time: Array, q: A
         return
     matrix = np.zeros((count, size))
     matrix[pattern.indices, columns] = scaled_gradients
-    left, singular, _ = la.svd(matrix, full_matrices=False)
+    left_vectors, singular, _ = la.svd(matrix, full_matrices=False)
     rank = int(np.sum(singular > _SINGULAR_VALUE_TOLERANCE))
     if rank == count:
         return
     if count > size:
-        left = la.svd(matrix)[0]
-    involved = np.max(np.abs(left[:, rank:]), axis=1) > _INVOLVED_SHARE
+        left_vectors = la.svd(matrix)[0]
+    involved = np.max(np.abs(left_vectors[:, rank:]), axis=1) > _INVOLVED_SHARE
     dependent = ", ".join(name for name, is_in in zip(names, involved, strict=True) if is_in)
     explanation = ""
     if count <= _MAX_EXPLAINED_CONSTRAINTS:
