@@ -19,8 +19,8 @@ _STATUS_FILE = Path("/proc/self/status")
 _CLEAR_FILE = Path("/proc/self/clear_refs")
 # Writing this to clear_refs resets the peak of resident memory.
 _RESET_PEAK = "5"
-# Smallest limit above the present memory [GB]: before it is reached, the watch of a run ends the run
-# and keeps its results.
+# Smallest limit above the present memory [GB]. The watch of a run has to act before it is reached:
+# it ends the run and keeps its results.
 _MIN_LIMIT = 0.5
 
 

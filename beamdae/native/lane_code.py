@@ -166,7 +166,7 @@ def write_lane_wrapper(name: str) -> str:
     """Return IR that declares a function of the C library and calls it for each lane.
 
     A lane with the operands of the one before it takes over its result, so that padding lanes cost
-    nothing. The function has a name of its own: LLVM would replace functions whose names it knows.
+    nothing. The prefix of its name prevents LLVM from replacing it as a function it knows.
     """
     operands = "xy"[: _count_arguments(name)]
     scalar_types = ", ".join(["double"] * len(operands))

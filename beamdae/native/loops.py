@@ -215,7 +215,7 @@ def _numba_version() -> str:
 
 
 _loaded_objects: dict[Any, LoadedObject | None] = {}
-# If two threads loaded the same loop, the second object would replace the one the first thread runs.
+# If two threads loaded the same loop, the second object would replace the one that the first runs.
 _loading_lock = threading.Lock()
 
 

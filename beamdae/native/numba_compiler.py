@@ -187,7 +187,7 @@ def _compile_entries(entry_points: Mapping[str, tuple[Any, Any]]) -> str:
 
 
 def _numba_type(kind: Any) -> Any:
-    """Return the type of a field: an array of (dtype, dimensions), or an object of (name, fields)."""
+    """Return the type of (dtype, number of dimensions) or of (class name, fields)."""
     name, content = kind
     if isinstance(content, int):
         return numba.types.Array(getattr(numba.types, name), content, "C")

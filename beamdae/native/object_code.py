@@ -1,4 +1,7 @@
-"""Machine code of LLVM IR: compiled once and cached; if that fails, beamdae runs interpreted code."""
+"""Machine code of LLVM IR: compiled once and cached.
+
+If compiling, loading or caching fails, beamdae warns once and falls back to interpreted code.
+"""
 
 from __future__ import annotations
 

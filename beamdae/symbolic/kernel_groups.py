@@ -1,9 +1,9 @@
 """Groups of statements whose kernels differ in numbers alone.
 
-Joints of one type differ in the positions of their points. With a kernel of its own for each
-joint, a chain of many bodies needs as many functions to build and to call. With the numbers as
-data they share one kernel, whose copies are evaluated together, as the elements of beams are.
-Kernels made of `formulas` are shared from the start; this module is for expressions of users.
+Joints of one type differ in the positions of their points. If each joint had its own kernel, a
+chain of many bodies would need as many functions to build and to call. With the numbers as data
+they share one kernel, whose copies are evaluated together, as the elements of beams are. Kernels
+made of `formulas` are shared from the start; this module is for expressions of users.
 """
 
 from __future__ import annotations

@@ -200,12 +200,12 @@ class SumBuilder:
         target, input_source, input_weight = _concatenate_columns(self._inputs, "lld")
         is_single = np.bincount(target, minlength=self._n_local)[target] == 1
         by_target = np.argsort(target, kind="stable")
-        picked, gathered = _partition(by_target, (input_weight == 1.0) & is_single)
+        pick_order, gather_order = _partition(by_target, (input_weight == 1.0) & is_single)
         starts = np.array([batch.start for batch in self._batches], int)
         input_batch = np.searchsorted(starts, target, "right") - 1
         sorted_batches = (
-            input_batch[picked],
-            input_batch[gathered],
+            input_batch[pick_order],
+            input_batch[gather_order],
             batch[plain],
             batch[weighted],
         )
@@ -220,11 +220,11 @@ class SumBuilder:
             data_sources=_to_unsigned(data_source),
             batches=tuple(self._batches),
             batch_table=np.ascontiguousarray(np.array(table, np.int64).reshape(6, -1).T),
-            pick_targets=_to_unsigned(target[picked]),
-            pick_sources=_to_unsigned(input_source[picked]),
-            gather_targets=_to_unsigned(target[gathered]),
-            gather_sources=_to_unsigned(input_source[gathered]),
-            gather_weights=input_weight[gathered],
+            pick_targets=_to_unsigned(target[pick_order]),
+            pick_sources=_to_unsigned(input_source[pick_order]),
+            gather_targets=_to_unsigned(target[gather_order]),
+            gather_sources=_to_unsigned(input_source[gather_order]),
+            gather_weights=input_weight[gather_order],
             add_targets=_to_unsigned(rows[plain]),
             add_sources=_to_unsigned(column[plain]),
             weighted_targets=_to_unsigned(rows[weighted]),

@@ -13,7 +13,7 @@ import beamdae as bd
 from beamdae.linear import elimination
 from beamdae.linear.elimination import allocate_factors, refactorize, solve
 from beamdae.linear.factorizations import SingularMatrixError
-from beamdae.linear.pivots import propose_plans
+from beamdae.linear.pivots import compute_fill, propose_plans
 
 
 def analyze(pattern, nonzeros, refactorize=refactorize):
@@ -226,3 +226,29 @@ def test_iteration_matrices_keep_their_pivots_over_steps(name):
             assert refactorize(plan, factors, other[kind][1])
             x = solve_with(plan, factors, right)
             assert backward_error(*other[kind], x, right) < 1e-8
+
+
+def eliminate_pattern(pattern):
+    """Return the pattern after Gaussian elimination, on booleans."""
+    full = pattern.copy()
+    for k in range(len(full)):
+        full[k + 1 :, k + 1 :] |= np.outer(full[k + 1 :, k], full[k, k + 1 :])
+    return full
+
+
+@given(size=st.integers(1, 14), share=st.floats(0.0, 0.6), seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=200, deadline=None)
+def test_fill_is_that_of_gaussian_elimination(size, share, seed):
+    dense = np.random.default_rng(seed).random((size, size)) < share
+    np.fill_diagonal(dense, True)
+    pattern = sp.csc_array(dense.astype(float))
+    above, below = compute_fill(pattern.indptr.tolist(), pattern.indices.tolist())
+    full = eliminate_pattern(dense)
+    for j in range(size):
+        assert above[j] == np.flatnonzero(full[:j, j]).tolist()
+        assert below[j] == (j + 1 + np.flatnonzero(full[j + 1 :, j])).tolist()
+
+
+def test_pivots_may_be_fill():
+    pattern = sp.csc_array(np.array([[1.0, 1.0], [1.0, 0.0]]))
+    assert compute_fill(pattern.indptr.tolist(), pattern.indices.tolist()) == ([[], [0]], [[1], []])

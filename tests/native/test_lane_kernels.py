@@ -107,8 +107,8 @@ def all_operations():
 
 def test_all_supported_operations_are_tested(all_operations):
     tested = set(operations_of(all_operations[0]))
-    known = [getattr(ca, name) for name in dir(ca) if name.startswith("OP_")]
-    assert {operation for operation in known if is_supported(operation)} <= tested
+    operations = [getattr(ca, name) for name in dir(ca) if name.startswith("OP_")]
+    assert {operation for operation in operations if is_supported(operation)} <= tested
     assert {*UNARY, *BINARY, ca.OP_CONSTPOW, ca.OP_CONST} <= tested
 
 
@@ -170,9 +170,9 @@ def test_element_force_has_the_same_bits(copies):
     kind = FloatingFrameElement(strain="green")
     kernel = floating_frame_kernel(kind)
     x = kernel.local
-    own = ca.vertcat(x.q, x.v, x.a, x.data)
-    function = ca.Function("force_of_test", [x.time, own], [ca.densify(kernel.force)])
-    local = np.random.default_rng(0).normal(size=(own.shape[0], copies))
+    inputs = ca.vertcat(x.q, x.v, x.a, x.data)
+    function = ca.Function("force_of_test", [x.time, inputs], [ca.densify(kernel.force)])
+    local = np.random.default_rng(0).normal(size=(inputs.shape[0], copies))
     assert_same(function, build_lane_kernel(function), [0.1, 0.2], local)
 
 
@@ -192,18 +192,20 @@ def test_kernel_has_sizes_and_an_address():
     assert kernel.address == kernel.code.addresses["small"] != 0
 
 
-@pytest.mark.parametrize("shared", [0, 2])
-@pytest.mark.parametrize("own", [0, 3])
-def test_either_input_may_be_empty(shared, own):
-    s, x = SX.sym("s", shared), SX.sym("x", own)
-    own_sum = ca.densify(ca.sum1(ca.exp(x)))
-    function = ca.Function("empty", [s, x], [ca.vertcat(ca.sum1(s) + 2.0, own_sum)])
+@pytest.mark.parametrize("n_shared", [0, 2])
+@pytest.mark.parametrize("n_local", [0, 3])
+def test_either_input_may_be_empty(n_shared, n_local):
+    s, x = SX.sym("s", n_shared), SX.sym("x", n_local)
+    local_sum = ca.densify(ca.sum1(ca.exp(x)))
+    function = ca.Function("empty", [s, x], [ca.vertcat(ca.sum1(s) + 2.0, local_sum)])
     kernel = build_lane_kernel(function)
-    local = np.linspace(0.0, 1.0, own * LANE_WIDTH).reshape(own, LANE_WIDTH)
-    values = kernel(np.ones(shared), local)
-    assert_array_equal(values[0], np.full(LANE_WIDTH, shared + 2.0))
+    local = np.linspace(0.0, 1.0, n_local * LANE_WIDTH).reshape(n_local, LANE_WIDTH)
+    values = kernel(np.ones(n_shared), local)
+    assert_array_equal(values[0], np.full(LANE_WIDTH, n_shared + 2.0))
     for copy in range(LANE_WIDTH):
-        assert_array_equal(values[:, copy], function(np.ones(shared), local[:, copy]).full()[:, 0])
+        assert_array_equal(
+            values[:, copy], function(np.ones(n_shared), local[:, copy]).full()[:, 0]
+        )
 
 
 def test_zero_copies_give_an_empty_result():

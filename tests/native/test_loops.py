@@ -134,8 +134,8 @@ def test_compiled_loop_agrees_with_plain_python(size):
 def test_loops_of_one_function_have_separate_objects(cache):
     works = [work(size) for size in (2, 5)]
     plain = copy.deepcopy(works)
-    bound = [compile_without_warnings(use_all_fields, own) for own in works]
-    assert [loop() for loop in bound] == [use_all_fields(own) for own in plain]
+    bound = [compile_without_warnings(use_all_fields, one) for one in works]
+    assert [loop() for loop in bound] == [use_all_fields(one) for one in plain]
     for one, other in zip(works, plain, strict=True):
         assert_same(one, other)
     assert len(list(cache.iterdir())) == 1
@@ -147,13 +147,13 @@ def multiply(work, factor, table):
 
 
 def test_callbacks_have_the_stated_arguments():
-    own = work()
-    loop = compile_without_warnings(use_all_fields, own, multiply=(multiply, "d@p"))
+    instance = work()
+    loop = compile_without_warnings(use_all_fields, instance, multiply=(multiply, "d@p"))
     kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
     loop.load()
     assert kind(loop.addresses["multiply"])(2.5, loop.table.ctypes.data, 40) == DONE
     loop.unload()
-    assert own.rate == 100.0
+    assert instance.rate == 100.0
 
 
 # Release of the interpreter lock.
@@ -195,12 +195,12 @@ def test_other_threads_run_during_a_loop():
 
 
 def test_native_off_applies_only_while_it_is_set(monkeypatch):
-    own = work()
+    instance = work()
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
     with pytest.raises(MachineCodeError, match="switched off"):
-        CompiledLoop(use_all_fields, own)
+        CompiledLoop(use_all_fields, instance)
     monkeypatch.delenv("BEAMDAE_NATIVE")
-    assert compile_without_warnings(use_all_fields, own)() == 8
+    assert compile_without_warnings(use_all_fields, instance)() == 8
 
 
 def read_missing_field(work):
@@ -208,16 +208,16 @@ def read_missing_field(work):
 
 
 def test_loop_that_numba_cannot_compile_warns_once(cache):
-    own = work()
+    instance = work()
     with (
         pytest.warns(
             KernelWarning, match=r"numba cannot compile loops \(.+\); runs take"
         ) as warned,
         pytest.raises(MachineCodeError, match="read_missing_field: it cannot be compiled"),
     ):
-        CompiledLoop(read_missing_field, own)
+        CompiledLoop(read_missing_field, instance)
     assert len(warned) == 1
     assert "\n" not in str(warned[0].message)
     with pytest.raises(MachineCodeError):
-        compile_without_warnings(read_missing_field, own)
+        compile_without_warnings(read_missing_field, instance)
     assert list(cache.iterdir()) == []

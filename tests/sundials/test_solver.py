@@ -26,13 +26,13 @@ from beamdae.sundials.solver import IdaError, IdaSolver, IdaStatistics, describe
 )
 def test_robertson_has_the_same_steps(options):
     one, other = Robertson(), Robertson()
-    expected, found = one.run(create_sksundae_ida, **options), other.run(DirectIda, **options)
+    expected, result = one.run(create_sksundae_ida, **options), other.run(DirectIda, **options)
     assert expected[-1][:2] == (1, 4e6)
     assert len(expected) > 100
-    assert steps_are_equal(found, expected)
+    assert steps_are_equal(result, expected)
     assert other.calls == one.calls
     # Concentrations add up to one: both runs are right.
-    assert found[-1][2].sum() == pytest.approx(1.0, abs=1e-9)
+    assert result[-1][2].sum() == pytest.approx(1.0, abs=1e-9)
 
 
 @pytest.mark.slow(reason="runs of a beam twice")
@@ -88,18 +88,18 @@ def test_restarted_solver_equals_a_new_one():
 
 def test_four_threads_get_the_same_results():
     expected = Robertson().run(DirectIda)
-    found, together = [None] * 4, threading.Barrier(4)
+    results, together = [None] * 4, threading.Barrier(4)
 
     def run(number):
         together.wait(10.0)
-        found[number] = Robertson().run(DirectIda)
+        results[number] = Robertson().run(DirectIda)
 
     threads = [threading.Thread(target=run, args=(number,)) for number in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert all(steps_are_equal(one, expected) for one in found)
+    assert all(steps_are_equal(one, expected) for one in results)
 
 
 def test_statistics():
@@ -155,11 +155,11 @@ class Failing(Robertson):
 def test_nan_residual_ends_as_with_scikit_sundae(capfd):
     expected = Failing().run(create_sksundae_ida)
     assert "IDA" in capfd.readouterr().out
-    found = Failing().run(DirectIda)
+    result = Failing().run(DirectIda)
     assert capfd.readouterr() == ("", "")
-    assert describe_status(found[-1][0]).startswith("Newton's iteration failed")
-    assert len(found) > 5
-    assert steps_are_equal(found, expected)
+    assert describe_status(result[-1][0]).startswith("Newton's iteration failed")
+    assert len(result) > 5
+    assert steps_are_equal(result, expected)
 
 
 def test_status_codes_are_described(monkeypatch):
@@ -190,10 +190,10 @@ CLEANUP_CALLS = [
 @pytest.fixture
 def cleanup_calls(monkeypatch):
     """Names of the functions that free memory, in the order of calls."""
-    names, found = [], load_library()
+    names, sundials = [], load_library()
 
     def record_calls(name):
-        function = getattr(found.call, name)
+        function = getattr(sundials.call, name)
 
         def call(*arguments):
             names.append(name)
@@ -202,7 +202,7 @@ def cleanup_calls(monkeypatch):
         return call
 
     call = SimpleNamespace(
-        **{**vars(found.call), **{name: record_calls(name) for name in set(CLEANUP_CALLS)}}
+        **{**vars(sundials.call), **{name: record_calls(name) for name in set(CLEANUP_CALLS)}}
     )
     monkeypatch.setattr(solver_module, "load_library", lambda: SimpleNamespace(call=call))
     return names

@@ -137,11 +137,11 @@ def test_operator_is_selection_times_rotation():
     dense = random.normal(size=(rows * count, n)) * (random.random((rows * count, n)) < 0.3)
     dense[random.random(dense.shape) < 0.1] = 1.0
     factored = factor_operator(sp.csr_array(dense), count)
-    own = factored.rotation.shape[1]
+    n_selected = factored.rotation.shape[1]
     for copy in range(count):
         matrix = ca.DM(factored.rotation.matrix(ca.SX(ca.DM(factored.data[:, copy])))).full()
-        picked = factored.selection[copy * own : (copy + 1) * own].toarray()
-        assert_allclose(matrix @ picked, dense[copy * rows : (copy + 1) * rows], rtol=0, atol=0)
+        selection = factored.selection[copy * n_selected : (copy + 1) * n_selected].toarray()
+        assert_allclose(matrix @ selection, dense[copy * rows : (copy + 1) * rows], rtol=0, atol=0)
     whole = factored.rotation.operator(factored.selection, factored.data)
     assert_allclose(whole.toarray(), dense, rtol=0, atol=0)
 
@@ -163,8 +163,8 @@ def test_rotated_kernel():
     factored = factor_operator(sp.csr_array(random.normal(size=(3, 2))), 1)
     numbers = random.normal(size=4)
     T = ca.DM(factored.rotation.matrix(ca.SX(ca.DM(factored.data[:, 0])))).full()
-    shared, own = 0.7, np.concatenate([numbers, [1.3], factored.data[:, 0]])
-    entries = rotate_kernel(kernel, factored.rotation, 2).function(shared, own).full().ravel()
+    shared, inputs = 0.7, np.concatenate([numbers, [1.3], factored.data[:, 0]])
+    entries = rotate_kernel(kernel, factored.rotation, 2).function(shared, inputs).full().ravel()
     at = T @ numbers[:2]
     assert_allclose(entries[:2], T.T @ (1.3 * shared * at**2 + T @ numbers[2:]), rtol=1e-13)
     matrix = T.T @ np.diag(2.0 * 1.3 * shared * at) @ T
