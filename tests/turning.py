@@ -1,4 +1,4 @@
-"""A point that is turned, and sweeps over how."""
+"""Model of a rotating arm, and sweeps of its parameters."""
 
 import warnings
 
@@ -11,7 +11,7 @@ THIN, THICK = (bd.Section.rectangle(STEEL, width=0.02, height=h) for h in (0.001
 
 @bd.model(t_end=0.4)
 def turning(speed=1.0, radius=1.0, section=THIN, color="red", turns=1):
-    """A point that is turned at `speed` [rad/s] from rest, told as x = r cos(w t)."""
+    """Return an arm driven at `speed` [rad/s], whose tip moves as x = r cos(w t)."""
     if radius <= 0.0:
         raise bd.BeamdaeError(f"turning: radius must be positive, got {radius}.")
     mech = bd.Mechanism()
@@ -22,8 +22,9 @@ def turning(speed=1.0, radius=1.0, section=THIN, color="red", turns=1):
     return mech
 
 
-def swept(over, **settings):
-    given = {"of": "tip.x", "integrator": ALPHA} | settings
+def run_sweep(over, **settings):
+    """Return a sweep of the model over these parameters, without warnings."""
+    arguments = {"of": "tip.x", "integrator": ALPHA} | settings
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        return bd.sweep(turning, over, **given)
+        return bd.sweep(turning, over, **arguments)

@@ -10,15 +10,15 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
-from turning import ALPHA, THICK, THIN, swept, turning
+from turning import ALPHA, THICK, THIN, run_sweep, turning
 
 import beamdae as bd
-from beamdae.studies.sweeps.tables import MEASURES
+from beamdae.studies.sweeps.responses import MEASURES
 
 
 @pytest.fixture(scope="module")
 def found():
-    return swept({"speed": [4.0, 1.0, 2.0], "radius": [0.5, 0.0, 2.0]})
+    return run_sweep({"speed": [4.0, 1.0, 2.0], "radius": [0.5, 0.0, 2.0]})
 
 
 # The table ----------------------------------------------------------------------------------------
@@ -61,7 +61,7 @@ def test_functions_of_a_solution_are_columns_of_their_own():
         "label": lambda run: run.label,
         "nothing": lambda run: None,
     }
-    found = swept({"speed": [1.0, 3.0]}, outputs=outputs, of=())
+    found = run_sweep({"speed": [1.0, 3.0]}, outputs=outputs, of=())
     assert list(found.table)[:6] == ["speed", "status", *outputs]
     assert_allclose(found.table["swing [m]"], np.sin(np.array([0.4, 1.2])), atol=1e-9)
     assert list(found.table["far"]) == [False, True]
@@ -79,7 +79,7 @@ def test_functions_of_a_solution_are_columns_of_their_own():
     ],
 )
 def test_an_output_that_fails_is_a_failed_row(output, reason):
-    table = swept({"speed": [1.0]}, outputs={"peak": output}).table
+    table = run_sweep({"speed": [1.0]}, outputs={"peak": output}).table
     assert table["status"][0] == "failed"
     assert table["reason"][0].startswith(reason)
     assert np.isnan(table["peak"][0])
@@ -91,23 +91,23 @@ def test_an_output_that_fails_is_a_failed_row(output, reason):
 @pytest.mark.slow(reason="many small runs")
 def test_values_of_any_kind_are_swept_and_told_by_names():
     sections = {"thin": THIN, "thick": THICK}
-    found = swept({"section": sections, "turns": [1, 2], "color": ["red"]})
+    found = run_sweep({"section": sections, "turns": [1, 2], "color": ["red"]})
     assert list(found.table["section"]) == ["thin", "thin", "thick", "thick"]
     assert found.table["turns"].dtype == int
     assert found.sweep.varied == ["section", "turns"]
     assert found.run(section="thick", turns=2).label == "section=thick, turns=2"
-    unnamed = swept({"section": [THIN, THICK]})
+    unnamed = run_sweep({"section": [THIN, THICK]})
     assert all(x.startswith("Section #") for x in unnamed.table["section"])
-    twice = swept({"speed": [1.0, 1.0]})
+    twice = run_sweep({"speed": [1.0, 1.0]})
     assert twice.run().label == twice.runs[1].label == "speed=1"
     assert unnamed.run(section=THICK).parameters["section"] == unnamed.table["section"][1]
 
 
 @pytest.mark.slow(reason="many small runs")
 def test_combinations_may_be_listed_and_what_they_leave_open_is_the_models():
-    found = swept([{"speed": 2.0}, {"speed": 3.0, "radius": 0.5}])
+    found = run_sweep([{"speed": 2.0}, {"speed": 3.0, "radius": 0.5}])
     assert found.table[["speed", "radius"]].to_numpy().tolist() == [[2.0, 1.0], [3.0, 0.5]]
-    assert swept(bd.grid(speed=[1.0, 2.0])).table["speed"].tolist() == [1.0, 2.0]
+    assert run_sweep(bd.grid(speed=[1.0, 2.0])).table["speed"].tolist() == [1.0, 2.0]
 
 
 @pytest.mark.slow(reason="many small runs")

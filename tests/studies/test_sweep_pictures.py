@@ -5,24 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from turning import THICK, THIN, swept
+from turning import THICK, THIN, run_sweep
 
 import beamdae as bd
 from beamdae.report.page.page_file import write_page
 from beamdae.studies.study_page import create_study_page
-from beamdae.studies.sweeps.page import page_of_sweep
-from beamdae.studies.sweeps.scales import Scale
-from beamdae.studies.sweeps.tables import MEASURES
+from beamdae.studies.sweeps.response_plots import Scale
+from beamdae.studies.sweeps.responses import MEASURES
+from beamdae.studies.sweeps.sweep_results import create_sweep_page
 
 
 @pytest.fixture(scope="module")
 def found():
-    return swept({"speed": [4.0, 1.0, 2.0], "radius": [0.5, 0.0, 2.0]})
+    return run_sweep({"speed": [4.0, 1.0, 2.0], "radius": [0.5, 0.0, 2.0]})
 
 
 @pytest.mark.slow(reason="many small runs")
 def test_curves_are_joined_in_the_order_of_the_parameter():
-    found = swept({"speed": [4.0, 1.0, 2.0]}, of="tip")
+    found = run_sweep({"speed": [4.0, 1.0, 2.0]}, of="tip")
     plot = found.plot("tip.y")
     (axes,) = plot.figure.axes
     assert axes.get_title() == "tip.y"
@@ -58,7 +58,7 @@ def test_two_parameters_are_a_family_of_curves_and_a_map(found):
 
 @pytest.mark.slow(reason="many small runs")
 def test_what_is_no_number_has_its_place_in_order_and_is_not_joined():
-    found = swept({"color": ["red", "green"], "section": {"thick": THICK, "thin": THIN}})
+    found = run_sweep({"color": ["red", "green"], "section": {"thick": THICK, "thin": THIN}})
     (axes,) = found.plot("tip.x max", x="section").figure.axes
     assert [tick.get_text() for tick in axes.get_xticklabels()] == ["thick", "thin"]
     assert {line.get_linestyle() for line in axes.lines} == {"None"}
@@ -67,7 +67,7 @@ def test_what_is_no_number_has_its_place_in_order_and_is_not_joined():
 
 @pytest.mark.slow(reason="many small runs")
 def test_ratios_make_a_logarithmic_axis_and_few_pairs_are_dots():
-    found = swept([{"speed": x, "radius": 1.0 / x} for x in (0.1, 1.0, 10.0)])
+    found = run_sweep([{"speed": x, "radius": 1.0 / x} for x in (0.1, 1.0, 10.0)])
     assert Scale.of(found, "speed").log
     assert_allclose(Scale.of(found, "speed").edges(), 10.0 ** np.arange(-1.5, 2.0))
     (dots,) = found.map("tip.x max").figure.axes[0].collections
@@ -90,7 +90,7 @@ def test_pages_lay_the_runs_over_each_other(found, tmp_path):
 
 
 def test_pages_draw_what_is_told_over_a_parameter(found):
-    shown = page_of_sweep(found)
+    shown = create_sweep_page(found)
     keys = {column["key"]: column["label"] for column in shown["columns"]}
     assert keys[shown["axes"]["x"]] in ("speed", "radius")
     assert shown["axes"]["y"] in keys
