@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.cli.model_files.model_file import contents
+from beamdae.cli.model_files.model_file import load_contents
 from beamdae.studies.execution import study_run
 from beamdae.studies.execution.executors import LocalPool
 from beamdae.studies.execution.study_run import StudyPlan
@@ -18,7 +18,7 @@ FILES = sorted(FOLDER.glob("*_integrators.py"))
 
 
 def studies(path):
-    return contents(path)[1]
+    return load_contents(path)[1]
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
