@@ -153,7 +153,7 @@ class _PointLoad:
     axes
         "inertial" or "body".
     has_angle
-        Whether the load has a moment.
+        False for a particle, whose load has no moment.
     """
 
     gap: PointFunction | None
