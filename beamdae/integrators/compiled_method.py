@@ -63,7 +63,7 @@ _FAILURES = {
 
 @dataclass(slots=True)
 class ImplicitStage:
-    """An implicit stage R(t, y, c y + offset) = 0, with factors of its own.
+    """An implicit stage R(t, y, c y + offset) = 0, with its factors.
 
     Attributes
     ----------

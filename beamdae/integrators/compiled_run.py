@@ -150,7 +150,7 @@ class StepLoop(Generic[W]):
         ----------
         function
             The loop, restricted to what numba compiles and to the functions of
-            `native.loop_functions`. It returns a code of `native.return_codes` or one of its own.
+            `native.loop_functions`. It returns a code of `native.return_codes` or a specific one.
         make
             Makes the work of the loop, for machine code (True) or for plain Python (False).
         matrices
@@ -164,13 +164,13 @@ class StepLoop(Generic[W]):
         self._matrices = matrices(self.work)
 
     def __call__(self) -> int:
-        """Run the loop, with new pivots as often as it asks for them; return its code."""
+        """Run the loop, with new pivots whenever it needs them; return its code."""
         if self._loop is None:
             return self._function(self.work)
         while (code := self._loop()) == NEW_PIVOTS:
             for linear, matrix in self._matrices:
                 if linear.needs_pivots:
                     matrix.renew_pivots(linear)
-            # The arrays of new pivots have sizes and addresses of their own.
+            # The arrays of new pivots have other sizes and addresses.
             self._loop.bind()
         return code

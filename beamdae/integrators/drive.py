@@ -67,7 +67,7 @@ def drive(
     integrator
         Settings, a dataclass; its fields `max_steps` and `time_limit`, if any, limit the run.
     equations
-        Equations of motion. Redundant constraints are removed first if the model asks for it, and
+        Equations of motion. Redundant constraints are removed first if the model requests it, and
         their reactions are restored in the solution.
     times
         Ascending output times [s]; the first and the last one bound the run.

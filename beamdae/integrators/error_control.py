@@ -200,7 +200,7 @@ def resolve_error_control(
     fastest_modes
         Returns the fastest natural mode of each body.
     multipliers_matter
-        Whether forces depend on multipliers, or constraints leave no motion free.
+        True if forces depend on multipliers, or if constraints leave no motion free.
     """
     if policy != "auto" and max_order != "auto":
         return ErrorControl(policy, int(max_order), "as set")

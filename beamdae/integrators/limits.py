@@ -94,7 +94,7 @@ class RunLimits:
                 return stall
         if self.progress is None or steps % steps_per_check:
             return None
-        # Progress bars return objects of their own.
+        # Progress bars may return other objects.
         answer = self.progress(t)
         return answer if isinstance(answer, str) else None
 

@@ -1,4 +1,4 @@
-"""The protocol of a method: how `drive` begins intervals and asks for steps."""
+"""The protocol of a method: how `drive` begins intervals and requests steps."""
 
 from __future__ import annotations
 

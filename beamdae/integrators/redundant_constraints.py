@@ -20,7 +20,7 @@ Array = np.ndarray
 def remove_redundant(equations: EquationsOfMotion, start: float) -> ReducedEquations | None:
     """Return the equations without redundant constraints from `start` [s] on.
 
-    None if the model does not ask for their removal, or if it has none.
+    None if the model does not request their removal, or if it has none.
     """
     if not equations.redundant:
         return None

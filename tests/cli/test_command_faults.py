@@ -10,9 +10,8 @@ import pytest
 from terminals import process, shell
 from typer.testing import CliRunner
 
-from beamdae.cli import app as commands
-from beamdae.cli import signals as interrupts
-from beamdae.cli.app import app
+from beamdae.cli import signals
+from beamdae.cli.app import _format_warning, app
 from beamdae.errors import KernelWarning
 from beamdae.studies.execution.executors import SerialPool
 
@@ -132,7 +131,7 @@ BEGUN = ALL | {"arm_end.json"}
 # What strikes, the files there are, and words of the sentence.
 MOMENTS = {
     "importing": ("strike()", set(), "interrupted"),
-    "scouting": (AT_STEP.format(at="{5}"), ALL, "of the scout"),
+    "scouting": (AT_STEP.format(at="{5}"), ALL, "of the pilot run"),
     "integrating": (AT_STEP.format(at="{400}"), BEGUN, "interrupted at t = 0"),
     "integrating, twice": (AT_STEP.format(at="{400, 401}"), BEGUN, "interrupted at t = 0"),
     "integrating, then writing": (
@@ -231,41 +230,41 @@ def struck(times, held, done):
     """Hear so many signals in a block that is to be finished."""
     with held:
         for _ in range(times):
-            interrupts._hear(signal.SIGTERM, None)
+            signals._handle_signal(signal.SIGTERM, None)
         done.append(times)
 
 
 def test_interrupts_are_held_while_something_is_finished(monkeypatch):
     done = []
-    monkeypatch.setattr(interrupts, "_heard", [])
+    monkeypatch.setattr(signals, "_received_signals", [])
     with pytest.raises(KeyboardInterrupt):
-        struck(1, interrupts.held(), done)
+        struck(1, signals.defer_interrupts(), done)
     assert done == [1]
-    assert interrupts.code() == 143
-    with interrupts.held(through=1), interrupts.held():
+    assert signals.exit_code() == 143
+    with signals.defer_interrupts(through=1), signals.defer_interrupts():
         done.append("what was heard before is told no more")
     # The fourth comes through: whoever sends it means it.
     with pytest.raises(KeyboardInterrupt):
-        struck(3, interrupts.held(), done)
+        struck(3, signals.defer_interrupts(), done)
     assert len(done) == 2
-    monkeypatch.setattr(interrupts, "_heard", [])
-    monkeypatch.setattr(interrupts, "_came_through", [])
+    monkeypatch.setattr(signals, "_received_signals", [])
+    monkeypatch.setattr(signals, "_raise_times", [])
     with pytest.raises(KeyboardInterrupt):
-        struck(1, interrupts.held(through=1), done)
+        struck(1, signals.defer_interrupts(through=1), done)
     assert len(done) == 2
 
 
 def test_an_interrupt_right_after_another_one_does_not_come_between_it_and_the_end(monkeypatch):
     """A second Ctrl-C ended the command with a traceback on its way out."""
-    monkeypatch.setattr(interrupts, "_heard", [])
-    monkeypatch.setattr(interrupts, "_came_through", [])
+    monkeypatch.setattr(signals, "_received_signals", [])
+    monkeypatch.setattr(signals, "_raise_times", [])
     with pytest.raises(KeyboardInterrupt):
-        interrupts._hear(signal.SIGINT, None)
-    interrupts._hear(signal.SIGINT, None)
+        signals._handle_signal(signal.SIGINT, None)
+    signals._handle_signal(signal.SIGINT, None)
     # Whatever took the first one for its own does not take one that comes later.
-    monkeypatch.setattr(interrupts, "_came_through", [time.monotonic() - 1.0])
+    monkeypatch.setattr(signals, "_raise_times", [time.monotonic() - 1.0])
     with pytest.raises(KeyboardInterrupt):
-        interrupts._hear(signal.SIGINT, None)
+        signals._handle_signal(signal.SIGINT, None)
 
 
 # Models that end the process.
@@ -454,6 +453,6 @@ def test_every_encoding_has_letters_enough(here, locale):
 
 
 def test_warnings_of_beamdae_are_sentences_and_those_of_others_keep_their_place():
-    said = commands._in_a_line("kernels are slow.", KernelWarning, "native.py", 57)
+    said = _format_warning("kernels are slow.", KernelWarning, "native.py", 57)
     assert said == "warning: kernels are slow.\n"
-    assert "model.py:5" in commands._in_a_line("odd", UserWarning, "model.py", 5)
+    assert "model.py:5" in _format_warning("odd", UserWarning, "model.py", 5)

@@ -82,7 +82,7 @@ class EventSide:
 
 @dataclass(frozen=True)
 class _Crossing:
-    """A quantity passes its value, whether or not its event asks for this direction."""
+    """A quantity passes its value, possibly in a direction that is no event."""
 
     t: float
     term: EventTerm

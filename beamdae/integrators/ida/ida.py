@@ -36,8 +36,8 @@ class Ida(AdaptiveIntegrator):
     weights come from the scales of the mechanism; and the residual is premultiplied by the inverse
     of its last Jacobian (`callbacks`), so that factorization and solution are beamdae's own.
 
-    `Solution.integrator` reports in "ida" whether IDA runs in machine code ("shared libraries") or
-    by scikit-sundae's class. The latter takes the same steps up to rounding, except with friction
+    The entry "ida" of `Solution.integrator` is "shared libraries" if IDA runs in machine code, and
+    "scikit-sundae" if it runs by the class of that package. The latter takes the same steps up to rounding, except with friction
     and nonholonomic constraints, where its error test includes their reactions. Machine code also
     reports "orders" (steps by order), "error_test_failures" and "limited_by": the unknowns that
     most often had the largest error of a step, with the share of such steps.
