@@ -16,8 +16,8 @@ from beamdae.model_functions import Model
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import versions
 from beamdae.simulation import simulate
+from beamdae.studies.store.file_hashes import digest_file, digest_package
 from beamdae.studies.store.fingerprints import FingerprintError, digest, digest_transferable
-from beamdae.studies.store.sources import digest_file, digest_package
 
 # Longer texts are no labels, and two of them may look alike.
 _MAX_LABEL_LENGTH = 60
@@ -104,11 +104,11 @@ class Case:
         """Run it; see `simulate`."""
         return simulate(self.configured(), self.integrator, t_end, output_step, progress)
 
-    def mechanism_fingerprint(self, known: DigestCache | None = None) -> str:
+    def mechanism_fingerprint(self, digests: DigestCache | None = None) -> str:
         """Hash of what the equations of motion depend on.
 
         Of the model (its code with all values it refers to, and the files it names), parameters,
-        versions, and the sources of beamdae. Hashes in `known` are taken as they are.
+        versions, and the sources of beamdae. Hashes in `digests` are taken as they are.
 
         Raises
         ------
@@ -116,42 +116,42 @@ class Case:
             If the model refers to something, or a parameter is something, that no other process
             can tell again: a lock, a generator, an open file.
         """
-        known = {} if known is None else known
-        return cached_digest(known, self, lambda: self._mechanism(known))
+        digests = {} if digests is None else digests
+        return cached_digest(digests, self, lambda: self._mechanism(digests))
 
-    def _mechanism(self, known: DigestCache) -> str:
+    def _mechanism(self, digests: DigestCache) -> str:
         parameters = self.model.complete(dict(self.parameters))
         found = {
-            name: _digest_parameter(self.model, name, x, known) for name, x in parameters.items()
+            name: _digest_parameter(self.model, name, x, digests) for name, x in parameters.items()
         }
-        of_model = cached_digest(known, self.model.build, lambda: _digest_model(self.model))
+        of_model = cached_digest(digests, self.model.build, lambda: _digest_model(self.model))
         return _case_digest(
             [of_model, sorted(found.items()), _digest_data_files(self.model), _environment_digest()]
         )
 
     def fingerprint(
-        self, t_end: float, output_step: float, known: DigestCache | None = None
+        self, t_end: float, output_step: float, digests: DigestCache | None = None
     ) -> str:
         """Hash of all the result depends on, but files it reads while it runs: see `mechanism_fingerprint`."""
-        known = {} if known is None else known
+        digests = {} if digests is None else digests
         kind = type(self.integrator)
-        code = cached_digest(known, kind, lambda: _digest_integrator(kind))
+        code = cached_digest(digests, kind, lambda: _digest_integrator(kind))
         settings = asdict(self.integrator)  # type: ignore[call-overload]
-        return _case_digest([self.mechanism_fingerprint(known), code, settings, t_end, output_step])
+        return _case_digest([self.mechanism_fingerprint(digests), code, settings, t_end, output_step])
 
 
 def _case_digest(content: Any) -> str:
     return digest(content)[:20]
 
 
-def cached_digest(known: DigestCache, value: Any, find: Any) -> str:
+def cached_digest(digests: DigestCache, value: Any, find: Any) -> str:
     """What `find` gives, unless it is known of this very object."""
-    if id(value) not in known:
-        known[id(value)] = (value, find())
-    return known[id(value)][1]
+    if id(value) not in digests:
+        digests[id(value)] = (value, find())
+    return digests[id(value)][1]
 
 
-def _digest_parameter(model: Model, name: str, value: Any, known: DigestCache) -> str:
+def _digest_parameter(model: Model, name: str, value: Any, digests: DigestCache) -> str:
     def find() -> str:
         try:
             return digest_transferable(value)
@@ -162,7 +162,7 @@ def _digest_parameter(model: Model, name: str, value: Any, known: DigestCache) -
             ) from None
 
     # Defaults live as long as the model does.
-    return cached_digest(known, value, find) if value is model.parameters[name] else find()
+    return cached_digest(digests, value, find) if value is model.parameters[name] else find()
 
 
 def _digest_model(model: Model) -> str:

@@ -103,7 +103,7 @@ class Study:
 
     def _check_cases(self) -> None:
         models: dict[str, Model] = {}
-        known: DigestCache = {}
+        digests: DigestCache = {}
         for case in self.cases:
             if self.over is not None:
                 if self.over not in case.parameters:
@@ -112,11 +112,11 @@ class Study:
                         "it a value."
                     )
                 require_positive(self.name, self.over, case.parameters[self.over])
-            case.mechanism_fingerprint(known)
+            case.mechanism_fingerprint(digests)
             if models.setdefault(case.model.name, case.model) is case.model:
                 continue
             one, other = (
-                Case(x).mechanism_fingerprint(known) for x in (models[case.model.name], case.model)
+                Case(x).mechanism_fingerprint(digests) for x in (models[case.model.name], case.model)
             )
             if one != other:
                 raise BeamdaeError(
@@ -136,26 +136,26 @@ class Study:
         """What tells a case from the others that are measured against the same reference."""
         return case.label if self.over is None else f"{self.over}={case.parameters[self.over]}"
 
-    def task(self, case: Case, reference: bool = False, known: DigestCache | None = None) -> Task:
+    def task(self, case: Case, reference: bool = False, digests: DigestCache | None = None) -> Task:
         """A case as a task; references take as long as they need, ten times a case's limit.
 
-        Hashes in `known` are taken as they are, see `Case.mechanism_fingerprint`.
+        Hashes in `digests` are taken as they are, see `Case.mechanism_fingerprint`.
         """
         t_end = case.model.t_end if self.t_end is None else self.t_end
         output_step = t_end / _DEFAULT_OUTPUT_ROWS if self.output_step is None else self.output_step
         limits = self.limits
-        known = {} if known is None else known
+        digests = {} if digests is None else digests
         if reference and limits.time is not None:
             limits = Limits(10.0 * limits.time, limits.memory, limits.patience)
         return Task(
-            case.fingerprint(t_end, output_step, known),
+            case.fingerprint(t_end, output_step, digests),
             case,
             t_end,
             output_step,
             limits,
             1 if reference else self.repetitions,
             animated=reference,
-            mechanism_fingerprint=case.mechanism_fingerprint(known),
+            mechanism_fingerprint=case.mechanism_fingerprint(digests),
         )
 
 

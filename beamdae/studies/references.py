@@ -60,7 +60,7 @@ class Reference:
 
 
 def group_cases(
-    study: Study, of_cases: Mapping[int, Task], known: DigestCache | None = None
+    study: Study, of_cases: Mapping[int, Task], digests: DigestCache | None = None
 ) -> dict[str, list[Case]]:
     """Cases that can be measured against the same reference, by what they have in common.
 
@@ -70,7 +70,7 @@ def group_cases(
     for case in study.cases:
         method = "" if study.over is None else case.label
         key = (
-            _drop_refined_parameter(study, case).mechanism_fingerprint(known),
+            _drop_refined_parameter(study, case).mechanism_fingerprint(digests),
             of_cases[id(case)].t_end,
             method,
         )
@@ -91,14 +91,14 @@ def _group_label(study: Study, case: Case) -> str:
 
 
 def create_reference_tasks(
-    study: Study, cases: Sequence[Case], known: DigestCache | None = None
+    study: Study, cases: Sequence[Case], digests: DigestCache | None = None
 ) -> list[list[Task]]:
     """The runs of the two methods of a group: one, or two to be extrapolated, each."""
     over = study.over
     if over is not None:
         # The finest mesh, and the next to it.
         meshes = {case.parameters[over]: case for case in cases}
-        return [[study.task(meshes[n], known=known)] for n in sorted(meshes, reverse=True)[:2]]
+        return [[study.task(meshes[n], digests=digests)] for n in sorted(meshes, reverse=True)[:2]]
     methods = []
     for integrator in study.references or DEFAULT_REFERENCES:
         steps = [integrator]
@@ -106,7 +106,7 @@ def create_reference_tasks(
         if name == "step":
             steps.append(replace(integrator, step=0.5 * value))  # type: ignore[type-var]
         runs = [replace(cases[0], integrator=x) for x in steps]
-        methods.append([study.task(case, reference=True, known=known) for case in runs])
+        methods.append([study.task(case, reference=True, digests=digests) for case in runs])
     return methods
 
 

@@ -17,12 +17,12 @@ import pandas as pd
 import pytest
 
 import beamdae as bd
-from beamdae.cli.model_files.model_file import contents
+from beamdae.cli.model_files.model_file import load_contents
 from beamdae.studies import case as case_module
 from beamdae.studies.execution import study_run
 from beamdae.studies.execution.executors import LocalPool, SerialPool
+from beamdae.studies.store.file_hashes import digest_package
 from beamdae.studies.store.fingerprints import FingerprintError, digest, digest_transferable
-from beamdae.studies.store.sources import digest_package
 from beamdae.studies.store.store import Store
 
 BODY = """
@@ -48,7 +48,7 @@ def written(folder, head="", mass="MASS", data="", **files):
         os.utime(path, ns=(time.time_ns(), time.time_ns() + 10**9 * len(list(folder.iterdir()))))
     text = f"import beamdae as bd\n{head}\n{BODY.format(mass=mass, data=data)}"
     (folder / "falls.py").write_text(text)
-    return contents(folder / "falls.py")[1]["falls"]
+    return load_contents(folder / "falls.py")[1]["falls"]
 
 
 def key(study):
@@ -352,8 +352,8 @@ def test_fingerprints_of_a_thousand_cases_take_little():
     cases = tuple(bd.Case(curved, {"mass": float(m)}) for m in range(1000))
     study = bd.Study("many", cases)
     begin = time.process_time()
-    known = {}
-    assert len({study.task(case, known=known).key for case in cases}) == 1000
+    digests = {}
+    assert len({study.task(case, digests=digests).key for case in cases}) == 1000
     assert time.process_time() - begin < 2.0
 
 

@@ -60,11 +60,11 @@ class StudyPlan:
     @classmethod
     def of(cls, study: Study) -> StudyPlan:
         """The plan of a study as its models are now."""
-        known: DigestCache = {}
-        of_cases = {id(case): study.task(case, known=known) for case in study.cases}
-        found = group_cases(study, of_cases, known)
+        digests: DigestCache = {}
+        of_cases = {id(case): study.task(case, digests=digests) for case in study.cases}
+        found = group_cases(study, of_cases, digests)
         methods = {
-            group: create_reference_tasks(study, cases, known)
+            group: create_reference_tasks(study, cases, digests)
             for group, cases in found.items()
             if study.measures(len({of_cases[id(case)].key for case in cases}))
         }

@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from beamdae.studies.store.sources import digest_file, file_signature, is_installed
+from beamdae.studies.store.file_hashes import digest_file, file_signature, is_installed
 
 _WRITE_FLAGS = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 # A file that is not what was read: no hash is this.

@@ -28,7 +28,7 @@ from typing import Any
 import cloudpickle
 import numpy as np
 
-from beamdae.studies.store.sources import PACKAGE, is_installed
+from beamdae.studies.store.file_hashes import PACKAGE_FOLDER, is_installed
 
 # Members of classes that Python makes, some of them late or in no fixed order.
 _GENERATED_MEMBERS = {
@@ -163,7 +163,7 @@ def _of_function(value: FunctionType) -> tuple[str, Parts]:
     if is_installed(file):
         name = f"function {_versioned(value.__module__)} {value.__qualname__}"
         # What others wrap users' functions with holds them; what beamdae does is known.
-        return name, wrapped if file.startswith(str(PACKAGE)) else [*wrapped, *cells]
+        return name, wrapped if file.startswith(str(PACKAGE_FOLDER)) else [*wrapped, *cells]
     code = value.__code__
     scope = value.__globals__
     parts = [

@@ -9,9 +9,9 @@ import sysconfig
 from functools import cache
 from pathlib import Path
 
-PACKAGE = Path(__file__).parents[2]
+PACKAGE_FOLDER = Path(__file__).parents[2]
 # Commands and reports are no part of a result.
-_RESULT_INDEPENDENT = ("cli", "report")
+_PACKAGES_WITHOUT_EFFECT = ("cli", "report")
 # What the system holds, and what programs keep for themselves.
 _SYSTEM_FOLDERS = ("/proc", "/sys", "/dev", "/etc", "/usr/share")
 
@@ -19,7 +19,12 @@ _SYSTEM_FOLDERS = ("/proc", "/sys", "/dev", "/etc", "/usr/share")
 @cache
 def _installed_folders() -> tuple[str, ...]:
     folders = [sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")]
-    folders += [*site.getsitepackages(), site.getusersitepackages(), *_SYSTEM_FOLDERS, str(PACKAGE)]
+    folders += [
+        *site.getsitepackages(),
+        site.getusersitepackages(),
+        *_SYSTEM_FOLDERS,
+        str(PACKAGE_FOLDER),
+    ]
     folders.append(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
     both = {x for folder in folders if folder for x in (folder, os.path.realpath(folder))}
     return tuple(f"{folder.rstrip(os.sep)}{os.sep}" for folder in both)
@@ -35,9 +40,9 @@ def is_installed(file: str) -> bool:
 def digest_package() -> str:
     """Hash of beamdae's own sources, as they are when it is asked first."""
     whole = hashlib.sha256()
-    for path in sorted(PACKAGE.rglob("*.py")):
-        place = path.relative_to(PACKAGE)
-        if place.parts[0] not in _RESULT_INDEPENDENT:
+    for path in sorted(PACKAGE_FOLDER.rglob("*.py")):
+        place = path.relative_to(PACKAGE_FOLDER)
+        if place.parts[0] not in _PACKAGES_WITHOUT_EFFECT:
             whole.update(f"{place.as_posix()}\0".encode())
             whole.update(path.read_bytes() + b"\0")
     return whole.hexdigest()
@@ -54,11 +59,11 @@ def file_signature(path: str) -> tuple[int, int, int] | None:
 
 def digest_file(path: str) -> str | None:
     """Hash of what a file holds; None if there is no such file, or it cannot be read."""
-    return _file_digest(path, file_signature(path))
+    return _digest_signed_file(path, file_signature(path))
 
 
 @cache
-def _file_digest(path: str, changed: tuple[int, int, int] | None) -> str | None:
+def _digest_signed_file(path: str, changed: tuple[int, int, int] | None) -> str | None:
     if changed is None:
         return None
     try:

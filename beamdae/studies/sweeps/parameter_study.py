@@ -1,0 +1,186 @@
+"""Studies of one model over values of its parameters: validated values, cases and outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+from beamdae.errors import BeamdaeError, require_iterable, set_fields, short_repr
+from beamdae.integrators import Integrator
+from beamdae.model_functions import Model
+from beamdae.results.solution import Solution
+from beamdae.studies.case import Case, DigestCache, cached_digest, format_parameter, grid
+from beamdae.studies.definition import Study
+from beamdae.studies.execution.case_run import Task
+from beamdae.studies.store.fingerprints import FingerprintError, digest
+
+Output = Callable[[Solution], Any]
+
+# Columns that every table of responses has.
+STATUS = "status"
+REASON = "reason"
+WALL_TIME = "wall time [s]"
+TRAJECTORY = "trajectory"
+WARNINGS = "warnings"
+RESERVED_COLUMNS = (STATUS, REASON, WALL_TIME, TRAJECTORY, WARNINGS)
+
+_MAX_VALUES = 1_000_000  # of a parameter, and combinations in a list
+_FINGERPRINT_LENGTH = 20  # hexadecimal digits
+
+
+@dataclass(frozen=True)
+class ParameterStudy(Study):
+    """Runs of one model over values of its parameters, without references.
+
+    Attributes
+    ----------
+    columns
+        Observed columns that are tabulated; default all.
+    outputs
+        Functions of a `Solution` by the name of their column.
+    settings
+        Parameters of each case as they are displayed: numbers, strings, or the names of other
+        values.
+    """
+
+    references: tuple[Integrator, ...] | None = ()
+    outputs: Mapping[str, Output] = field(default_factory=dict)
+    settings: tuple[Mapping[str, Any], ...] = ()
+
+    def __post_init__(self) -> None:
+        set_fields(self, outputs=_require_outputs(self.name, self.outputs, self.parameters))
+        super().__post_init__()
+
+    @property
+    def parameters(self) -> list[str]:
+        """Names of the parameters that have values."""
+        return list(dict.fromkeys(name for setting in self.settings for name in setting))
+
+    @cached_property
+    def varied(self) -> list[str]:
+        """Names of the parameters that have several values."""
+        return [
+            name
+            for name in self.parameters
+            if len({repr(setting[name]) for setting in self.settings}) > 1
+        ]
+
+    @cached_property
+    def _setting_by_case(self) -> dict[int, Mapping[str, Any]]:
+        return {id(case): x for case, x in zip(self.cases, self.settings, strict=True)}
+
+    def tag(self, case: Case) -> str:
+        """Return the varied parameters of a case with their values, as a label."""
+        setting = self._setting_by_case[id(case)]
+        values = [f"{x}={format_setting(setting[x])}" for x in self.varied or setting]
+        return ", ".join(values) or self.name
+
+    def task(self, case: Case, reference: bool = False, digests: DigestCache | None = None) -> Task:
+        """Return the task of a case, outputs included; see `Study.task`."""
+        digests = {} if digests is None else digests
+        task = super().task(case, reference, digests)
+        if not self.outputs:
+            return task
+        key = digest([task.key, cached_digest(digests, self.outputs, self._digest_outputs)])
+        return replace(task, key=key[:_FINGERPRINT_LENGTH], outputs=self.outputs)
+
+    def _digest_outputs(self) -> str:
+        try:
+            return digest(dict(self.outputs))
+        except FingerprintError as problem:
+            raise BeamdaeError(
+                f"{self.name}: outputs must be functions that another process can reproduce, "
+                f"{problem.place} is a {problem.kind}."
+            ) from None
+
+
+@dataclass(frozen=True)
+class ParameterValue:
+    """A value of a parameter, and how tables and labels display it."""
+
+    value: Any
+    label: Any
+
+
+def expand_values(part: str, model: Model, over: Any) -> list[dict[str, ParameterValue]]:
+    """Return the parameters of each case, from values by parameter or a list of combinations.
+
+    Parameters that a combination leaves out have the model's default.
+
+    Raises
+    ------
+    BeamdaeError
+        If the model has no such parameter, or a parameter has no values or one of a wrong type.
+    """
+    if isinstance(over, Mapping) and over:
+        return grid(**{x: _require_values(part, model, x, values) for x, values in over.items()})
+    allowed = "a dict of values by parameter, or a list of combinations of them"
+    listed = _require_list(part, "over", None if isinstance(over, Mapping) else over, allowed)
+    if not listed or not all(isinstance(combination, Mapping) for combination in listed):
+        raise BeamdaeError(f"{part}: over must be {allowed}, got {short_repr(over)}.")
+    names = list(dict.fromkeys(name for combination in listed for name in combination))
+    return [
+        {x: _check_value(model, x, combination.get(x, model.parameters.get(x))) for x in names}
+        for combination in listed
+    ]
+
+
+def _require_values(part: str, model: Model, name: Any, values: Any) -> list[ParameterValue]:
+    if name not in model.parameters:
+        model.complete({name: None})  # raises the error that names the model's parameters
+    if isinstance(values, Mapping):
+        checked = [_check_value(model, name, x, str(label)) for label, x in values.items()]
+    else:
+        allowed = "a list of values, or a dict of them by name"
+        checked = [_check_value(model, name, x) for x in _require_list(part, name, values, allowed)]
+    if not checked:
+        raise BeamdaeError(f"{part}: {name} must have at least one value, got none.")
+    return checked
+
+
+def _require_list(part: str, name: str, values: Any, allowed: str) -> list[Any]:
+    """Return the entries of an ordered iterable, and reject endless ones."""
+    unordered = isinstance(values, (str, bytes, set, frozenset))
+    entries = require_iterable(part, name, None if unordered else values, allowed, _MAX_VALUES + 1)
+    if len(entries) > _MAX_VALUES:
+        raise BeamdaeError(f"{part}: {name} must have at most {_MAX_VALUES} values, got more.")
+    return entries
+
+
+def _check_value(model: Model, name: str, value: Any, label: str | None = None) -> ParameterValue:
+    checked = model.complete({name: value})[name]
+    if label is not None:
+        return ParameterValue(checked, label)
+    plain = isinstance(checked, (bool, int, float, str))
+    return ParameterValue(checked, checked if plain else format_parameter(checked))
+
+
+def _require_outputs(part: str, value: Any, parameters: Iterable[str]) -> dict[str, Output]:
+    allowed = "a dict of functions of a solution by name"
+    if not isinstance(value, Mapping):
+        raise BeamdaeError(f"{part}: outputs must be {allowed}, got {short_repr(value)}.")
+    columns = {*RESERVED_COLUMNS, *parameters}
+    for name, function in value.items():
+        if not isinstance(name, str) or not name.isprintable() or not name.strip():
+            raise BeamdaeError(
+                f"{part}: outputs must be {allowed}, got the name {short_repr(name)}."
+            )
+        if name in columns:
+            raise BeamdaeError(
+                f"{part}: the table already has a column {name!r}; rename the output."
+            )
+        if not callable(function):
+            raise BeamdaeError(f"{part}: outputs must be {allowed}, got {short_repr(function)}.")
+    return dict(value)
+
+
+def parameter_column(name: str) -> str:
+    """Return the column of a parameter in the table of responses."""
+    return f"parameter {name}" if name in RESERVED_COLUMNS else name
+
+
+def format_setting(value: Any) -> str:
+    """Return a displayed parameter value as text, numbers with six digits."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

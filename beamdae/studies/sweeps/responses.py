@@ -1,0 +1,230 @@
+"""Table of responses: one row per run of a sweep, with measures of its observed columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from beamdae.errors import BeamdaeError, short_repr, suggest
+from beamdae.report.pictures.figures import characteristic_columns
+from beamdae.results.columns import Header, observed_columns, select_columns
+from beamdae.studies.deviations import select_observed_columns
+from beamdae.studies.execution.case_run import Outcome
+from beamdae.studies.execution.study_run import StudyResults
+from beamdae.studies.run_values import format_output_column
+from beamdae.studies.sweeps.parameter_study import (
+    REASON,
+    STATUS,
+    TRAJECTORY,
+    WALL_TIME,
+    WARNINGS,
+    ParameterStudy,
+    format_setting,
+    parameter_column,
+)
+
+Array = np.ndarray
+
+
+def _time_average(t: Array, x: Array) -> float:
+    """Return the average of x over time by the trapezoidal rule."""
+    if len(t) < 2:
+        return float(x[0])
+    return float(np.sum(0.5 * (x[1:] + x[:-1]) * np.diff(t)) / (t[-1] - t[0]))
+
+
+# Measures of an observed column, as functions of its times and values.
+MEASURES: Mapping[str, Callable[[Array, Array], float]] = {
+    "end": lambda t, x: float(x[-1]),
+    "max": lambda t, x: float(x.max()),
+    "min": lambda t, x: float(x.min()),
+    "RMS": lambda t, x: float(np.sqrt(_time_average(t, x**2))),
+}
+
+
+def measure_columns(header: str) -> dict[str, str]:
+    """Return the columns of the table for an observed column, by measure."""
+    quantity = _remove_unit(header)
+    return {x: f"{quantity} {x}{header.removeprefix(quantity)}" for x in MEASURES}
+
+
+def select_headers(results: StudyResults, study: ParameterStudy) -> list[str]:
+    """Return the observed columns that are tabulated, over all runs.
+
+    Raises
+    ------
+    BeamdaeError
+        If the study selects a column that none of its runs has.
+    """
+    tables = [results.outcome(case).table for case in study.cases]
+    headers = dict.fromkeys(c for x in tables if x is not None for c in observed_columns(x))
+    if not study.columns or not headers:
+        return list(headers)
+    return select_observed_columns(study.name, study.columns, list(headers))
+
+
+def tabulate_responses(results: StudyResults, study: ParameterStudy) -> pd.DataFrame:
+    """Return one row per case: parameters, status, outputs, measures, reason and warnings.
+
+    Measures are NaN for runs that did not reach the end time.
+    """
+    headers = select_headers(results, study)
+    rows = []
+    for case, setting in zip(study.cases, study.settings, strict=True):
+        outcome = results.outcome(case)
+        status, values = outcome.status, outcome.values
+        outputs = {x: values.get(format_output_column(x)) for x in study.outputs}
+        row = {
+            **{parameter_column(name): value for name, value in setting.items()},
+            STATUS: status.kind,
+            **_measure_run(outcome, headers),
+            **{name: np.nan if x is None else x for name, x in outputs.items()},
+            WALL_TIME: values.get(WALL_TIME, np.nan),
+            REASON: "" if status.success else status.sentence,
+            WARNINGS: values.get(WARNINGS, ""),
+            TRAJECTORY: f"trajectories/{outcome.file}" if outcome.file else "",
+        }
+        rows.append(row)
+    table = pd.DataFrame(rows)
+    first = [*map(parameter_column, study.parameters), STATUS, *study.outputs]
+    return table[[*first, *(c for c in table if c not in first)]]
+
+
+def _measure_run(outcome: Outcome, headers: list[str]) -> dict[str, float]:
+    table = outcome.table if outcome.status.success else None
+    values: dict[str, float] = {}
+    for header in headers:
+        columns = measure_columns(header)
+        if table is None or header not in table:
+            values |= dict.fromkeys(columns.values(), np.nan)
+            continue
+        t, x = table.index.to_numpy(float), table[header].to_numpy(float)
+        values |= {column: MEASURES[name](t, x) for name, column in columns.items()}
+    return values
+
+
+def select_characteristic(results: StudyResults, study: ParameterStudy) -> list[str]:
+    """Return the responses shown by default.
+
+    These are the outputs, else the selected columns, else the characteristic columns of a run.
+    """
+    if study.outputs:
+        return list(study.outputs)
+    headers = select_headers(results, study)
+    if study.columns or not headers:
+        return headers
+    outcomes = [results.outcome(case) for case in study.cases]
+    tables = [x.table for x in outcomes if x.table is not None and x.status.success]
+    return characteristic_columns(tables[0][observed_columns(tables[0])]) if tables else []
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Responses that share the axes of a plot.
+
+    Attributes
+    ----------
+    title, unit
+        Quantity on the vertical axis.
+    lines
+        Columns of the table by measure; "" if there is only one.
+    """
+
+    title: str
+    unit: str
+    lines: Mapping[str, str]
+
+    def split(self) -> list[Panel]:
+        """Return a panel for each line."""
+        return [
+            Panel(f"{self.title} {measure}".strip(), self.unit, {"": column})
+            for measure, column in self.lines.items()
+        ]
+
+
+def select_panels(study: ParameterStudy, headers: list[str], name: Any) -> list[Panel]:
+    """Return the panels of an output, of observed columns, or of one of their measures.
+
+    Raises
+    ------
+    BeamdaeError
+        If there is no response of this name.
+    """
+    outputs = {(_remove_unit(x) if bare else x): x for bare in (False, True) for x in study.outputs}
+    if isinstance(name, str) and name in outputs:
+        return [_create_panel(outputs[name])]
+    all_measures = [column for header in headers for column in measure_columns(header).values()]
+    for candidates in (headers, all_measures):
+        try:
+            columns = select_columns(candidates, name)
+        except BeamdaeError:
+            continue
+        if candidates is all_measures:
+            return [_create_panel(column) for column in columns]
+        return [Panel(_remove_unit(x), _parse_unit(x), measure_columns(x)) for x in columns]
+    names = [*study.outputs, *map(_remove_unit, headers)]
+    raise BeamdaeError(
+        f"{study.name}: no response {short_repr(name)}{suggest(name, names)}; "
+        f"there are {', '.join(names) or 'none'}."
+    )
+
+
+def _create_panel(column: str) -> Panel:
+    return Panel(_remove_unit(column), _parse_unit(column), {"": column})
+
+
+def _remove_unit(header: str) -> str:
+    return header.rpartition(" [")[0] if header.endswith("]") else header
+
+
+def _parse_unit(header: str) -> str:
+    return Header.of(header).unit if header.endswith("]") else ""
+
+
+def is_numeric_parameter(table: pd.DataFrame, name: str) -> bool:
+    """Return whether all values of a parameter are numbers; truth values are not."""
+    return all(
+        isinstance(x, (int, float, np.number)) and not isinstance(x, (bool, np.bool_))
+        for x in table[parameter_column(name)]
+    )
+
+
+def choose_axis(study: ParameterStudy, table: pd.DataFrame, name: Any = None) -> str:
+    """Return the parameter on the horizontal axis: `name`, or the one with most numeric values.
+
+    Raises
+    ------
+    BeamdaeError
+        If nothing varies, or `name` does not.
+    """
+    varied = study.varied
+    if not varied:
+        raise BeamdaeError(f"{study.name}: no parameter varies, so there is nothing to plot over.")
+    if name is not None:
+        if not isinstance(name, str) or name not in varied:
+            raise BeamdaeError(
+                f"{study.name}: no parameter {short_repr(name)}{suggest(name, varied)} varies; "
+                f"choose {', '.join(varied)}."
+            )
+        return name
+
+    def rank(candidate: str) -> tuple[bool, int]:
+        numeric = is_numeric_parameter(table, candidate)
+        values = table[parameter_column(candidate)]
+        return numeric, (values if numeric else values.astype(str)).nunique(dropna=False)
+
+    return max(varied, key=rank)
+
+
+def group_rows(study: ParameterStudy, x: str) -> dict[str, Array]:
+    """Return the rows of the table by the values of all varied parameters except `x`."""
+    others = [name for name in study.varied if name != x]
+    groups: dict[str, list[int]] = {}
+    for row, setting in enumerate(study.settings):
+        label = ", ".join(f"{name}={format_setting(setting[name])}" for name in others)
+        groups.setdefault(label, []).append(row)
+    return {label: np.array(rows) for label, rows in groups.items()}
