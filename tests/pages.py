@@ -1,14 +1,14 @@
-"""Pages of studies that no run made, and what is on them in a browser."""
+"""Pages of made-up studies, and functions that read and use them in a browser."""
 
 import numpy as np
 
 T = np.linspace(0.0, 2.0, 41)
-RESOLVED = 1e-6
-ODD = '</script><b>"it\'s" & <!-- Ida(rtol=0.01)'
-SENTENCE = "Newton did not converge at t = 1.2 s"
+RESOLUTION = 1e-6  # of the reference
+ODD_LABEL = '</script><b>"it\'s" & <!-- Ida(rtol=0.01)'
+FAILURE = "Newton did not converge at t = 1.2 s"
 
 
-def curves(error, t=T):
+def build_curves(error, t=T):
     return {
         "t": t.tolist(),
         "observed": {
@@ -23,7 +23,7 @@ def curves(error, t=T):
     }
 
 
-def case(number, label, error, cost, group="bar", **more):
+def build_case(number, label, error, cost, group="bar", **entries):
     return {
         "id": f"case {number}",
         "group": group,
@@ -36,18 +36,18 @@ def case(number, label, error, cost, group="bar", **more):
         "cost": cost,
         "below": False,
         "limited": False,
-        "curves": None if error is None else curves(error),
-    } | more
+        "curves": None if error is None else build_curves(error),
+    } | entries
 
 
-def bar(frames=21):
-    """A bar of 2 m that turns by a quarter, hinged at (0, 0), with a bob at its end."""
+def bar_frames(frames=21):
+    """Return the animation of a 2 m bar, hinged at (0, 0), that turns by 90 degrees with a bob."""
     angle = np.linspace(0.0, 0.5 * np.pi, frames)
     x, y = 2.0 * np.cos(angle), 2.0 * np.sin(angle)
-    zero, halves = np.zeros(frames), np.array([0.0, 0.5, 1.0])
+    hinge, shares = np.zeros((frames, 1)), np.array([0.0, 0.5, 1.0])
     bodies = {
-        "ground": ("ground", zero[:, None], zero[:, None]),
-        "bar": ("beam", x[:, None] * halves, y[:, None] * halves),
+        "ground": ("ground", hinge, hinge),
+        "bar": ("beam", x[:, None] * shares, y[:, None] * shares),
         "bob": ("point", x[:, None], y[:, None]),
     }
     return {
@@ -59,23 +59,23 @@ def bar(frames=21):
     }
 
 
-def study():
-    known = {
+def study_page():
+    accepted = {
         "methods": ["Radau(rtol=1e-7)", "GeneralizedAlpha(step=0.0001)"],
-        "uncertainty": RESOLVED,
+        "uncertainty": RESOLUTION,
         "accepted": True,
         "sentence": "They agree.",
     }
-    refused = known | {"uncertainty": None, "accepted": False, "sentence": "They do not agree."}
+    rejected = {"uncertainty": None, "accepted": False, "sentence": "They do not agree."}
     number = {"unit": "", "kind": "number"}
     return {
-        "title": f"Study {ODD}",
+        "title": f"Study {ODD_LABEL}",
         "subtitle": "nine cases",
         "made": {"beamdae": "0.1.0"},
         "notes": ["Errors are relative."],
         "groups": [
-            {"id": "bar", "label": "bar()", "reference": known, "frames": bar()},
-            {"id": "rod", "label": "rod()", "reference": refused, "frames": None},
+            {"id": "bar", "label": "bar()", "reference": accepted, "frames": bar_frames()},
+            {"id": "rod", "label": "rod()", "reference": accepted | rejected, "frames": None},
         ],
         "columns": [
             {"key": "steps", "label": "steps", **number},
@@ -83,20 +83,22 @@ def study():
             {"key": "status", "label": "status", "unit": "", "kind": "status"},
         ],
         "cases": [
-            case(2, "Ida(rtol=0.001)", 1e-3, 0.10),
-            case(1, "Ida(rtol=1e-05)", 1e-5, 1.50),
-            case(0, "Ida(rtol=1e-07)", 1e-8, 3.00, below=True),
-            case(5, "GeneralizedAlpha(step=0.002)", 2e-3, 0.20),
-            case(4, "GeneralizedAlpha(step=0.001)", 5e-4, 0.40),
-            case(6, ODD, 1e-2, 0.05, family="Ida"),
-            case(3, "Radau(rtol=1e-06)", 7e-3, 0.30, status=SENTENCE, limited=True),
-            case(7, "Ida(rtol=0.01)", None, 0.20, group="rod"),
-            case(8, "Radau(rtol=0.01)", None, None, group="rod", status="No consistent start"),
+            build_case(2, "Ida(rtol=0.001)", 1e-3, 0.10),
+            build_case(1, "Ida(rtol=1e-05)", 1e-5, 1.50),
+            build_case(0, "Ida(rtol=1e-07)", 1e-8, 3.00, below=True),
+            build_case(5, "GeneralizedAlpha(step=0.002)", 2e-3, 0.20),
+            build_case(4, "GeneralizedAlpha(step=0.001)", 5e-4, 0.40),
+            build_case(6, ODD_LABEL, 1e-2, 0.05, family="Ida"),
+            build_case(3, "Radau(rtol=1e-06)", 7e-3, 0.30, status=FAILURE, limited=True),
+            build_case(7, "Ida(rtol=0.01)", None, 0.20, group="rod"),
+            build_case(
+                8, "Radau(rtol=0.01)", None, None, group="rod", status="No consistent start"
+            ),
         ],
     }
 
 
-NAMES = [
+ODD_NAMES = [
     "u16",
     "__proto__",
     "constructor",
@@ -111,66 +113,67 @@ NAMES = [
 ]
 
 
-def odd_names():
-    """A study in which every name a user chooses is odd."""
-    page = study()
-    page["title"] = "".join(NAMES)
-    page["notes"] = list(NAMES)
-    page["columns"] += [{"key": n, "label": n, "unit": n, "kind": "number"} for n in NAMES]
-    for k, one in enumerate(page["cases"]):
-        one["values"] |= {n: n for n in NAMES[: 1 + k]}
-        one["label"] += NAMES[k]
-        if one["curves"]:
-            one["curves"]["observed"] = {n: np.cos(k * T).tolist() for n in NAMES}
+def odd_page():
+    """Return a study in which every name that users choose is odd."""
+    page = study_page()
+    page["title"] = "".join(ODD_NAMES)
+    page["notes"] = list(ODD_NAMES)
+    page["columns"] += [{"key": n, "label": n, "unit": n, "kind": "number"} for n in ODD_NAMES]
+    for k, case in enumerate(page["cases"]):
+        case["values"] |= {n: n for n in ODD_NAMES[: 1 + k]}
+        case["label"] += ODD_NAMES[k]
+        if case["curves"]:
+            case["curves"]["observed"] = {n: np.cos(k * T).tolist() for n in ODD_NAMES}
     for group in page["groups"]:
         if group["frames"]:
-            group["frames"]["bodies"][1]["name"] = "".join(NAMES)
+            group["frames"]["bodies"][1]["name"] = "".join(ODD_NAMES)
     return page
 
 
-def rows(tab):
-    """Labels of the rows of the table that are seen."""
+def visible_labels(tab):
+    """Return the labels of the visible rows of the case table."""
     return tab.locator("#table tbody tr:visible td.label").all_inner_texts()
 
 
-def point(tab, number):
+def find_point(tab, number):
     return tab.locator(f".run[data-case='case {number}']")
 
 
-def row(tab, number):
+def find_row(tab, number):
     return tab.locator(f"#table tr[data-case='case {number}']")
 
 
-def numbers_of_curves(tab):
-    """Lines drawn in each panel."""
+def count_curves(tab):
+    """Return the number of curves in each panel."""
     panels = tab.locator(".panel")
     return [panels.nth(k).locator("path.curve").count() for k in range(4)]
 
 
-def classes(locator):
+def list_classes(locator):
     return [locator.nth(k).get_attribute("class") for k in range(locator.count())]
 
 
-def seen(tab, key):
-    """What is between the axes of a chart: ranges of x and y."""
-    ends = "({x, y}) => [x, y].flatMap((axis) => [axis.back(axis.from), axis.back(axis.to)])"
+def visible_ranges(tab, key):
+    """Return the visible ranges of x and y of a chart."""
+    ends = """({x, y}) =>
+        [x, y].flatMap((axis) => [axis.toValue(axis.start), axis.toValue(axis.end)])"""
     x0, x1, y0, y1 = tab.evaluate(f"({ends})(state.charts.get({key!r}))")
     return (x0, x1), (y0, y1)
 
 
-def place(tab, key, x, y):
-    """Where a value of a chart is in the window."""
+def screen_position(tab, key, x, y):
+    """Return the position of a point of a chart in the window."""
     tab.locator(f"[data-chart={key}] .plot").scroll_into_view_if_needed()
-    found = """([key, x, y]) => {
-        const made = state.charts.get(key), at = made.plot.getBoundingClientRect();
-        const zoom = at.width / made.box.width;
-        return [at.left + zoom * made.x.at(x), at.top + zoom * made.y.at(y)];
+    position = """([key, x, y]) => {
+        const chart = state.charts.get(key), area = chart.plot.getBoundingClientRect();
+        const zoom = area.width / chart.box.width;
+        return [area.left + zoom * chart.x.toPosition(x), area.top + zoom * chart.y.toPosition(y)];
     }"""
-    return tab.evaluate(found, [key, x, y])
+    return tab.evaluate(position, [key, x, y])
 
 
-def until(tab, expression):
-    """Wait for what a page makes true; its policy forbids playwright's own waiting."""
+def wait_until(tab, expression):
+    """Wait for a condition; the policy of the page forbids playwright's own `wait_for_function`."""
     for _ in range(100):
         if tab.evaluate(expression):
             return
@@ -178,11 +181,11 @@ def until(tab, expression):
     raise AssertionError(expression)
 
 
-def chosen_options(choice):
-    """What a list of choices shows."""
+def selected_options(choice):
+    """Return the texts of the selected options of a list."""
     return choice.evaluate("list => [...list.selectedOptions].map((one) => one.textContent)")
 
 
-def buttons(tab, key):
-    """Those beside a chart: larger, smaller, all, and its files."""
+def tool_buttons(tab, key):
+    """Return the buttons of a chart: zoom in, zoom out, reset, SVG, PNG, CSV."""
     return tab.locator(f"[data-chart={key}] .tools button")

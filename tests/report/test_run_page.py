@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from pages import chosen_options
+from pages import selected_options
 
 import beamdae as bd
 from beamdae.report.page.page_file import write_page
@@ -67,14 +67,14 @@ def test_curves_of_long_runs_are_thinned(run):
 def test_the_page_of_a_run_in_a_browser(run, show):
     tab = show(build_run_page(run, "arm"))
     assert tab.inner_text("h1") == "arm"
-    for hidden in ("#precision", "#cases", "#choice", "#chosen button"):
+    for hidden in ("#precision", "#cases", "#choice", "#selection button"):
         assert not tab.locator(hidden).first.is_visible()
     assert tab.locator("#facts h2").all_inner_texts() == ["Run"]
-    assert tab.locator("#more h2").all_inner_texts() == ["Observed", "Provenance"]
+    assert tab.locator("#more-facts h2").all_inner_texts() == ["Observed", "Provenance"]
     panels = tab.locator(".panel h3").all_inner_texts()
     assert panels == ["Observed", "Energy [J]", "Drift of the joints"]
     # All energies share a panel.
-    assert chosen_options(tab.get_by_label("Energy [J]: which")) == ["all in J"]
+    assert selected_options(tab.get_by_label("Energy [J]: quantity")) == ["all in J"]
     energies = tab.locator("[data-panel=energy] .switch").all_inner_texts()
     assert energies[:3] == ["kinetic", "strain", "gravity"]
     assert tab.locator("[data-chart=energy] path.curve").count() == len(energies)

@@ -1,6 +1,6 @@
-"""One self-contained HTML page of a study: template, style, script, and the data they show.
+"""Self-contained HTML pages of runs and studies, and the animation player of notebooks.
 
-May import: errors. Takes plain values, see `page.write_page`.
-Next: a panel is a section of `page.html` with a file of its functions in `script/` and of its looks
-in `style/`, named in `page.py`.
+May import: errors, equations.measures, report.text, results.
+Next: a panel is a section of `page.html` with functions in `script/` and styles in `style/`, both
+listed in `page_file.py`.
 """

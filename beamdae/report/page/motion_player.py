@@ -1,4 +1,4 @@
-"""A motion alone: what notebooks show, by the script and the styles of the page of a study."""
+"""Animation of a mechanism as a small HTML document for notebooks."""
 
 from __future__ import annotations
 
@@ -10,26 +10,34 @@ from beamdae.report.page.page_file import fill_template
 from beamdae.results.displays import ANIMATION_WIDTH, Animation
 
 _STYLES = ("page", "charts", "mechanism")
-_SCRIPTS = ("data", "elements", "numbers", "axes", "mechanism", "player", "alone")
-# Height of the controls below the picture [pixels].
-_BELOW = 150
+_SCRIPTS = ("decoding", "elements", "numbers", "axes", "mechanism", "player", "notebook_player")
+
+# The drawing of the mechanism [units of its view box]; the same numbers as in script/mechanism.js.
+_DRAWING_WIDTH = 420.0
+_MIN_DRAWING_HEIGHT = 180.0
+_MAX_DRAWING_HEIGHT = 400.0
+_SCALE_BAR_HEIGHT = 16.0
+_CONTROLS_HEIGHT = 150  # below the drawing [pixels]
+_MIN_EXTENT = 1e-300  # avoids division by zero [m]
 
 
 def build_motion_player(
     frames: Mapping[str, Any], size: tuple[float, float], caption: str, speed: float, colored: bool
 ) -> Animation:
-    """A player of frames, see `beamdae.report.scene.frame_export.export_frames`.
+    """Return a player of frames exported by `beamdae.report.scene.frame_export.export_frames`.
 
     Parameters
     ----------
+    frames
+        Times, bodies, symbols and colors.
     size
-        Width and height of what is seen [m].
+        Width and height of the visible region [m].
     caption
-        What is above it.
+        Text above the drawing.
     speed
-        Seconds of the motion in one second.
+        Playback speed relative to real time.
     colored
-        Whether beams have the first of the colors from the start.
+        If true, beams start with the first of the colors.
     """
     data = {
         "frames": encode_frames(frames),
@@ -37,7 +45,7 @@ def build_motion_player(
         "speed": speed,
         "colored": colored,
     }
-    page = fill_template("alone", _STYLES, _SCRIPTS, data)
-    # As the script has it: a stage of 420 by 180 to 400, and 16 more.
-    tall = min(max(420.0 * size[1] / max(size[0], 1e-300), 180.0), 400.0) + 16.0
-    return Animation(page, round(tall * ANIMATION_WIDTH / 420.0) + _BELOW)
+    document = fill_template("notebook_player", _STYLES, _SCRIPTS, data)
+    height = _DRAWING_WIDTH * size[1] / max(size[0], _MIN_EXTENT)
+    height = min(max(height, _MIN_DRAWING_HEIGHT), _MAX_DRAWING_HEIGHT) + _SCALE_BAR_HEIGHT
+    return Animation(document, round(height * ANIMATION_WIDTH / _DRAWING_WIDTH) + _CONTROLS_HEIGHT)

@@ -22,7 +22,7 @@ _MISSING_CODE = 65535  # of a value that is missing or not finite
 _MAX_MAGNITUDE = 1e300  # larger values count as missing: their range could overflow
 _POSITION_DRIFT = "position drift"
 _VELOCITY_DRIFT = "velocity drift"
-# Quantities that span decades, by panel: the page stores and draws the logarithm of their magnitude.
+# By panel, quantities that span decades: stored and drawn as logarithms of their magnitudes.
 _LOGARITHMIC: dict[str, tuple[str, ...]] = {
     "observed": (),
     "error": ("error",),

@@ -1,76 +1,82 @@
-// The cases of the group that is shown, and their numbers.
+// Cases of the selected group and their quantities. Variables that hold a case are called `run`: `case` is
+// a reserved word.
 
-function casesHere() {
-  return page.cases.filter((one) => one.group === state.group.id);
+const MIN_LOG_RATIO = 50; // of largest to smallest value, for a logarithmic axis
+
+function groupCases() {
+  return page.cases.filter((run) => run.group === state.group.id);
 }
 
-function failed(one) {
-  return one.status !== "ok";
+function hasFailed(run) {
+  return run.status !== "ok";
 }
 
-function resolution() {
+// Smallest error that the reference of the group resolves, or null.
+function referenceResolution() {
   return state.group.reference?.uncertainty || null;
 }
 
-// Where its error is drawn.
-function height(one) {
-  return one.below && resolution() ? resolution() : one.error;
+// Errors below the resolution are drawn at the resolution.
+function displayedError(run) {
+  return run.below && referenceResolution() ? referenceResolution() : run.error;
 }
 
-function errorText(one) {
-  if (!one.below) return shown(one.error);
-  return resolution()
-    ? `at most ${shown(resolution(), 3)}, the reference resolves no less`
-    : "less than the reference resolves";
+function formatError(run) {
+  if (!run.below) return formatValue(run.error);
+  const resolution = referenceResolution();
+  return resolution
+    ? `at most ${formatValue(resolution, 3)}, the resolution of the reference`
+    : "below the resolution of the reference";
 }
 
-// What cases can be drawn by: wall time, error and every column of numbers.
-function allQuantities() {
-  const valued = {
-    error: height,
-    cost: (one) => one.cost,
+// Quantities the axes of the scatter plot offer: wall time, error and every numeric column.
+function listQuantities() {
+  const getters = {
+    error: displayedError,
+    cost: (run) => run.cost,
   };
-  const known = page.columns.filter(({ kind }) => kind === "number" || valued[kind]);
+  const numeric = page.columns.filter(({ kind }) => kind === "number" || getters[kind]);
   const missing = [
     { key: "cost", kind: "cost", label: "wall time", unit: "s" },
     { key: "error", kind: "error", label: "error", unit: "" },
-  ].filter(({ kind }) => !known.some((column) => column.kind === kind));
-  return [...missing, ...known]
+  ].filter(({ kind }) => !numeric.some((column) => column.kind === kind));
+  return [...missing, ...numeric]
     .map((column) => ({
       ...column,
       title: column.unit && column.unit !== "-" ? `${column.label} [${column.unit}]` : column.label,
-      value: valued[column.kind] ?? ((one) => own(one.values, column.key)),
+      value: getters[column.kind] ?? ((run) => getOwn(run.values, column.key)),
     }))
-    .filter(({ value }) => page.cases.some((one) => Number.isFinite(value(one))));
+    .filter(({ value }) => page.cases.some((run) => Number.isFinite(value(run))));
 }
 
-// Errors and times span decades; so do others that say so themselves.
-function logarithmic({ kind, value }, cases) {
-  const [low, high] = extent([cases.map(value)]);
-  return low > 0 && (kind !== "number" || high / low > 50);
+// Axes of error and wall time are logarithmic, others only if their values span a large range.
+function needsLogAxis({ kind, value }, cases) {
+  const [low, high] = findExtent([cases.map(value)]);
+  return low > 0 && (kind !== "number" || high / low > MIN_LOG_RATIO);
 }
 
-function plottable(one, quantity) {
-  const value = quantity.value(one);
-  return !failed(one) && Number.isFinite(value) && (quantity.kind === "number" || value > 0);
+function isPlottable(run, quantity) {
+  const value = quantity.value(run);
+  return !hasFailed(run) && Number.isFinite(value) && (quantity.kind === "number" || value > 0);
 }
 
-function facts(one) {
-  const rows = [["error", one.error === null ? null : errorText(one)]];
-  if (one.cost !== null) rows.push(["wall time", `${shown(one.cost)} s`]);
-  const steps = own(one.values, "steps");
-  if (steps !== undefined) rows.push(["steps", shown(steps)]);
-  const [x, y] = chosenAxes();
-  for (const { kind, title, value, key } of [x, y].filter(Boolean)) {
-    if (kind === "number" && key !== "steps") rows.push([title, shown(value(one))]);
+// Names and values for the tooltip of a case.
+function listCaseFacts(run) {
+  const rows = [];
+  if (run.error !== null) rows.push(["error", formatError(run)]);
+  if (run.cost !== null) rows.push(["wall time", `${formatValue(run.cost)} s`]);
+  const steps = getOwn(run.values, "steps");
+  if (steps !== undefined) rows.push(["steps", formatValue(steps)]);
+  for (const { kind, title, value, key } of axisQuantities().filter(Boolean)) {
+    if (kind === "number" && key !== "steps") rows.push([title, formatValue(value(run))]);
   }
-  return rows.filter((row) => row[1] !== null);
+  return rows;
 }
 
-// The two quantities cases are drawn by; undefined where there are none.
-function chosenAxes() {
-  const named = (key) => quantities.find((one) => one.key === key);
-  const kind = (name) => quantities.find((one) => one.kind === name);
+// Quantities of the x and y axes of the scatter plot; undefined if there are none.
+function axisQuantities() {
+  const byKey = (key) => quantities.find((quantity) => quantity.key === key);
+  const byKind = (kind) => quantities.find((quantity) => quantity.kind === kind);
   const { x, y } = { ...page.axes, ...state.axes };
-  return [named(x) ?? kind("cost") ?? quantities[0], named(y) ?? kind("error") ?? quantities[1]];
+  return [byKey(x) ?? byKind("cost") ?? quantities[0], byKey(y) ?? byKind("error") ?? quantities[1]];
 }

@@ -1,131 +1,148 @@
-// A chart: what is drawn between two axes that can be zoomed, and the buttons beside it.
+// A chart: a plot with two axes that can be zoomed, and its toolbar.
 
-// Of what there is to see: stored numbers have 65534 steps, and far away is nothing.
-const CLOSEST = 1e-4;
-const FARTHEST = 4;
-const STEP = 1.5;
+// Limits of the visible range relative to the full range. Stored values have 65534 steps.
+const MIN_VIEW_SHARE = 1e-4;
+const MAX_VIEW_SHARE = 4;
+const ZOOM_STEP = 1.5; // of buttons and keys
+const MIN_CHART_WIDTH = 240; // [px]
+const MIN_LEFT_MARGIN = 40; // [px]
+const DIGIT_WIDTH = 6.8; // of tick labels [px]
 
 /*
- * `spec` has "id", "name" (of its files), "label"; axes "x" and "y" with "title", "range" and "log";
- * "view", ranges x and y that are seen instead where they are not null; "height" by width; "under",
- * "inside" (cut off by the axes) and "over", functions of (box, x, y) that give what is drawn;
- * "legend", signs and words for files; "rows", the lines of its CSV file.
- * Optional: "drawn", "changed" (the view), "hidden" (the buttons).
+ * Create a chart; `drawChart` fills it once it is part of the document.
+ *
+ * `spec` has
+ *   id, label, name      of the element, for screen readers, of its files
+ *   x, y                 axes: title, full range, log (true for a logarithmic axis)
+ *   view                 visible ranges x and y; null shows the full range
+ *   height               function of the width
+ *   drawBackground, drawClipped, drawForeground
+ *                        functions of (box, x, y) that return SVG elements below the axes, between
+ *                        them (clipped to the plot) and above them; x and y are scales
+ *   legend               function that returns the entries {icon, text} of exported pictures
+ *   rows                 function that returns the lines of the CSV file, header first
+ *   afterDraw, afterViewChange    optional callbacks
  */
-function chart(spec) {
+function createChart(spec) {
   const plot = svg("svg", { class: "plot", role: "group", tabindex: "0", "aria-label": spec.label });
-  const made = { spec, plot, element: html("div", { class: "chart", "data-chart": spec.id }) };
-  made.reset = tool("Reset", "show all (0)", () => resetView(made));
-  made.element.append(tools(made), plot);
-  listenTo(made);
-  new ResizeObserver(() => made.element.clientWidth !== made.width && drawChart(made)).observe(made.element);
-  return made;
+  const chart = { spec, plot, element: html("div", { class: "chart", "data-chart": spec.id }) };
+  chart.resetButton = createToolButton("Reset", "show all (0)", () => resetView(chart));
+  chart.element.append(createToolbar(chart), plot);
+  listenToGestures(chart);
+  const redrawIfResized = () => chart.element.clientWidth !== chart.width && drawChart(chart);
+  new ResizeObserver(redrawIfResized).observe(chart.element);
+  return chart;
 }
 
-function tool(text, label, click) {
+function createToolButton(text, label, click) {
   return html("button", { type: "button", title: label, "aria-label": label, click }, text);
 }
 
-function tools(made) {
-  const { name } = made.spec;
-  const zoom = (factor) => () => zoomBy(made, factor, middleOf(made));
+function createToolbar(chart) {
+  const { name, label } = chart.spec;
+  const zoom = (factor) => () => zoomBy(chart, factor, plotCenter(chart));
   return html(
     "div",
-    { class: "tools", role: "group", "aria-label": `${made.spec.label}: view and files` },
-    tool("+", "zoom in (+)", zoom(1 / STEP)),
-    tool("−", "zoom out (-)", zoom(STEP)),
-    made.reset,
-    tool("SVG", `save ${name} as SVG`, () => saveSvg(made)),
-    tool("PNG", `save ${name} as PNG`, () => savePng(made)),
-    tool("CSV", `save ${name} as CSV`, () => saveCsv(made)),
+    { class: "tools", role: "group", "aria-label": `${label}: view and files` },
+    createToolButton("+", "zoom in (+)", zoom(1 / ZOOM_STEP)),
+    createToolButton("−", "zoom out (-)", zoom(ZOOM_STEP)),
+    chart.resetButton,
+    createToolButton("SVG", `save ${name} as SVG`, () => saveSvg(chart)),
+    createToolButton("PNG", `save ${name} as PNG`, () => savePng(chart)),
+    createToolButton("CSV", `save ${name} as CSV`, () => saveCsv(chart)),
   );
 }
 
-// Elements are replaced by it: the one that has the focus gets it again.
-function drawChart(made) {
-  const { spec, plot, element } = made;
-  const focused = plot.contains(document.activeElement) && document.activeElement.dataset.case;
-  made.width = element.clientWidth;
-  const box = { width: Math.max(made.width || 640, 240), top: 24 };
+function drawChart(chart) {
+  const { spec, plot, element } = chart;
+  // Drawing replaces all elements: the point that has the focus receives it again.
+  const focusedCase = plot.contains(document.activeElement) && document.activeElement.dataset.case;
+  chart.width = element.clientWidth;
+  const box = { width: Math.max(chart.width || 640, MIN_CHART_WIDTH), top: 24 };
   Object.assign(box, { right: box.width - 14, height: spec.height(box.width) });
   box.bottom = box.height - 34;
-  const y = scale(seen(made, "y"), [box.bottom, box.top], spec.y.log);
-  box.left = Math.max(14 + 6.8 * Math.max(...y.ticks.map(({ text }) => text.length), 0), 40);
-  const x = scale(seen(made, "x"), [box.left, box.right], spec.x.log);
-  Object.assign(made, { box, x, y });
-  const clip = `clip-${spec.id}`;
+  const y = createScale(visibleRange(chart, "y"), [box.bottom, box.top], spec.y.log);
+  const labelLength = Math.max(...y.ticks.map(({ text }) => text.length), 0);
+  box.left = Math.max(14 + DIGIT_WIDTH * labelLength, MIN_LEFT_MARGIN);
+  const x = createScale(visibleRange(chart, "x"), [box.left, box.right], spec.x.log);
+  Object.assign(chart, { box, x, y });
+  const clipId = `clip-${spec.id}`;
   plot.setAttribute("viewBox", `0 0 ${box.width} ${box.height}`);
   plot.replaceChildren(
-    svg("clipPath", { id: clip }, frame(box)),
-    ...spec.under(box, x, y),
-    ...axes(box, x, y, { x: spec.x.title, y: spec.y.title }),
-    svg("g", { "clip-path": `url(#${clip})` }, ...spec.inside(box, x, y)),
-    ...spec.over(box, x, y),
+    svg("clipPath", { id: clipId }, createPlotArea(box)),
+    ...spec.drawBackground(box, x, y),
+    ...createAxes(box, x, y, { x: spec.x.title, y: spec.y.title }),
+    svg("g", { "clip-path": `url(#${clipId})` }, ...spec.drawClipped(box, x, y)),
+    ...spec.drawForeground(box, x, y),
   );
-  made.reset.disabled = !zoomed(made);
-  spec.drawn?.(made);
-  if (focused) [...plot.querySelectorAll("[data-case]")].find((one) => one.dataset.case === focused)?.focus();
+  chart.resetButton.disabled = !isZoomed(chart);
+  spec.afterDraw?.(chart);
+  if (focusedCase) {
+    [...plot.querySelectorAll("[data-case]")].find((point) => point.dataset.case === focusedCase)?.focus();
+  }
 }
 
-function seen({ spec }, way) {
-  return spec.view[way] ?? spec[way].range;
+function visibleRange({ spec }, axis) {
+  return spec.view[axis] ?? spec[axis].range;
 }
 
-function zoomed({ spec }) {
+function isZoomed({ spec }) {
   return Boolean(spec.view.x || spec.view.y);
 }
 
-function middleOf({ box }) {
+function plotCenter({ box }) {
   return [(box.left + box.right) / 2, (box.top + box.bottom) / 2];
 }
 
-// Views. Ranges are those of two places on the axes.
-
-function zoomBy(made, factor, at, ways = "xy") {
-  [...ways].forEach((way) => {
-    const [axis, place] = [made[way], at["xy".indexOf(way)]];
-    look(
-      made,
-      way,
-      [axis.from, axis.to].map((end) => place + factor * (end - place)),
+// Zoom about a position in the drawing, by default along both axes.
+function zoomBy(chart, factor, center, axes = "xy") {
+  for (const axis of axes) {
+    const { start, end } = chart[axis];
+    const fixed = center["xy".indexOf(axis)];
+    setVisibleRange(
+      chart,
+      axis,
+      [start, end].map((position) => fixed + factor * (position - fixed)),
     );
+  }
+  updateView(chart);
+}
+
+function panBy(chart, [dx, dy]) {
+  const { x, y } = chart;
+  setVisibleRange(chart, "x", [x.start - dx, x.end - dx]);
+  setVisibleRange(chart, "y", [y.start - dy, y.end - dy]);
+  updateView(chart);
+}
+
+// Show what is between two opposite corners.
+function zoomToBox(chart, corner, opposite) {
+  [..."xy"].forEach((axis, k) => {
+    const direction = Math.sign(chart[axis].end - chart[axis].start);
+    const positions = [corner[k], opposite[k]].sort((a, b) => (a - b) * direction);
+    setVisibleRange(chart, axis, positions);
   });
-  showView(made);
+  updateView(chart);
 }
 
-function panBy(made, by) {
-  [..."xy"].forEach((way, k) => {
-    const axis = made[way];
-    look(made, way, [axis.from - by[k], axis.to - by[k]]);
-  });
-  showView(made);
+function resetView(chart) {
+  Object.assign(chart.spec.view, { x: null, y: null });
+  updateView(chart);
 }
 
-function zoomTo(made, one, other) {
-  [..."xy"].forEach((way, k) => {
-    const ends = [one[k], other[k]].sort((a, b) => (a - b) * Math.sign(made[way].to - made[way].from));
-    look(made, way, ends);
-  });
-  showView(made);
+function updateView(chart) {
+  hideTooltip();
+  drawChart(chart);
+  chart.spec.afterViewChange?.();
 }
 
-function resetView(made) {
-  Object.assign(made.spec.view, { x: null, y: null });
-  showView(made);
-}
-
-function showView(made) {
-  hideTip();
-  drawChart(made);
-  made.spec.changed?.();
-}
-
-// A view that shows nothing, or is too near or too far, is none.
-function look(made, way, ends) {
-  const { range, log } = made.spec[way];
-  const view = ends.map(made[way].back);
-  const forth = log ? Math.log10 : (value) => value;
-  const [low, high, first, last] = [...view, ...range].map(forth);
+// Ranges beyond the limits, and those that contain nothing of the full range, are ignored.
+function setVisibleRange(chart, axis, positions) {
+  const { range, log } = chart.spec[axis];
+  const view = positions.map(chart[axis].toValue);
+  const forward = log ? Math.log10 : (value) => value;
+  const [low, high, first, last] = [...view, ...range].map(forward);
   const share = (high - low) / (last - first);
-  if (share >= CLOSEST && share <= FARTHEST && low < last && high > first) made.spec.view[way] = view;
+  const overlaps = low < last && high > first;
+  if (share >= MIN_VIEW_SHARE && share <= MAX_VIEW_SHARE && overlaps) chart.spec.view[axis] = view;
 }

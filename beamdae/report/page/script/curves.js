@@ -1,7 +1,7 @@
-// Curves of the selected cases over time.
+// Curves of the selected cases over time, in four panels.
 
-const DECADES = 9;
-const MARKS_ON_LINE = 6;
+const MAX_LOG_DECADES = 9; // of logarithmic axes, below the largest value
+const MARKERS_PER_LINE = 6;
 const PANELS = [
   { key: "observed", title: "Observed" },
   { key: "error", title: "Error over time" },
@@ -11,216 +11,207 @@ const PANELS = [
 const DIFFERENCE = "difference to the reference";
 
 function drawPanels() {
-  const panels = PANELS.map((panel) => ({ ...panel, choices: choices(panel) })).filter(
+  const panels = PANELS.map((panel) => ({ ...panel, choices: listChoices(panel) })).filter(
     (panel) => panel.choices.length,
   );
-  const hint =
-    "Select cases in the plot or in the table: their trajectories, errors, energies and drifts appear here.";
-  const none = casesHere().some((one) => one.curves) ? hint : "No case of this model has curves.";
-  const drawn = panels.length && selected().length;
   for (const { key } of PANELS) state.charts.delete(key);
-  byId("panels").replaceChildren(...(drawn ? panels.map(panelElement) : [empty(none)]));
-  if (drawn) panels.forEach(drawPanel);
+  if (!panels.length || !selectedCases().length) {
+    const hint = groupCases().some((run) => run.curves)
+      ? "Select cases in the plot or in the table to see their trajectories, errors, energies and drifts."
+      : "No case of this model has curves.";
+    byId("panels").replaceChildren(createPlaceholder(hint));
+    return;
+  }
+  byId("panels").replaceChildren(...panels.map(createPanel));
+  panels.forEach(drawPanel);
 }
 
-// What a panel can show: each of its curves, and all of a unit together.
-function choices({ key, unit }) {
-  const curves = casesHere().map((one) => one.curves?.[key] ?? {});
-  const names = distinct(curves.flatMap((found) => Object.keys(found)));
-  const logarithmic = (name) => curves.some((found) => own(found, name)?.log);
-  const unitOf = (name) => (logarithmic(name) ? null : (unit ?? /\[([^\]]*)\]$/.exec(name)?.[1] ?? null));
-  const together = distinct(known(names.map(unitOf))).map((one) => ({
-    label: `all in ${one}`,
-    names: names.filter((name) => unitOf(name) === one),
-    title: `[${one}]`,
+// Choices of a panel: each of its curves, and all curves of the same unit together.
+function listChoices({ key, unit }) {
+  const curves = groupCases().map((run) => run.curves?.[key] ?? {});
+  const names = removeDuplicates(curves.flatMap((curvesByName) => Object.keys(curvesByName)));
+  const isLog = (name) => curves.some((curvesByName) => getOwn(curvesByName, name)?.log);
+  const unitOf = (name) => (isLog(name) ? null : (unit ?? /\[([^\]]*)\]$/.exec(name)?.[1] ?? null));
+  const single = names.map((name) => ({
+    label: name,
+    names: [name],
+    title: isLog(name) && name === "imbalance" ? "magnitude of the imbalance" : name,
   }));
-  const each = names.map((name) => ({ label: name, names: [name], title: axisTitle(name, logarithmic(name)) }));
-  return [...each, ...together.filter((choice) => choice.names.length > 1)];
+  const combined = removeDuplicates(removeMissing(names.map(unitOf))).map((commonUnit) => ({
+    label: `all in ${commonUnit}`,
+    names: names.filter((name) => unitOf(name) === commonUnit),
+    title: `[${commonUnit}]`,
+  }));
+  return [...single, ...combined.filter((choice) => choice.names.length > 1)];
 }
 
-function axisTitle(name, logarithmic) {
-  return logarithmic && name === "imbalance" ? "size of the imbalance" : name;
-}
-
-function panelElement(panel) {
-  const { key, title } = panel;
-  panel.choice = panel.choices.find(({ label }) => label === state.names[key]) ?? firstChoice(panel);
-  const change = (event) => {
-    panel.choice = panel.choices[event.target.selectedIndex];
-    state.names[key] = panel.choice.label;
-    state.views[key].y = null;
-    drawPanel(panel);
-  };
-  const options = panel.choices.map((one) => html("option", { selected: one === panel.choice && "" }, one.label));
-  const which =
-    options.length > 1 ? [html("select", { "aria-label": `${title}: which`, change }, ...options)] : [];
+function createPanel(panel) {
+  const { key, title, choices } = panel;
+  // All energies of a single run share a chart.
+  const initial = page.cases.length === 1 && key === "energy" ? choices.at(-1) : choices[0];
+  panel.choice = choices.find(({ label }) => label === state.choices[key]) ?? initial;
   panel.holder = html("div");
-  const heading = html("div", { class: "heading" }, html("h3", {}, title), ...which, ...differenceChoice(panel));
-  return html("div", { class: "panel", "data-panel": key }, heading, panel.holder);
-}
-
-// Energies of a single run belong together.
-function firstChoice({ key, choices }) {
-  return page.cases.length === 1 && key === "energy" ? choices.at(-1) : choices[0];
-}
-
-function differenceChoice(panel) {
-  const { key, title } = panel;
-  if (!casesHere().some((one) => Object.keys(one.curves?.difference?.[key] ?? {}).length)) return [];
-  const change = (event) => {
-    state.differences[key] = event.target.checked;
-    state.views[key].y = null;
-    drawPanel(panel);
-  };
-  const checked = state.differences[key] && "";
-  const box = html("input", {
-    type: "checkbox",
-    "aria-label": `${title}: ${DIFFERENCE}`,
-    checked: checked ?? false,
-    change,
-  });
-  return [html("label", {}, box, ` ${DIFFERENCE}`)];
+  const controls = [html("h3", {}, title)];
+  if (choices.length > 1) {
+    const change = (event) => {
+      panel.choice = choices[event.target.selectedIndex];
+      state.choices[key] = panel.choice.label;
+      state.views[key].y = null;
+      drawPanel(panel);
+    };
+    const options = choices.map((choice) =>
+      html("option", { selected: choice === panel.choice && "" }, choice.label),
+    );
+    controls.push(html("select", { "aria-label": `${title}: quantity`, change }, ...options));
+  }
+  if (groupCases().some((run) => Object.keys(run.curves?.difference?.[key] ?? {}).length)) {
+    const change = (event) => {
+      state.differences[key] = event.target.checked;
+      state.views[key].y = null;
+      drawPanel(panel);
+    };
+    const attributes = { type: "checkbox", "aria-label": `${title}: ${DIFFERENCE}`, change };
+    const checked = state.differences[key] ? "" : false;
+    controls.push(html("label", {}, html("input", { ...attributes, checked }), ` ${DIFFERENCE}`));
+  }
+  return html(
+    "div",
+    { class: "panel", "data-panel": key },
+    html("div", { class: "heading" }, ...controls),
+    panel.holder,
+  );
 }
 
 function drawPanel(panel) {
   const { key, holder } = panel;
-  const lines = linesOf(panel);
+  const lines = collectLines(panel);
   if (!lines.length) {
     state.charts.delete(key);
-    const sentence = state.differences[key]
-      ? "None of the selected cases has a difference to the reference for this."
-      : "None of the selected cases has this curve.";
-    holder.replaceChildren(empty(sentence));
+    const quantity = state.differences[key] ? `a ${DIFFERENCE} for this quantity` : "this curve";
+    holder.replaceChildren(createPlaceholder(`None of the selected cases has ${quantity}.`));
     return;
   }
-  const made = chart(curveSpec(panel, lines));
-  readable(made);
-  state.charts.set(key, made);
-  holder.replaceChildren(...nameLegend(panel, lines), made.element);
-  drawChart(made);
+  const chart = createChart(describeCurveChart(panel, lines));
+  addCursor(chart);
+  state.charts.set(key, chart);
+  holder.replaceChildren(...createNameLegend(panel, lines), chart.element);
+  drawChart(chart);
 }
 
-// A line for each selected case and each name; several names of one run have colors of their own.
-function linesOf({ key, choice }) {
-  const cases = selected();
-  const source = state.differences[key] ? (one) => one.curves?.difference?.[key] : (one) => one.curves?.[key];
+// One line for each selected case and each name. Color and dashes distinguish cases; if there is one case
+// or one name only, they distinguish names or cases.
+function collectLines({ key, choice: { names } }) {
+  const cases = selectedCases();
+  const [hasCases, hasNames] = [cases.length > 1, names.length > 1];
+  const curvesOf = state.differences[key] ? (run) => run.curves?.difference?.[key] : (run) => run.curves?.[key];
   return cases
-    .flatMap(({ one, number, color }) =>
-      choice.names.map((name, k) => ({
-        one,
+    .flatMap(({ run, number, color }) =>
+      names.map((name, k) => ({
+        run,
         name,
-        label: lineLabel(one, name, choice),
-        style: lineStyle(cases.length > 1 ? color : nameColor(color, choice, k), choice.names.length > 1 ? k : number - 1),
-        t: one.curves?.t,
-        values: own(source(one), name),
+        label: !hasNames ? run.label : hasCases ? `${name}, ${run.label}` : name,
+        style: lineStyle(hasCases || !hasNames ? color : `color-${k % COLOR_COUNT}`, hasNames ? k : number - 1),
+        t: getValues(run.curves?.t),
+        values: getValues(getOwn(curvesOf(run), name)),
       })),
     )
-    .map((line) => ({ ...line, values: valuesOf(line.values), t: valuesOf(line.t) }))
-    .filter(({ values }) => values && known(values).length);
+    .filter(({ values }) => values && removeMissing(values).length);
 }
 
-function nameColor(color, { names }, k) {
-  return names.length > 1 ? `color-${k % COLORS}` : color;
-}
-
-function lineLabel(one, name, { names }) {
-  if (names.length === 1) return one.label;
-  const cases = selected().length > 1;
-  return cases ? `${name}, ${one.label}` : name;
-}
-
-// Names of a panel that shows several are hidden and shown by it.
-function nameLegend(panel, lines) {
+// Legend of a panel with several names; it hides and shows them.
+function createNameLegend(panel, lines) {
   const { key, choice } = panel;
   if (choice.names.length < 2) return [];
+  const hidden = state.hidden.names[key];
   const entries = choice.names
     .filter((name) => lines.some((line) => line.name === name))
     .map((name) => {
-      const away = state.hidden.names[key];
-      const click = () => {
-        flip(away, name);
+      const change = () => {
+        toggleMember(hidden, name);
         drawPanel(panel);
       };
       const { style } = lines.find((line) => line.name === name);
-      return switchOf(`${key} ${name}`, !away.has(name), click, lineSign(style), name);
+      return createLegendSwitch(`${key} ${name}`, !hidden.has(name), change, createLineIcon(style), name);
     });
   return [html("div", { class: "legend" }, ...entries)];
 }
 
-function curveSpec({ key, title, choice }, all) {
+function describeCurveChart({ key, title, choice }, allLines) {
   const { cases, names } = state.hidden;
-  const seen = all.filter(({ one, name }) => !cases.has(one.id) && !(choice.names.length > 1 && names[key].has(name)));
-  const lines = seen.length ? seen : all;
-  const log = Boolean(lines[0].values.log);
-  const [begin, end] = extent(all.map(({ t }) => t));
-  const difference = state.differences[key];
-  const quantity = difference ? `difference of ${choice.title}` : choice.title;
+  const isHidden = ({ run, name }) => cases.has(run.id) || (choice.names.length > 1 && names[key].has(name));
+  const lines = allLines.filter((line) => !isHidden(line));
+  const scaledLines = lines.length ? lines : allLines;
+  const log = Boolean(scaledLines[0].values.log);
+  const [low, high] = findExtent(scaledLines.map(({ values }) => values));
+  const yExtent = log ? [Math.max(low, high / 10 ** MAX_LOG_DECADES), high] : [low, high];
+  const [begin, end] = findExtent(allLines.map(({ t }) => t));
+  const quantity = state.differences[key] ? `difference of ${choice.title}` : choice.title;
   return {
     id: key,
     name: quantity,
-    label: `${title}, ${choice.label}: use the arrow keys to read values`,
+    label: `${title}, ${choice.label}: press the arrow keys to read values`,
     x: { title: "t [s]", range: [begin, end > begin ? end : begin + 1], log: false },
-    y: { title: quantity, range: padded(curveExtent(lines, log), log), log },
+    y: { title: quantity, range: padRange(yExtent, log), log },
     view: state.views[key],
-    lines: seen,
-    height: (width) => Math.min(Math.max(0.5 * width, 230), 320),
-    under: () => [],
-    inside: (box, x, y) => seen.map((line, k) => curve(line, x, y, marksAt(box, k, seen.length))),
-    over: (box, _, y) => (key === "error" ? resolutionLine(box, y) : []),
-    changed: () => followTime(key),
-    legend: () => seen.map(({ style, label }) => ({ sign: lineSign(style), text: label })),
-    rows: () => curveRows(seen),
+    lines,
+    height: (width) => clamp(0.5 * width, 230, 320),
+    drawBackground: () => [],
+    drawClipped: (box, x, y) =>
+      lines.map((line, k) => createCurve(line, x, y, spaceMarkers(box, k, lines.length))),
+    drawForeground: (box, _, y) => (key === "error" ? createResolutionLine(box, y) : []),
+    afterViewChange: () => shareTimeRange(key),
+    legend: () => lines.map(({ style, label }) => ({ icon: createLineIcon(style), text: label })),
+    rows: () => listCurveRows(lines),
   };
 }
 
-function curveExtent(lines, logarithmic) {
-  const [low, high] = extent(lines.map(({ values }) => values));
-  return logarithmic ? [Math.max(low, high / 10 ** DECADES), high] : [low, high];
-}
-
-function curveRows(lines) {
-  const rows = lines.flatMap(({ one, name, t, values }) => t.map((time, k) => [one.label, name, time, values[k]]));
+function listCurveRows(lines) {
+  const rows = lines.flatMap(({ run, name, t, values }) =>
+    t.map((time, k) => [run.label, name, time, values[k]]),
+  );
   return [["case", "quantity", "t [s]", "value"], ...rows.filter((row) => row[3] !== null)];
 }
 
-// All panels show the same time.
-function followTime(key) {
+// All panels show the same range of time.
+function shareTimeRange(key) {
   const { x } = state.views[key];
-  for (const other of PANELS.map((panel) => panel.key).filter((one) => one !== key)) {
+  for (const other of PANELS.map((panel) => panel.key).filter((name) => name !== key)) {
     state.views[other].x = x;
     if (state.charts.has(other)) drawChart(state.charts.get(other));
   }
 }
 
-// Where lines have their marks, each between those of the others; a line alone needs none.
-function marksAt(box, k, count) {
-  const apart = (box.right - box.left) / MARKS_ON_LINE;
-  const places = Array.from({ length: MARKS_ON_LINE }, (_, i) => box.left + (i + (k + 0.5) / count) * apart);
-  return count > 1 ? places : [];
+// Positions of the markers of line k, between those of the other lines. A single line has none.
+function spaceMarkers(box, k, lineCount) {
+  if (lineCount < 2) return [];
+  const spacing = (box.right - box.left) / MARKERS_PER_LINE;
+  return Array.from({ length: MARKERS_PER_LINE }, (_, i) => box.left + (i + (k + 0.5) / lineCount) * spacing);
 }
 
-function curve({ one, style, t, values }, x, y, marked) {
+function createCurve({ run, style, t, values }, x, y, markerPositions) {
   let path = "";
   let last = null;
   values.forEach((value, k) => {
     if (value === null) return;
-    const begins = k === 0 || values[k - 1] === null;
-    last = [x.at(t[k]), y.at(value)];
-    path += `${begins ? "M" : "L"}${last[0].toFixed(1)} ${last[1].toFixed(1)}`;
+    const startsLine = k === 0 || values[k - 1] === null;
+    last = [x.toPosition(t[k]), y.toPosition(value)];
+    path += `${startsLine ? "M" : "L"}${last[0].toFixed(1)} ${last[1].toFixed(1)}`;
   });
-  const cross = failed(one)
+  // A cross marks the end of a failed run.
+  const cross = hasFailed(run)
     ? [svg("path", { class: `curve ${style.color}`, transform: `translate(${last})`, d: "M-4-4L4 4M-4 4L4-4" })]
     : [];
-  const marks = marked
-    .filter((place) => x.back(place) <= t.at(-1))
-    .map((place) => nearest(t, x.back(place)))
+  const markers = markerPositions
+    .map((position) => x.toValue(position))
+    .filter((time) => time <= t.at(-1))
+    .map((time) => nearestIndex(t, time))
     .filter((k) => values[k] !== null)
-    .map((k) => lineMark(style, [x.at(t[k]), y.at(values[k])]));
-  return svg("g", {}, svg("path", { class: `curve ${style.color} ${style.dash}`, d: path }), ...cross, ...marks);
+    .map((k) => createLineMarker(style, [x.toPosition(t[k]), y.toPosition(values[k])]));
+  return svg("g", {}, svg("path", { class: `curve ${style.color} ${style.dash}`, d: path }), ...cross, ...markers);
 }
 
-function nearest(t, time) {
-  const k = t.findIndex((one) => one >= time);
+function nearestIndex(t, time) {
+  const k = t.findIndex((value) => value >= time);
   if (k < 0) return t.length - 1;
   return k > 0 && time - t[k - 1] < t[k] - time ? k - 1 : k;
 }

@@ -1,10 +1,21 @@
-// Elements of the page, and what is said at the pointer.
+// Creation of HTML and SVG elements, and the tooltip.
+
+const TOOLTIP_OFFSET = 14; // from the pointer [px]
 
 function byId(id) {
   return document.getElementById(id);
 }
 
-function built(element, attributes, children) {
+function html(tag, attributes = {}, ...children) {
+  return fillElement(document.createElement(tag), attributes, children);
+}
+
+function svg(tag, attributes = {}, ...children) {
+  return fillElement(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
+}
+
+// Attributes that are functions become event listeners; those that are false are left out.
+function fillElement(element, attributes, children) {
   for (const [name, value] of Object.entries(attributes)) {
     if (typeof value === "function") element.addEventListener(name, value);
     else if (value !== false) element.setAttribute(name, value);
@@ -13,54 +24,49 @@ function built(element, attributes, children) {
   return element;
 }
 
-function html(tag, attributes = {}, ...children) {
-  return built(document.createElement(tag), attributes, children);
-}
-
-function svg(tag, attributes = {}, ...children) {
-  return built(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
-}
-
-// A button of a legend: what it stands for is shown or hidden. It keeps the focus when it is drawn again.
-function switchOf(key, on, change, ...children) {
+// Legend entry that shows or hides what it names. `change` redraws the legend: the new entry with the
+// same key receives the focus.
+function createLegendSwitch(key, isOn, change, ...children) {
   const click = () => {
     change();
-    [...document.querySelectorAll("[data-key]")].find((one) => one.dataset.key === key)?.focus();
+    [...document.querySelectorAll("[data-key]")].find((element) => element.dataset.key === key)?.focus();
   };
-  const attributes = { type: "button", class: "switch", "data-key": key, "aria-pressed": String(on), click };
+  const attributes = { type: "button", class: "switch", "data-key": key, "aria-pressed": String(isOn), click };
   return html("button", attributes, ...children);
 }
 
-function flip(set, value) {
+function toggleMember(set, value) {
   if (!set.delete(value)) set.add(value);
 }
 
-function empty(sentence) {
+function createPlaceholder(sentence) {
   return html("p", { class: "empty" }, sentence);
 }
 
-function sign(width, ...children) {
+function createIcon(width, ...children) {
   return svg(
     "svg",
-    { class: "sign", width, height: 16, viewBox: `0 -8 ${width} 16`, "aria-hidden": "true" },
+    { class: "icon", width, height: 16, viewBox: `0 -8 ${width} 16`, "aria-hidden": "true" },
     ...children,
   );
 }
 
-function showTip(x, y, ...children) {
-  const tip = byId("tip");
-  tip.replaceChildren(...children);
-  tip.hidden = false;
-  const { width, height } = tip.getBoundingClientRect();
-  tip.style.left = `${Math.max(Math.min(x + 14, window.innerWidth - width - 8), 4)}px`;
-  tip.style.top = `${y + 14 + height > window.innerHeight ? y - height - 14 : y + 14}px`;
+function showTooltip(x, y, ...children) {
+  const tooltip = byId("tooltip");
+  tooltip.replaceChildren(...children);
+  tooltip.hidden = false;
+  const { width, height } = tooltip.getBoundingClientRect();
+  const left = Math.max(Math.min(x + TOOLTIP_OFFSET, window.innerWidth - width - 8), 4);
+  const fitsBelow = y + TOOLTIP_OFFSET + height <= window.innerHeight;
+  tooltip.style.left = `${left}px`;
+  tooltip.style.top = `${fitsBelow ? y + TOOLTIP_OFFSET : y - height - TOOLTIP_OFFSET}px`;
 }
 
-function hideTip() {
-  byId("tip").hidden = true;
+function hideTooltip() {
+  byId("tooltip").hidden = true;
 }
 
-function showBeside(element, children) {
+function showTooltipBeside(element, children) {
   const { right, bottom } = element.getBoundingClientRect();
-  showTip(right, bottom, ...children);
+  showTooltip(right, bottom, ...children);
 }

@@ -1,23 +1,25 @@
-// How charts are zoomed and panned: by wheel, drag, two fingers, double click and keys.
+// Zooming and panning of charts by wheel, drag, two fingers, double click and keys.
 
-// A pointer that moves less is a click.
-const STILL = 4;
-const KEY_PAN = 0.1;
+const CLICK_TOLERANCE = 4; // pointers that move less than this click [px]
+const KEY_PAN_SHARE = 0.1; // of the width or height of the plot
+const WHEEL_LINE_HEIGHT = 30; // of wheels that report lines [px]
+const MAX_WHEEL_STEP = 200; // of one wheel event [px]
+const WHEEL_ZOOM_LENGTH = 400; // wheel distance that zooms by e [px]
 
-function listenTo(made) {
-  const held = { pointers: new Map(), start: null, box: null, moved: false };
-  const { plot } = made;
-  plot.addEventListener("pointerdown", (event) => hold(made, held, event));
-  plot.addEventListener("pointermove", (event) => drag(made, held, event));
+function listenToGestures(chart) {
+  const gesture = { pointers: new Map(), start: null, isBox: false, hasMoved: false };
+  const { plot } = chart;
+  plot.addEventListener("pointerdown", (event) => startGesture(chart, gesture, event));
+  plot.addEventListener("pointermove", (event) => continueGesture(chart, gesture, event));
   for (const end of ["pointerup", "pointercancel"]) {
-    plot.addEventListener(end, (event) => release(made, held, event));
+    plot.addEventListener(end, (event) => endGesture(chart, gesture, event));
   }
-  // A drag that ends on a point does not choose it.
-  plot.addEventListener("click", (event) => held.moved && event.stopPropagation(), true);
-  plot.addEventListener("dblclick", () => resetView(made));
-  plot.addEventListener("wheel", (event) => turn(made, event), { passive: false });
-  plot.addEventListener("keydown", (event) => press(made, event));
-  // Two fingers are the chart's, one that goes up or down is the page's.
+  // A drag that ends on a point does not select it.
+  plot.addEventListener("click", (event) => gesture.hasMoved && event.stopPropagation(), true);
+  plot.addEventListener("dblclick", () => resetView(chart));
+  plot.addEventListener("wheel", (event) => handleWheel(chart, event), { passive: false });
+  plot.addEventListener("keydown", (event) => handleChartKey(chart, event));
+  // Two fingers zoom the chart; one finger that moves up or down scrolls the page.
   for (const touch of ["touchstart", "touchmove"]) {
     plot.addEventListener(touch, (event) => event.touches.length > 1 && event.preventDefault(), {
       passive: false,
@@ -25,83 +27,86 @@ function listenTo(made) {
   }
 }
 
-// Where a pointer is in the drawing.
-function placeIn({ plot, box }, event) {
+// Position of a pointer in the units of the drawing.
+function pointerPosition({ plot, box }, event) {
   const { left, top, width } = plot.getBoundingClientRect();
-  const zoom = box.width / width;
-  return [(event.clientX - left) * zoom, (event.clientY - top) * zoom];
+  const unitsPerPixel = box.width / width;
+  return [(event.clientX - left) * unitsPerPixel, (event.clientY - top) * unitsPerPixel];
 }
 
-function hold(made, held, event) {
+function startGesture(chart, gesture, event) {
   if (event.button !== 0) return;
-  if (!held.pointers.size) held.moved = false;
-  held.pointers.set(event.pointerId, placeIn(made, event));
-  held.start = placeIn(made, event);
-  held.box = event.shiftKey && event.pointerType === "mouse";
+  if (!gesture.pointers.size) gesture.hasMoved = false;
+  gesture.start = pointerPosition(chart, event);
+  gesture.pointers.set(event.pointerId, gesture.start);
+  gesture.isBox = event.shiftKey && event.pointerType === "mouse";
 }
 
-function drag(made, held, event) {
-  const before = held.pointers.get(event.pointerId);
+function continueGesture(chart, gesture, event) {
+  const before = gesture.pointers.get(event.pointerId);
   if (!before) return;
-  const now = placeIn(made, event);
-  const fingers = event.pointerType === "touch";
-  if (!held.moved && distance(held.start, now) < STILL && held.pointers.size < 2) return;
-  // One finger reads values until there is something to move.
-  if (fingers && held.pointers.size < 2 && !zoomed(made)) return;
-  if (!held.moved) made.plot.setPointerCapture(event.pointerId);
-  held.moved = true;
-  if (held.pointers.size > 1) pinch(made, held, event.pointerId, now);
-  else if (held.box) showBox(made, held.start, now);
-  else panBy(made, [now[0] - before[0], now[1] - before[1]]);
-  held.pointers.set(event.pointerId, now);
+  const now = pointerPosition(chart, event);
+  const isSingle = gesture.pointers.size < 2;
+  if (!gesture.hasMoved && isSingle && distance(gesture.start, now) < CLICK_TOLERANCE) return;
+  // In a view that shows everything, one finger reads values.
+  if (event.pointerType === "touch" && isSingle && !isZoomed(chart)) return;
+  if (!gesture.hasMoved) chart.plot.setPointerCapture(event.pointerId);
+  gesture.hasMoved = true;
+  if (!isSingle) pinch(chart, gesture, event.pointerId, now);
+  else if (gesture.isBox) drawZoomBox(chart, gesture.start, now);
+  else panBy(chart, [now[0] - before[0], now[1] - before[1]]);
+  gesture.pointers.set(event.pointerId, now);
 }
 
-function pinch(made, held, moving, now) {
-  const other = [...held.pointers].find(([id]) => id !== moving)[1];
-  const before = held.pointers.get(moving);
-  const factor = distance(before, other) / Math.max(distance(now, other), 1);
-  zoomBy(made, factor, other);
+// The finger that rests is the center.
+function pinch(chart, gesture, movingId, now) {
+  const center = [...gesture.pointers].find(([id]) => id !== movingId)[1];
+  const before = gesture.pointers.get(movingId);
+  zoomBy(chart, distance(before, center) / Math.max(distance(now, center), 1), center);
 }
 
-function release(made, held, event) {
-  const now = placeIn(made, event);
-  const boxed = held.pointers.delete(event.pointerId) && held.box && held.moved;
-  if (!boxed) return;
-  held.box = false;
-  if (event.type === "pointerup" && distance(held.start, now) > STILL) zoomTo(made, held.start, now);
-  else drawChart(made);
+function endGesture(chart, gesture, event) {
+  const now = pointerPosition(chart, event);
+  const endsBox = gesture.pointers.delete(event.pointerId) && gesture.isBox && gesture.hasMoved;
+  if (!endsBox) return;
+  gesture.isBox = false;
+  const isLarge = distance(gesture.start, now) > CLICK_TOLERANCE;
+  if (event.type === "pointerup" && isLarge) zoomToBox(chart, gesture.start, now);
+  else drawChart(chart);
 }
 
 function distance([x, y], [u, v]) {
   return Math.hypot(u - x, v - y);
 }
 
-function showBox({ plot }, [x, y], [u, v]) {
-  hideTip();
+function drawZoomBox({ plot }, [x, y], [u, v]) {
+  hideTooltip();
   const size = { width: Math.abs(u - x), height: Math.abs(v - y) };
   plot.querySelector(".zoom-box")?.remove();
   plot.append(svg("rect", { class: "zoom-box", x: Math.min(x, u), y: Math.min(y, v), ...size }));
 }
 
-// The wheel is the page's, until a chart has the focus: then it zooms, one axis where it is beside it.
-function turn(made, event) {
-  if (!event.ctrlKey && !made.element.contains(document.activeElement)) return;
+// The wheel scrolls the page unless the chart has the focus or Ctrl is pressed. Beside an axis it zooms
+// that axis only.
+function handleWheel(chart, event) {
+  if (!event.ctrlKey && !chart.element.contains(document.activeElement)) return;
   event.preventDefault();
-  const [x, y] = placeIn(made, event);
-  const ways = y > made.box.bottom ? "x" : x < made.box.left ? "y" : "xy";
-  const lines = event.deltaY * (event.deltaMode === 1 ? 30 : 1);
-  zoomBy(made, Math.exp(Math.min(Math.max(lines, -200), 200) / 400), [x, y], ways);
+  const [x, y] = pointerPosition(chart, event);
+  const axes = y > chart.box.bottom ? "x" : x < chart.box.left ? "y" : "xy";
+  const pixels = event.deltaY * (event.deltaMode === WheelEvent.DOM_DELTA_LINE ? WHEEL_LINE_HEIGHT : 1);
+  const step = clamp(pixels, -MAX_WHEEL_STEP, MAX_WHEEL_STEP);
+  zoomBy(chart, Math.exp(step / WHEEL_ZOOM_LENGTH), [x, y], axes);
 }
 
-function press(made, event) {
+function handleChartKey(chart, event) {
   if (event.altKey || event.ctrlKey || event.metaKey) return;
-  const { box } = made;
-  const [wide, tall] = [KEY_PAN * (box.right - box.left), KEY_PAN * (box.bottom - box.top)];
-  const pans = { ArrowLeft: [wide, 0], ArrowRight: [-wide, 0], ArrowUp: [0, tall], ArrowDown: [0, -tall] };
-  if (event.key === "+" || event.key === "=") zoomBy(made, 1 / STEP, middleOf(made));
-  else if (event.key === "-") zoomBy(made, STEP, middleOf(made));
-  else if (event.key === "0") resetView(made);
-  else if (event.shiftKey && pans[event.key]) panBy(made, pans[event.key]);
+  const { left, right, top, bottom } = chart.box;
+  const [dx, dy] = [KEY_PAN_SHARE * (right - left), KEY_PAN_SHARE * (bottom - top)];
+  const pans = { ArrowLeft: [dx, 0], ArrowRight: [-dx, 0], ArrowUp: [0, dy], ArrowDown: [0, -dy] };
+  if (event.key === "+" || event.key === "=") zoomBy(chart, 1 / ZOOM_STEP, plotCenter(chart));
+  else if (event.key === "-") zoomBy(chart, ZOOM_STEP, plotCenter(chart));
+  else if (event.key === "0") resetView(chart);
+  else if (event.shiftKey && pans[event.key]) panBy(chart, pans[event.key]);
   else return;
   event.preventDefault();
   event.stopImmediatePropagation();

@@ -1,5 +1,6 @@
-// The mechanism, drawn at one time: curves, and symbols that move with poses.
+// Drawing of the mechanism at one time: curves of bodies, and symbols that move with poses.
 
+// From back to front.
 const LAYERS = [
   ["ground", "guide", "surface", "gear", "wheel", "trail"],
   ["rigid"],
@@ -8,121 +9,132 @@ const LAYERS = [
   ["joint", "weld", "skate", "contact", "driver"],
   ["load"],
 ];
-// Of these the legend tells names, of the others what they are.
-const BODIES = ["rigid", "beam", "point"];
-const EXPLAINED = ["ground", "guide", "surface", "gear", "wheel", "spring", "damper", "load"];
-const LEVELS = 24;
+const DEFAULT_LAYER = 1;
+const BODY_KINDS = ["rigid", "beam", "point"]; // also drawn in their initial position
+const SYMBOL_KINDS = ["ground", "guide", "surface", "gear", "wheel", "spring", "damper", "load"]; // in the legend
+const MAX_LEGEND_NAMES = 3; // of each kind
+const COLOR_LEVELS = 24; // of colored beams
 
-function stage(frames, color) {
+// Units of the drawing; the first four are also in motion_player.py.
+const STAGE_WIDTH = 420;
+const MIN_STAGE_HEIGHT = 180;
+const MAX_STAGE_HEIGHT = 400;
+const SCALE_BAR_HEIGHT = 16;
+const STAGE_MARGIN = 26;
+
+// SVG element of the mechanism; `motion.draw` moves it to a frame.
+function createStage(frames, color) {
   const glyphs = [...frames.bodies, ...frames.symbols];
   const layered = glyphs.map((glyph) => [layerOf(glyph.kind), glyph]).sort(([a], [b]) => a - b);
-  const { place, box, zoom } = placing(frames, glyphs);
-  const moving = layered.map(([, glyph]) => moved(glyph, frames, place, color));
-  const starts = glyphs.filter(({ kind }) => BODIES.includes(kind)).map((glyph) => still(glyph, frames, place));
+  const { place, box, zoom } = fitStage(frames, glyphs);
+  const moving = layered.map(([, glyph]) => createMovingGlyph(glyph, frames, place, color));
+  const initial = glyphs
+    .filter(({ kind }) => BODY_KINDS.includes(kind))
+    .map((glyph) =>
+      svg("path", {
+        class: `body ${glyph.kind} initial`,
+        d: formatPath(glyphPoints(glyph, 0, frames), place),
+      }),
+    );
   motion.draw = (frame) => moving.forEach(({ show }) => show(frame));
-  return canvas(
-    box,
-    "the mechanism",
+  return svg(
+    "svg",
+    { viewBox: `0 0 ${box.width} ${box.height}`, role: "group", "aria-label": "the mechanism" },
     svg("rect", { class: "stage", ...box, rx: 6 }),
-    ...starts,
+    ...initial,
     ...moving.map(({ element }) => element),
-    ...scaleBar(zoom, box),
+    ...createScaleBar(zoom, box),
   );
 }
 
 function layerOf(kind) {
   const layer = LAYERS.findIndex((kinds) => kinds.includes(kind.split(" ")[0]));
-  return layer < 0 ? 1 : layer;
+  return layer < 0 ? DEFAULT_LAYER : layer;
 }
 
-// From places to the drawing, in which all that is ever seen has room.
-function placing(frames, glyphs) {
-  const corners = frames.extent ?? frames.t.flatMap((_, k) => glyphs.flatMap((glyph) => line(glyph, k, frames)));
-  const [left, right] = extent([known(corners).map(([x]) => x)]);
-  const [bottom, top] = extent([known(corners).map(([, y]) => y)]);
-  const [width, margin] = [420, 26];
-  const tall = Math.min(Math.max((width * (top - bottom)) / (right - left || 1), 180), 400);
+// Size of the drawing, its zoom, and the map from points [m] to the drawing. The extent of all frames fits.
+function fitStage(frames, glyphs) {
+  const points =
+    frames.extent ?? frames.t.flatMap((_, k) => glyphs.flatMap((glyph) => glyphPoints(glyph, k, frames)));
+  const [left, right] = findExtent([removeMissing(points).map(([x]) => x)]);
+  const [bottom, top] = findExtent([removeMissing(points).map(([, y]) => y)]);
+  const proportionalHeight = (STAGE_WIDTH * (top - bottom)) / (right - left || 1);
+  const height = clamp(proportionalHeight, MIN_STAGE_HEIGHT, MAX_STAGE_HEIGHT);
   const zoom = Math.min(
-    (width - 2 * margin) / (right - left || 1e-9),
-    (tall - 2 * margin) / (top - bottom || 1e-9),
+    (STAGE_WIDTH - 2 * STAGE_MARGIN) / (right - left || 1e-9),
+    (height - 2 * STAGE_MARGIN) / (top - bottom || 1e-9),
   );
   const place = ([x, y]) => {
-    const across = width / 2 + zoom * (x - (left + right) / 2);
-    const down = tall / 2 - zoom * (y - (bottom + top) / 2);
+    const across = STAGE_WIDTH / 2 + zoom * (x - (left + right) / 2);
+    const down = height / 2 - zoom * (y - (bottom + top) / 2);
     return `${across.toFixed(1)} ${down.toFixed(1)}`;
   };
-  return { place, zoom, box: { width, height: tall + 16 } };
+  return { place, zoom, box: { width: STAGE_WIDTH, height: height + SCALE_BAR_HEIGHT } };
 }
 
-// Where the points of a glyph are; null where its line breaks.
-function line(glyph, frame, { poses }) {
+// Points of a glyph in a frame; null interrupts the line.
+function glyphPoints(glyph, frame, { poses }) {
   if (glyph.x) return curvePoints(glyph, frame);
   if (glyph.absent?.includes(frame)) return [];
-  const [a, b] = [glyph.at, glyph.to].map((k) => poseAt(poses[k], frame));
-  if (known([...a, ...b]).length < 6) return [];
-  const way = Math.atan2(b[1] - a[1], b[0] - a[0]);
+  const [start, end] = [glyph.at, glyph.to].map((k) => poseAt(poses[k], frame));
+  if (removeMissing([...start, ...end]).length < 6) return [];
+  const direction = Math.atan2(end[1] - start[1], end[0] - start[0]);
   return glyph.points.map((point) => {
     if (!point) return null;
     const [share, along, across] = point;
-    const [x, y, turn] = a.map((value, k) => value + share * (b[k] - value));
-    const angle = glyph.along ? way : turn;
+    const [x, y, turn] = start.map((value, k) => value + share * (end[k] - value));
+    const angle = glyph.along ? direction : turn;
     const [c, s] = [Math.cos(angle), Math.sin(angle)];
     return [x + c * along - s * across, y + s * along + c * across];
   });
 }
 
-// Of a trail all points are stored once, and seen as far as it has come.
+// A trail has one list of points for all frames; its visible part grows with the frame.
 function curvePoints({ kind, x, y, points, frames }, frame) {
-  const trail = kind === "trail";
-  const length = trail ? 1 + Math.round((frame / (frames - 1)) * (points - 1)) : points;
+  const isTrail = kind === "trail";
+  const length = isTrail ? 1 + Math.round((frame / (frames - 1)) * (points - 1)) : points;
   return Array.from({ length }, (_, k) => {
-    const at = trail ? k : frame * points + k;
-    return x[at] === null || y[at] === null ? null : [x[at], y[at]];
+    const index = isTrail ? k : frame * points + k;
+    return x[index] === null || y[index] === null ? null : [x[index], y[index]];
   });
 }
 
-// What does not move is stored once.
+// A pose that does not move is stored once.
 function poseAt(pose, frame) {
   return [pose.x, pose.y, pose.turn].map((values) => values[values.length > 1 ? frame : 0]);
 }
 
-function outline(points, place) {
+function formatPath(points, place) {
   let path = "";
   points.forEach((point, k) => {
     if (point) path += `${k > 0 && points[k - 1] ? "L" : "M"}${place(point)}`;
   });
-  // A line of no length is a dot.
-  return known(points).length === 1 ? path.replace("M", "L").replace("L", "M") + path.replace("M", "L") : path;
+  // A line of zero length with round caps is drawn as a dot.
+  return removeMissing(points).length === 1 ? path + path.replace("M", "L") : path;
 }
 
-function still(glyph, frames, place) {
-  return svg("path", {
-    class: `body ${glyph.kind} start`,
-    d: outline(line(glyph, 0, frames), place),
-  });
-}
-
-function moved(glyph, frames, place, color) {
+function createMovingGlyph(glyph, frames, place, color) {
   const values = color && glyph.x && color.values.find(({ name }) => name === glyph.name)?.values;
-  if (values) return painted(glyph, frames, place, color, values);
+  if (values) return createColoredBeam(glyph, place, color, values);
   const element = svg("path", { class: `body ${glyph.kind}` }, svg("title", {}, glyph.name));
-  const show = (frame) => element.setAttribute("d", outline(line(glyph, frame, frames), place));
+  const show = (frame) => element.setAttribute("d", formatPath(glyphPoints(glyph, frame, frames), place));
   return { element, show };
 }
 
-// A path for each level of the scale, of the pieces of the beam that have it.
-function painted(glyph, frames, place, color, values) {
-  const levels = Array.from({ length: LEVELS }, (_, k) =>
-    svg("path", { class: `body ${glyph.kind}`, style: `stroke: ${mixed(color.scale, (k + 0.5) / LEVELS)}` }),
-  );
-  const [low, high] = color.limits;
+// One path for each level of the color scale; it consists of the pieces of the beam at that level.
+function createColoredBeam(glyph, place, { scale, limits }, values) {
+  const levels = Array.from({ length: COLOR_LEVELS }, (_, k) => {
+    const stroke = interpolateColor(scale, (k + 0.5) / COLOR_LEVELS);
+    return svg("path", { class: `body ${glyph.kind}`, style: `stroke: ${stroke}` });
+  });
+  const [low, high] = limits;
   const show = (frame) => {
     const points = curvePoints(glyph, frame);
     const paths = levels.map(() => "");
     for (let k = 1; k < points.length; k += 1) {
-      const at = frame * points.length + k;
-      const share = ((values[at - 1] + values[at]) / 2 - low) / (high - low);
-      const level = Math.min(Math.max(Math.floor(share * LEVELS), 0), LEVELS - 1);
+      const index = frame * points.length + k;
+      const share = ((values[index - 1] + values[index]) / 2 - low) / (high - low);
+      const level = clamp(Math.floor(share * COLOR_LEVELS), 0, COLOR_LEVELS - 1);
       if (points[k - 1] && points[k]) paths[level] += `M${place(points[k - 1])}L${place(points[k])}`;
     }
     levels.forEach((path, k) => path.setAttribute("d", paths[k]));
@@ -130,59 +142,60 @@ function painted(glyph, frames, place, color, values) {
   return { element: svg("g", {}, svg("title", {}, glyph.name), ...levels), show };
 }
 
-function mixed(scale, share) {
-  const at = share * (scale.length - 1);
-  const k = Math.min(Math.floor(at), scale.length - 2);
-  return `color-mix(in srgb, ${scale[k + 1]} ${(100 * (at - k)).toFixed(1)}%, ${scale[k]})`;
+function interpolateColor(scale, share) {
+  const position = share * (scale.length - 1);
+  const k = Math.min(Math.floor(position), scale.length - 2);
+  return `color-mix(in srgb, ${scale[k + 1]} ${(100 * (position - k)).toFixed(1)}%, ${scale[k]})`;
 }
 
-function scaleBar(zoom, box) {
-  const length = niceBelow(box.width / 4 / zoom);
+function createScaleBar(zoom, box) {
+  const length = roundDownToNice(box.width / 4 / zoom);
   const [x, y] = [12, box.height - 10];
   return [
     svg("path", { class: "cursor", d: `M${x} ${y - 4}V${y}H${x + length * zoom}V${y - 4}`, fill: "none" }),
-    svg("text", { x: x + 4, y: y - 6 }, `${shown(length)} m`),
+    svg("text", { x: x + 4, y: y - 6 }, `${formatValue(length)} m`),
   ];
 }
 
-function colorChoice(colors, chosen, choose) {
+function createColorSelect(colors, selected, select) {
   if (!colors.length) return [];
   const options = ["none", ...colors.map(({ title }) => title)].map((title, k) =>
-    html("option", { selected: colors[k - 1] === chosen && "" }, title),
+    html("option", { selected: colors[k - 1] === selected && "" }, title),
   );
-  const change = ({ target }) => choose(colors[target.selectedIndex - 1] ?? null);
-  const select = html("select", { id: "color", change }, ...options);
-  return [html("label", {}, "color ", select), ...(chosen ? [colorBar(chosen)] : [])];
+  const change = ({ target }) => select(colors[target.selectedIndex - 1] ?? null);
+  const list = html("select", { id: "color", change }, ...options);
+  return [html("label", {}, "color ", list), ...(selected ? [createColorBar(selected)] : [])];
 }
 
-function colorBar({ limits, scale, title }) {
+function createColorBar({ limits, scale, title }) {
   const [low, high] = limits;
-  const image = `background: linear-gradient(to right, ${scale.join(", ")})`;
   return html(
     "span",
-    { class: "color-bar", role: "img", "aria-label": `${title}, ${shown(low)} to ${shown(high)}` },
-    shown(low, 3),
-    html("span", { style: image }),
-    shown(high, 3),
+    { class: "color-bar", role: "img", "aria-label": `${title}, ${formatValue(low)} to ${formatValue(high)}` },
+    formatValue(low, 3),
+    html("span", { style: `background: linear-gradient(to right, ${scale.join(", ")})` }),
+    formatValue(high, 3),
   );
 }
 
-function bodyLegend(frames) {
+function createBodyLegend(frames) {
   const glyphs = [...frames.bodies, ...frames.symbols];
-  const of = (kind) => distinct(glyphs.filter((glyph) => glyph.kind === kind).map(({ name }) => name));
-  return [...BODIES, ...EXPLAINED]
-    .map((kind) => [kind, of(kind)])
+  const namesOf = (kind) =>
+    removeDuplicates(glyphs.filter((glyph) => glyph.kind === kind).map(({ name }) => name));
+  return [...BODY_KINDS, ...SYMBOL_KINDS]
+    .map((kind) => [kind, namesOf(kind)])
     .filter(([, names]) => names.length)
-    .map(([kind, names]) => bodyEntry(kind, names));
+    .map(([kind, names]) => createBodyEntry(kind, names));
 }
 
-function bodyEntry(kind, names) {
-  const listed = names.slice(0, 3).join(", ") + (names.length > 3 ? `, … (${names.length})` : "");
+function createBodyEntry(kind, names) {
+  const ellipsis = names.length > MAX_LEGEND_NAMES ? `, … (${names.length})` : "";
+  const text = names.slice(0, MAX_LEGEND_NAMES).join(", ") + ellipsis;
   const shape = kind === "point" ? "M12 0A3 3 0 1 1 12-.01Z" : "M3 0H15";
   return html(
     "span",
     {},
-    sign(18, svg("path", { class: `body ${kind}`, d: shape })),
-    kind === "ground" ? kind : `${kind}: ${listed}`,
+    createIcon(18, svg("path", { class: `body ${kind}`, d: shape })),
+    kind === "ground" ? kind : `${kind}: ${text}`,
   );
 }

@@ -1,17 +1,18 @@
-// Numbers, and how they are written.
+// Lists of values, and formats of numbers.
 
-function distinct(values) {
+function removeDuplicates(values) {
   return [...new Set(values)];
 }
 
-function known(values) {
+function removeMissing(values) {
   return values.filter((value) => value !== null && value !== undefined);
 }
 
-function extent(lists) {
+// Smallest and largest value in all lists.
+function findExtent(lists) {
   let [low, high] = [Infinity, -Infinity];
   for (const list of lists) {
-    for (const value of known(list)) {
+    for (const value of removeMissing(list)) {
       low = Math.min(low, value);
       high = Math.max(high, value);
     }
@@ -19,19 +20,28 @@ function extent(lists) {
   return [low, high];
 }
 
-function shown(value, digits = 4) {
+function clamp(value, low, high) {
+  return Math.min(Math.max(value, low), high);
+}
+
+function isWithin(value, [low, high]) {
+  return value >= low && value <= high;
+}
+
+function formatValue(value, digits = 4) {
   if (value === null || value === undefined || value === "") return "–";
   if (typeof value === "boolean") return value ? "yes" : "no";
   if (typeof value !== "number") return String(value);
-  const size = Math.abs(value);
-  if (value === 0 || (Number.isInteger(value) && size < 1e9)) return String(value);
-  if (size >= 1e-3 && size < 1e5) return String(Number(value.toPrecision(digits)));
+  const magnitude = Math.abs(value);
+  if (value === 0 || (Number.isInteger(value) && magnitude < 1e9)) return String(value);
+  if (magnitude >= 1e-3 && magnitude < 1e5) return String(Number(value.toPrecision(digits)));
   return value.toExponential(digits - 2);
 }
 
-function powerText(value) {
+// One digit and a power of ten, such as 2·10⁻³.
+function formatPower(value) {
   const exponent = Math.floor(Math.log10(value) + 1e-9);
   const factor = Math.round(value / 10 ** exponent);
-  const raised = [...String(exponent)].map((c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c])).join("");
-  return `${factor === 1 ? "" : `${factor}·`}10${raised}`;
+  const superscript = [...String(exponent)].map((c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c])).join("");
+  return `${factor === 1 ? "" : `${factor}·`}10${superscript}`;
 }

@@ -1,180 +1,207 @@
-// Cases as points: error over wall time, or any two of their numbers.
+// Scatter plot of the cases: error over wall time, or any two quantities.
 
-const ARROW = "M0 8V22M-4 17L0 22L4 17";
+const DOWN_ARROW_PATH = "M0 8V22M-4 17L0 22L4 17";
+const POINT_RADIUS = 11; // of the area that reacts to the pointer [px]
+const RESOLUTION_SPAN = 100; // the resolution is drawn if it exceeds the smallest error divided by this
 
-function drawScatter() {
-  const [x, y] = chosenAxes();
-  const cases = x && y ? casesHere().filter((one) => plottable(one, x) && plottable(one, y)) : [];
-  byId("precision").hidden = !scatters();
-  byId("scatter-title").replaceChildren(...scatterTitle(x, y));
-  byId("families").replaceChildren(...(cases.length ? familyLegend(cases, y) : []));
-  if (!cases.length) {
-    const both = x && y ? `${y.label} and ${x.label}` : "an error and a wall time";
-    byId("precision-plot").replaceChildren(empty(`No case of this model has both ${both}.`));
-    return;
-  }
-  const made = chart(scatterSpec(cases, x, y));
-  made.plot.addEventListener("keydown", walk);
-  state.charts.set("scatter", made);
-  byId("precision-plot").replaceChildren(made.element);
-  drawChart(made);
-}
-
-// A page of one run has nothing to compare.
-function scatters() {
+// The page of a single run has neither scatter plot nor case table.
+function isStudyPage() {
   return page.cases.length > 1 || page.columns.length > 0;
 }
 
-function scatterTitle(x, y) {
-  const name = (one) => (one.kind === "number" ? one.label : capital(one.label));
+function drawScatter() {
+  byId("precision").hidden = !isStudyPage();
+  const [x, y] = axisQuantities();
+  const cases = x && y ? groupCases().filter((run) => isPlottable(run, x) && isPlottable(run, y)) : [];
+  byId("scatter-title").replaceChildren(...createScatterTitle(x, y));
+  byId("families").replaceChildren(...(cases.length ? createFamilyLegend(cases, y) : []));
+  if (!cases.length) {
+    const both = x && y ? `${y.label} and ${x.label}` : "an error and a wall time";
+    byId("precision-plot").replaceChildren(createPlaceholder(`No case of this model has both ${both}.`));
+    return;
+  }
+  const chart = createChart(describeScatter(cases, x, y));
+  chart.plot.addEventListener("keydown", handlePointKey);
+  state.charts.set("scatter", chart);
+  byId("precision-plot").replaceChildren(chart.element);
+  drawChart(chart);
+}
+
+function createScatterTitle(x, y) {
+  const capitalize = (text) => text.slice(0, 1).toUpperCase() + text.slice(1);
+  // Names of columns keep their spelling.
+  const name = (quantity) => (quantity.kind === "number" ? quantity.label : capitalize(quantity.label));
   const title = html("h2", {}, x && y ? `${name(y)} over ${x.label}` : "Cases");
   if (quantities.length < 3) return [title];
-  return [title, axisChoice("y", y), axisChoice("x", x)];
+  return [title, createAxisSelect("y", y), createAxisSelect("x", x)];
 }
 
-function axisChoice(way, chosen) {
-  const options = quantities.map((one) => html("option", { selected: one === chosen && "" }, one.title));
+function createAxisSelect(axis, selected) {
+  const options = quantities.map((quantity) =>
+    html("option", { selected: quantity === selected && "" }, quantity.title),
+  );
   const change = (event) => {
-    state.axes[way] = quantities[event.target.selectedIndex].key;
+    state.axes[axis] = quantities[event.target.selectedIndex].key;
     state.views.scatter = { x: null, y: null };
     drawScatter();
-    drawUnplotted();
+    listUnplottedCases();
   };
-  return html("label", {}, `${way} `, html("select", { "aria-label": `${way} axis`, change }, ...options));
+  return html("label", {}, `${axis} `, html("select", { "aria-label": `${axis} axis`, change }, ...options));
 }
 
-function capital(text) {
-  return text.slice(0, 1).toUpperCase() + text.slice(1);
+// Legend that hides and shows families.
+function createFamilyLegend(cases, y) {
+  const present = families.filter((family) => cases.some((run) => run.family === family));
+  const hidden = state.hidden.families;
+  const entries = present.map((family) => {
+    const change = () => {
+      toggleMember(hidden, family);
+      drawScatter();
+    };
+    const key = `family ${family}`;
+    return createLegendSwitch(key, !hidden.has(family), change, createFamilyIcon(family), family || "runs");
+  });
+  const unresolved = y.kind === "error" && cases.find((run) => run.below);
+  if (unresolved) {
+    const text = "upper bound: below the resolution of the reference";
+    entries.push(html("span", {}, createFamilyIcon(unresolved.family, "hollow"), text));
+  }
+  return entries;
 }
 
-function scatterSpec(cases, x, y) {
-  const shown = cases.filter((one) => !state.hidden.families.has(one.family));
-  const measured = y.kind === "error";
-  const log = { x: logarithmic(x, cases), y: logarithmic(y, cases) };
-  const heights = measured ? errorExtent(cases) : extent([cases.map(y.value)]);
-  const place = (one, ax, ay) => [ax.at(x.value(one)), ay.at(y.value(one))];
-  const inside = (one, ax, ay, box) => {
-    const [a, b] = place(one, ax, ay);
-    return within(a, [box.left, box.right]) && within(b, [box.top, box.bottom]);
-  };
+function describeScatter(cases, x, y) {
+  const visible = cases.filter((run) => !state.hidden.families.has(run.family));
+  const showsErrors = y.kind === "error";
+  const log = { x: needsLogAxis(x, cases), y: needsLogAxis(y, cases) };
+  const yExtent = showsErrors ? findErrorExtent(cases) : findExtent([cases.map(y.value)]);
+  const position = (run, xScale, yScale) => [xScale.toPosition(x.value(run)), yScale.toPosition(y.value(run))];
+  const createPoints = (box, xScale, yScale) =>
+    visible
+      .map((run) => ({ run, at: position(run, xScale, yScale) }))
+      .filter(({ at }) => isWithin(at[0], [box.left, box.right]) && isWithin(at[1], [box.top, box.bottom]))
+      .sort((a, b) => a.at[0] - b.at[0]) // arrow keys follow this order
+      .map(({ run, at }) => createPoint(run, at, showsErrors));
   return {
     id: "scatter",
     name: `${y.label} over ${x.label}`,
-    label: `${y.label} over ${x.label}, one point a case`,
-    x: { title: x.title, range: padded(extent([cases.map(x.value)]), log.x), log: log.x },
-    y: { title: y.title, range: padded(heights, log.y), log: log.y },
+    label: `${y.label} over ${x.label}, one point per case`,
+    x: { title: x.title, range: padRange(findExtent([cases.map(x.value)]), log.x), log: log.x },
+    y: { title: y.title, range: padRange(yExtent, log.y), log: log.y },
     view: state.views.scatter,
-    height: (width) => Math.min(Math.max(0.625 * width, 260), 460),
-    under: (box, _, ay) => (measured ? resolutionBand(box, ay) : []),
-    inside: (_, ax, ay) => seriesLines(shown, (one) => place(one, ax, ay), measured),
-    over: (box, ax, ay) => [
-      ...(measured ? resolutionLine(box, ay) : []),
-      ...[...shown]
-        .filter((one) => inside(one, ax, ay, box))
-        .sort((one, other) => place(one, ax, ay)[0] - place(other, ax, ay)[0])
-        .map((one) => point(one, place(one, ax, ay), measured)),
+    height: (width) => clamp(0.625 * width, 260, 460),
+    drawBackground: (box, _, yScale) => (showsErrors ? createUnresolvedBand(box, yScale) : []),
+    drawClipped: (_, xScale, yScale) =>
+      createSeriesLines(visible, (run) => position(run, xScale, yScale), showsErrors),
+    drawForeground: (box, xScale, yScale) => [
+      ...(showsErrors ? createResolutionLine(box, yScale) : []),
+      ...createPoints(box, xScale, yScale),
     ],
-    drawn: ({ plot }) => {
+    afterDraw: ({ plot }) => {
       plot.querySelector(".run")?.setAttribute("tabindex", "0");
       markSelection(plot);
     },
     legend: () =>
       families
-        .filter((family) => shown.some((one) => one.family === family))
-        .map((family) => ({ sign: familySign(family), text: family })),
+        .filter((family) => visible.some((run) => run.family === family))
+        .map((family) => ({ icon: createFamilyIcon(family), text: family })),
     rows: () => [
-      ["case", x.title, y.title, ...(measured ? ["below what the reference resolves"] : [])],
-      ...shown.map((one) => [
-        one.label,
-        x.value(one),
-        y.value(one),
-        ...(measured ? [one.below ? "yes" : "no"] : []),
+      ["case", x.title, y.title, ...(showsErrors ? ["below what the reference resolves"] : [])],
+      ...visible.map((run) => [
+        run.label,
+        x.value(run),
+        y.value(run),
+        ...(showsErrors ? [run.below ? "yes" : "no"] : []),
       ]),
     ],
   };
 }
 
-function errorExtent(cases) {
-  const [low, high] = extent([cases.map(height)]);
-  const near = resolution() && resolution() > low / 100;
-  return near ? [Math.min(low, resolution()), Math.max(high, resolution())] : [low, high];
+// Range of the errors, extended to the resolution of the reference if that is close.
+function findErrorExtent(cases) {
+  const [low, high] = findExtent([cases.map(displayedError)]);
+  const resolution = referenceResolution();
+  const isClose = resolution && resolution > low / RESOLUTION_SPAN;
+  return isClose ? [Math.min(low, resolution), Math.max(high, resolution)] : [low, high];
 }
 
-function resolvedAt(box, y) {
-  const place = resolution() ? y.at(resolution()) : null;
-  return place !== null && within(place, [box.top, box.bottom]) ? place : null;
+// Position of the resolution of the reference, or null if it is outside the plot.
+function resolutionPosition(box, y) {
+  const position = referenceResolution() ? y.toPosition(referenceResolution()) : null;
+  return position !== null && isWithin(position, [box.top, box.bottom]) ? position : null;
 }
 
-function resolutionBand(box, y) {
-  const top = resolvedAt(box, y);
-  return top === null ? [] : [frame({ ...box, top }, { class: "unresolved" })];
+function createUnresolvedBand(box, y) {
+  const top = resolutionPosition(box, y);
+  return top === null ? [] : [createPlotArea({ ...box, top }, { class: "unresolved" })];
 }
 
-function resolutionLine(box, y) {
-  const place = resolvedAt(box, y);
-  if (place === null) return [];
-  const text = { class: "halo", x: box.left + 6, y: place < box.top + 20 ? place + 15 : place - 6 };
+function createResolutionLine(box, y) {
+  const position = resolutionPosition(box, y);
+  if (position === null) return [];
+  const labelY = position < box.top + 20 ? position + 15 : position - 6;
   return [
-    svg("line", { class: "resolution", x1: box.left, x2: box.right, y1: place, y2: place }),
-    svg("text", text, `the reference resolves ${shown(resolution(), 3)}`),
+    svg("line", { class: "resolution", x1: box.left, x2: box.right, y1: position, y2: position }),
+    svg(
+      "text",
+      { class: "halo", x: box.left + 6, y: labelY },
+      `resolution of the reference: ${formatValue(referenceResolution(), 3)}`,
+    ),
   ];
 }
 
-// Cases of a series are joined in the order of their ranks.
-function seriesLines(cases, place, measured) {
-  return distinct(known(cases.map((one) => one.series))).flatMap((series) => {
-    const members = cases.filter((one) => one.series === series).sort((one, other) => one.rank - other.rank);
-    return members.slice(1).map((one, k) => joined(members[k], one, place, measured));
+// Lines that join the cases of each series in the order of their ranks.
+function createSeriesLines(cases, position, showsErrors) {
+  return removeDuplicates(removeMissing(cases.map((run) => run.series))).flatMap((series) => {
+    const members = cases.filter((run) => run.series === series).sort((a, b) => a.rank - b.rank);
+    return members.slice(1).map((run, k) => {
+      const previous = members[k];
+      const [[x1, y1], [x2, y2]] = [position(previous), position(run)];
+      const isBound = showsErrors && (previous.below || run.below);
+      const classes = `series ${familyColor(run.family)} ${isBound ? "dashed" : ""}`;
+      return svg("line", { class: classes, x1, y1, x2, y2 });
+    });
   });
 }
 
-function joined(one, other, place, measured) {
-  const [[x1, y1], [x2, y2]] = [place(one), place(other)];
-  const open = measured && (one.below || other.below) ? "dashed" : "";
-  return svg("line", { class: `series ${familyColor(one.family)} ${open}`, x1, y1, x2, y2 });
-}
-
-function point(one, [x, y], measured) {
-  const hollow = measured && one.below;
+function createPoint(run, [x, y], showsErrors) {
+  const isBound = showsErrors && run.below;
   const attributes = {
-    class: `run ${familyColor(one.family)} ${hollow ? "hollow" : ""}`,
+    class: `run ${familyColor(run.family)} ${isBound ? "hollow" : ""}`,
     transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})`,
-    "data-case": one.id,
+    "data-case": run.id,
     tabindex: "-1",
     role: "button",
-    "aria-label": [one.label, ...facts(one).map((row) => row.join(" "))].join(", "),
-    click: () => toggle(one.id),
-    pointerenter: (event) => showTip(event.clientX, event.clientY, ...caseTip(one)),
-    pointerleave: hideTip,
-    focus: (event) => showBeside(event.currentTarget, caseTip(one)),
-    blur: hideTip,
+    "aria-label": [run.label, ...listCaseFacts(run).map((row) => row.join(" "))].join(", "),
+    click: () => toggleCase(run.id),
+    pointerenter: (event) => showTooltip(event.clientX, event.clientY, ...createCaseTooltip(run)),
+    pointerleave: hideTooltip,
+    focus: (event) => showTooltipBeside(event.currentTarget, createCaseTooltip(run)),
+    blur: hideTooltip,
   };
-  const arrow = hollow ? [svg("path", { class: "arrow", d: ARROW })] : [];
-  const ring = svg("circle", { class: "ring", r: 11 });
+  const arrow = isBound ? [svg("path", { class: "arrow", d: DOWN_ARROW_PATH })] : [];
   return svg(
     "g",
     attributes,
-    ring,
+    svg("circle", { class: "ring", r: POINT_RADIUS }),
     ...arrow,
-    mark(one.family),
+    createMarker(run.family),
     svg("text", { class: "number halo", x: 10, y: -8 }),
   );
 }
 
-function caseTip(one) {
-  return [
-    html("strong", {}, one.label),
-    html("table", {}, ...facts(one).map((row) => html("tr", {}, ...row.map((text) => html("td", {}, text))))),
-  ];
+function createCaseTooltip(run) {
+  const rows = listCaseFacts(run).map((row) => html("tr", {}, ...row.map((text) => html("td", {}, text))));
+  return [html("strong", {}, run.label), html("table", {}, ...rows)];
 }
 
-function walk(event) {
+// Arrow keys move the focus from point to point; Enter and Space select.
+function handlePointKey(event) {
   const points = [...event.currentTarget.querySelectorAll(".run")];
-  const here = points.indexOf(document.activeElement);
-  const way = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
-  if (here < 0 && way) moveFocus(points, 0, 0);
-  else if (event.key === "Enter" || event.key === " ") points[here] && toggle(points[here].dataset.case);
-  else if (way) moveFocus(points, here, (here + way + points.length) % points.length);
+  const current = points.indexOf(document.activeElement);
+  const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+  if (current < 0 && step) moveFocus(points, 0, 0);
+  else if (event.key === "Enter" || event.key === " ") points[current] && toggleCase(points[current].dataset.case);
+  else if (step) moveFocus(points, current, (current + step + points.length) % points.length);
   else return;
   event.preventDefault();
 }
@@ -185,21 +212,36 @@ function moveFocus(points, from, to) {
   points[to]?.focus();
 }
 
-// Families are hidden and shown by it.
-function familyLegend(cases, y) {
-  const present = families.filter((family) => cases.some((one) => one.family === family));
-  const entries = present.map((family) => {
-    const away = state.hidden.families;
-    const click = () => {
-      flip(away, family);
-      drawScatter();
-    };
-    return switchOf(`family ${family}`, !away.has(family), click, familySign(family), family || "runs");
-  });
-  const below = y.kind === "error" && cases.find((one) => one.below);
-  if (below) {
-    const words = "at most this: less than the reference resolves";
-    entries.push(html("span", {}, familySign(below.family, "hollow"), words));
+// List below the plot: cases that failed, and the number of those without values.
+function listUnplottedCases() {
+  const axes = axisQuantities();
+  const isDrawn = (run) => axes.every((axis) => axis && isPlottable(run, axis));
+  const cases = isStudyPage() ? groupCases() : [];
+  const failures = cases.filter(hasFailed);
+  const withoutValues = cases.filter((run) => !hasFailed(run) && !isDrawn(run)).length;
+  const elements = [];
+  if (failures.length) {
+    elements.push(
+      html("strong", {}, `Failed, not drawn: ${failures.length}`),
+      html("ul", {}, ...failures.map(createFailureEntry)),
+    );
   }
-  return entries;
+  if (withoutValues) {
+    const [x, y] = axes;
+    const missing = x && y ? `${y.label} or ${x.label}` : "an error or a wall time";
+    elements.push(html("p", { class: "muted" }, `Without ${missing}, not drawn: ${withoutValues}`));
+  }
+  byId("unplotted").replaceChildren(...elements);
+}
+
+function createFailureEntry(run) {
+  const button = html(
+    "button",
+    { type: "button", click: () => toggleCase(run.id) },
+    createFamilyIcon(run.family),
+    " ",
+    run.label,
+  );
+  const tag = run.limited ? [html("span", { class: "tag" }, "limited"), " "] : [];
+  return html("li", {}, button, " ", ...tag, run.status);
 }

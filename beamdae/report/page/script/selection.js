@@ -1,29 +1,31 @@
-// The cases that are selected: each has a number and a color.
+// Selected cases. Each occupies a slot, which determines its number; its color distinguishes its curves.
 
-function toggle(id) {
-  const slot = state.slots.findIndex((taken) => taken?.one.id === id);
+const INITIAL_SELECTION = 4; // cases of a study without errors
+
+function toggleCase(id) {
+  const slot = state.slots.findIndex((entry) => entry?.run.id === id);
   if (slot >= 0) state.slots[slot] = null;
-  else select(page.cases.find((one) => one.id === id));
+  else selectCase(page.cases.find((run) => run.id === id));
   state.hidden.cases.delete(id);
   showSelection();
 }
 
-function select(one) {
-  const free = state.slots.indexOf(null);
-  const slot = free >= 0 ? free : state.slots.length;
-  state.slots[slot] = { one, number: slot + 1, color: freeColor(one) };
+function selectCase(run) {
+  const freeSlot = state.slots.indexOf(null);
+  const slot = freeSlot >= 0 ? freeSlot : state.slots.length;
+  state.slots[slot] = { run, number: slot + 1, color: leastUsedColor(run) };
 }
 
-// The color of the family, then those no family has, as few times each as can be.
-function freeColor(one) {
-  const colors = [familyColor(one.family)];
-  for (let k = families.length; k < COLORS; k += 1) colors.push(`color-${k}`);
-  const uses = (color) => selected().filter((taken) => taken.color === color).length;
-  return colors.sort((a, b) => uses(a) - uses(b))[0];
+// Candidates are the color of the family, then the colors that belong to no family.
+function leastUsedColor(run) {
+  const colors = [familyColor(run.family)];
+  for (let k = families.length; k < COLOR_COUNT; k += 1) colors.push(`color-${k}`);
+  const countUses = (color) => selectedCases().filter((entry) => entry.color === color).length;
+  return colors.sort((a, b) => countUses(a) - countUses(b))[0];
 }
 
-function selected() {
-  return state.slots.filter((taken) => taken);
+function selectedCases() {
+  return state.slots.filter((entry) => entry);
 }
 
 function clearSelection() {
@@ -32,58 +34,62 @@ function clearSelection() {
   showSelection();
 }
 
+// Select the most accurate case with curves; without errors, the first cases.
+function selectInitialCases() {
+  const candidates = groupCases().filter((run) => run.curves);
+  const byAccuracy = candidates
+    .filter((run) => !hasFailed(run) && displayedError(run) > 0 && run.cost > 0)
+    .sort((a, b) => displayedError(a) - displayedError(b) || a.cost - b.cost);
+  state.slots = [];
+  state.hidden.cases.clear();
+  const initial = byAccuracy.length ? byAccuracy.slice(0, 1) : candidates.slice(0, INITIAL_SELECTION);
+  initial.forEach(selectCase);
+}
+
 function showSelection() {
   markSelection(document);
-  byId("clear").disabled = !selected().length;
-  drawChosen();
+  byId("clear").disabled = !selectedCases().length;
+  drawSelectionLegend();
   drawPanels();
 }
 
+// Mark the points and rows of the selected cases with their numbers.
 function markSelection(root) {
-  const numbers = new Map(selected().map(({ one, number }) => [one.id, number]));
+  const numbers = new Map(selectedCases().map(({ run, number }) => [run.id, number]));
   for (const element of root.querySelectorAll("[data-case]")) {
     const number = numbers.get(element.dataset.case);
-    element.classList.toggle("selected", number !== undefined);
+    const isSelected = number !== undefined;
+    element.classList.toggle("selected", isSelected);
     element.querySelector(".number").textContent = number ?? "";
-    if (element.matches(".run")) element.setAttribute("aria-pressed", number !== undefined);
-    else element.querySelector("input").checked = number !== undefined;
+    if (element.matches(".run")) element.setAttribute("aria-pressed", isSelected);
+    else element.querySelector("input").checked = isSelected;
   }
 }
 
-const FIRST = 4;
-
-// The best of what has curves; without errors, the first ones.
-function selectFirst() {
-  const drawn = casesHere().filter((one) => one.curves);
-  const measured = (one) => !failed(one) && height(one) > 0 && one.cost > 0;
-  const best = drawn
-    .filter(measured)
-    .sort((one, other) => height(one) - height(other) || one.cost - other.cost);
-  state.slots = [];
-  state.hidden.cases.clear();
-  (best.length ? best.slice(0, 1) : drawn.slice(0, FIRST)).forEach(select);
+function drawSelectionLegend() {
+  const entries = page.cases.length > 1 ? selectedCases().map(createSelectionEntry) : [];
+  byId("selection").replaceChildren(...entries);
 }
 
-function drawChosen() {
-  const entries = page.cases.length > 1 ? selected().map(chip) : [];
-  byId("chosen").replaceChildren(...entries);
-}
-
-// Hides and shows the curves of a case; the cross takes it out of the selection.
-function chip({ one, number, color }) {
-  const away = state.hidden.cases;
-  const click = () => {
-    flip(away, one.id);
-    drawChosen();
+// Two buttons: one hides and shows the curves of the case, the other removes it from the selection.
+function createSelectionEntry({ run, number, color }) {
+  const hidden = state.hidden.cases;
+  const change = () => {
+    toggleMember(hidden, run.id);
+    drawSelectionLegend();
     drawPanels();
   };
-  const words = [one.label, failed(one) ? " (failed)" : ""];
-  const badge = html("span", { class: "badge" }, number);
-  const image = lineSign(lineStyle(color, number - 1));
+  const content = [
+    html("span", { class: "badge" }, number),
+    createLineIcon(lineStyle(color, number - 1)),
+    run.label,
+    hasFailed(run) ? " (failed)" : "",
+  ];
+  const label = `${number} ${run.label}, remove`;
   return html(
     "span",
-    { class: "chip" },
-    switchOf(`case ${one.id}`, !away.has(one.id), click, badge, image, ...words),
-    html("button", { type: "button", "aria-label": `${number} ${one.label}, remove`, click: () => toggle(one.id) }, "×"),
+    { class: "selection-entry" },
+    createLegendSwitch(`case ${run.id}`, !hidden.has(run.id), change, ...content),
+    html("button", { type: "button", "aria-label": label, click: () => toggleCase(run.id) }, "×"),
   );
 }

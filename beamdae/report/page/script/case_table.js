@@ -1,0 +1,101 @@
+// Table of all cases of the group: sorted by a click on a column, filtered by words.
+
+function listTableColumns() {
+  const getters = { error: displayedError, cost: (run) => run.cost };
+  const label = page.columns.find((column) => column.key === "label") ?? { label: "case", unit: "" };
+  const status = page.columns.find((column) => column.kind === "status") ?? { label: "status", unit: "" };
+  const others = page.columns.filter((column) => column.key !== "label" && column.kind !== "status");
+  return [
+    { ...label, kind: "label", value: (run) => run.label, sortValue: (run) => run.rank ?? run.label },
+    { ...status, kind: "status", value: (run) => run.status },
+    ...others.map((column) => ({
+      ...column,
+      value: getters[column.kind] ?? ((run) => getOwn(run.values, column.key)),
+    })),
+  ];
+}
+
+function drawCaseTable() {
+  byId("cases").hidden = !isStudyPage();
+  const [head, body] = byId("table").children;
+  const headers = columns.map(createHeaderCell);
+  head.replaceChildren(html("tr", {}, html("th", { "aria-label": "selected" }), ...headers));
+  body.replaceChildren(...groupCases().map(createRow));
+  sortTable();
+  filterTable();
+}
+
+function createHeaderCell(column) {
+  const unit = column.unit ? [html("span", { class: "unit" }, `[${column.unit}]`)] : [];
+  const button = html(
+    "button",
+    { type: "button", click: () => sortByColumn(column) },
+    html("span", { class: "name" }, column.label),
+    ...unit,
+  );
+  return html("th", { class: column.kind, scope: "col" }, button);
+}
+
+function createRow(run) {
+  const box = html("input", {
+    type: "checkbox",
+    "aria-label": `select ${run.label}`,
+    change: () => toggleCase(run.id),
+  });
+  const cells = columns.map((column) => {
+    const alarm = column.kind === "status" && hasFailed(run) ? "alarm" : "";
+    const icon = column.kind === "label" ? [createFamilyIcon(run.family)] : [];
+    return html("td", { class: `${column.kind} ${alarm}` }, ...icon, formatCell(run, column));
+  });
+  return html(
+    "tr",
+    { "data-case": run.id, click: (event) => event.target !== box && toggleCase(run.id) },
+    html("td", {}, box, " ", html("span", { class: "number badge" })),
+    ...cells,
+  );
+}
+
+function formatCell(run, column) {
+  if (column.kind !== "error" || !run.below) return formatValue(column.value(run));
+  return referenceResolution() ? `< ${formatValue(referenceResolution(), 2)}` : "not resolved";
+}
+
+function sortByColumn(column) {
+  const isSame = state.order?.column === column;
+  state.order = { column, isDescending: isSame && !state.order.isDescending };
+  sortTable();
+}
+
+function sortTable() {
+  const [head, body] = byId("table").children;
+  const rows = new Map([...body.children].map((row) => [row.dataset.case, row]));
+  const sorted = groupCases().sort(compareCases);
+  body.append(...sorted.map((run) => rows.get(run.id)));
+  const direction = state.order?.isDescending ? "descending" : "ascending";
+  columns.forEach((column, k) => {
+    const isSorted = state.order?.column === column;
+    head.rows[0].cells[k + 1].setAttribute("aria-sort", isSorted ? direction : "none");
+  });
+}
+
+// Failed cases come last, then those without a value.
+function compareCases(run, other) {
+  const failures = hasFailed(run) - hasFailed(other);
+  if (failures || !state.order) return failures;
+  const { value, sortValue = value } = state.order.column;
+  const [a, b] = [sortValue(run) ?? null, sortValue(other) ?? null];
+  if (a === null || b === null) return (a === null) - (b === null);
+  const sign = state.order.isDescending ? -1 : 1;
+  const areNumbers = typeof a === "number" && typeof b === "number";
+  return sign * (areNumbers ? a - b : String(a).localeCompare(String(b), "en", { numeric: true }));
+}
+
+function filterTable() {
+  const words = byId("filter").value.toLowerCase().split(/\s+/);
+  const rows = [...byId("table").tBodies[0].rows];
+  for (const row of rows) {
+    const text = row.textContent.toLowerCase();
+    row.hidden = !words.every((word) => text.includes(word));
+  }
+  byId("count").value = `${rows.filter((row) => !row.hidden).length} of ${rows.length} cases`;
+}

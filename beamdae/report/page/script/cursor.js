@@ -1,0 +1,72 @@
+// Cursor of curve charts: values at the pointer, or at a time moved by the arrow keys.
+
+const KEY_STEPS = 100; // of the cursor across the visible time
+
+function addCursor(chart) {
+  const { plot } = chart;
+  let time = null;
+  const visibleTimes = () => [chart.box.left, chart.box.right].map(chart.x.toValue);
+  const removeCursor = () => {
+    plot.querySelector(".cursor-group")?.remove();
+    hideTooltip();
+  };
+  const followPointer = (event) => {
+    if (event.buttons && event.pointerType === "mouse") return;
+    if (event.pointerType === "touch" && event.type === "pointermove" && isZoomed(chart)) return;
+    time = clamp(chart.x.toValue(pointerPosition(chart, event)[0]), ...visibleTimes());
+    drawCursor(chart, time, { x: event.clientX, y: event.clientY });
+  };
+  plot.addEventListener("pointermove", followPointer);
+  plot.addEventListener("pointerdown", followPointer);
+  // On touch screens the cursor stays until another place is touched.
+  plot.addEventListener("pointerleave", (event) => event.pointerType === "mouse" && removeCursor());
+  plot.addEventListener("blur", removeCursor);
+  plot.addEventListener("keydown", (event) => {
+    const direction = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (!direction || event.shiftKey) return;
+    event.preventDefault();
+    const [first, last] = visibleTimes();
+    time = clamp((time ?? first) + (direction * (last - first)) / KEY_STEPS, first, last);
+    const { left, top, width } = plot.getBoundingClientRect();
+    drawCursor(chart, time, { x: left + (chart.x.toPosition(time) * width) / chart.box.width, y: top + 30 });
+  });
+}
+
+function drawCursor({ spec, plot, box, x, y }, time, tooltipPosition) {
+  const readings = spec.lines.map((line) => {
+    const k = nearestIndex(line.t, time);
+    return { line, t: line.t[k], value: line.values[k] ?? null };
+  });
+  const position = x.toPosition(time);
+  plot.querySelector(".cursor-group")?.remove();
+  plot.append(
+    svg(
+      "g",
+      { class: "cursor-group" },
+      svg("line", { class: "cursor", x1: position, x2: position, y1: box.top, y2: box.bottom }),
+      ...readings.flatMap((reading) => createDot(reading, x, y, box)),
+    ),
+  );
+  const rows = readings.map(({ line, value }) =>
+    html(
+      "tr",
+      {},
+      html("td", {}, createLineIcon(line.style)),
+      html("td", {}, line.label),
+      html("td", {}, formatValue(value)),
+    ),
+  );
+  showTooltip(
+    tooltipPosition.x,
+    tooltipPosition.y,
+    html("strong", {}, `t = ${formatValue(time)} s`),
+    html("table", {}, ...rows),
+  );
+}
+
+function createDot({ line, value, t }, x, y, box) {
+  if (value === null) return [];
+  const [cx, cy] = [x.toPosition(t), y.toPosition(value)];
+  const isVisible = isWithin(cx, [box.left - 1, box.right + 1]) && isWithin(cy, [box.top, box.bottom]);
+  return isVisible ? [svg("circle", { class: `dot ${line.style.color}`, cx, cy, r: 3.5 })] : [];
+}

@@ -1,0 +1,46 @@
+// Decoding of stored curves and frames: 16-bit numbers in equal steps, encoded by page_data.py.
+
+const MISSING_CODE = 65535;
+
+// Frames are decoded at once; curves when they are first drawn, see `getValues`.
+function decodePage(data) {
+  for (const { frames } of data.groups) {
+    if (frames) decodeFrames(frames);
+  }
+  return data;
+}
+
+function decodeFrames(frames) {
+  decodeEntries(frames, ["t"]);
+  for (const body of frames.bodies) decodeEntries(body, ["x", "y"]);
+  for (const pose of frames.poses) decodeEntries(pose, ["x", "y", "turn"]);
+  for (const color of frames.colors) for (const beam of color.values) decodeEntries(beam, ["values"]);
+  return frames;
+}
+
+function decodeEntries(object, keys) {
+  for (const key of keys) object[key] = decodeValues(object[key]);
+}
+
+function decodeValues({ u16, low, step, log }) {
+  const bytes = Uint8Array.from(atob(u16), (letter) => letter.charCodeAt(0));
+  const codes = new DataView(bytes.buffer);
+  const values = Array.from({ length: bytes.length / 2 }, (_, i) => {
+    const code = codes.getUint16(2 * i, true);
+    if (code === MISSING_CODE) return null;
+    return log ? 10 ** (low + step * code) : low + step * code;
+  });
+  return Object.assign(values, { log });
+}
+
+const decodedValues = new WeakMap();
+
+function getValues(stored) {
+  if (stored && !decodedValues.has(stored)) decodedValues.set(stored, decodeValues(stored));
+  return stored && decodedValues.get(stored);
+}
+
+// Names chosen by users may equal those of inherited properties, such as "constructor".
+function getOwn(object, name) {
+  return object && Object.hasOwn(object, name) ? object[name] : undefined;
+}
