@@ -37,10 +37,11 @@ class Ida(AdaptiveIntegrator):
     of its last Jacobian (`callbacks`), so that factorization and solution are beamdae's own.
 
     The entry "ida" of `Solution.integrator` is "shared libraries" if IDA runs in machine code, and
-    "scikit-sundae" if it runs by the class of that package. The latter takes the same steps up to rounding, except with friction
-    and nonholonomic constraints, where its error test includes their reactions. Machine code also
-    reports "orders" (steps by order), "error_test_failures" and "limited_by": the unknowns that
-    most often had the largest error of a step, with the share of such steps.
+    "scikit-sundae" if it runs by the class of that package. The latter takes the same steps up to
+    rounding, except with friction and nonholonomic constraints, where its error test includes their
+    reactions. Machine code also reports "orders" (steps by order), "error_test_failures" and
+    "limited_by": the unknowns that most often had the largest error of a step, with the share of
+    such steps.
 
     Parameters
     ----------
