@@ -10,15 +10,15 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     code = 130
     try:
-        from beamdae.cli import signals as interrupts
+        from beamdae.cli import signals
 
-        interrupts.listen()
+        signals.install_handlers()
         code = 0
         from beamdae.cli.app import main as run
     except KeyboardInterrupt:
         if not code:
-            interrupts.deaf()
-        sys.exit(code or interrupts.code())
+            signals.ignore_signals()
+        sys.exit(code or signals.exit_code())
     run()
 
 

@@ -11,9 +11,8 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdae.cli import completion, streams
-from beamdae.cli import signals as interrupts
-from beamdae.cli.command_wrapper import EXIT_CODES, Command, Commands, spoken
+from beamdae.cli import completion, signals, streams
+from beamdae.cli.command_wrapper import EXIT_CODES, Command, Commands, wrap_command
 from beamdae.cli.commands.check import check_command
 from beamdae.cli.commands.compare import compare_command
 from beamdae.cli.commands.draw import draw_command
@@ -23,7 +22,7 @@ from beamdae.cli.commands.modes import modes_command
 from beamdae.cli.commands.run import run_command
 from beamdae.cli.commands.static import static_command
 from beamdae.cli.commands.sweep import sweep_command
-from beamdae.cli.output import warned
+from beamdae.cli.output import record_warning
 from beamdae.errors import BeamdaeWarning, KernelWarning
 
 app = typer.Typer(
@@ -47,30 +46,30 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "new": new_command,
 }
 for _name, _command in _COMMANDS.items():
-    app.command(_name, cls=Command)(spoken(_name, _command))
+    app.command(_name, cls=Command)(wrap_command(_name, _command))
 
 
 def main() -> None:
     """Run the command line, to its exit code whatever becomes of its signals and streams."""
     code = 0
     try:
-        streams.secure()
-        _quiet()
-        with completion.words_as_typed():
+        streams.secure_streams()
+        _configure_warnings()
+        with completion.rejoin_bash_words():
             app(prog_name="beamdae")
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
     except KeyboardInterrupt:
-        code = interrupts.code()
-    interrupts.deaf()
-    sys.exit(streams.ended(interrupts.code() if interrupts.heard() else code))
+        code = signals.exit_code()
+    signals.ignore_signals()
+    sys.exit(streams.flush_output(signals.exit_code() if signals.is_interrupted() else code))
 
 
-def _quiet() -> None:
+def _configure_warnings() -> None:
     """Nothing but sentences on standard error, whatever libraries have to say there."""
     # What is not finite is told by a sentence.
     warnings.filterwarnings("ignore", category=RuntimeWarning, module="beamdae|numpy|pandas")
-    warnings.formatwarning = _in_a_line
+    warnings.formatwarning = _format_warning
     # It goes on without a cache of fonts, and says so on many lines.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
@@ -79,17 +78,17 @@ def _quiet() -> None:
             del os.environ[name]
 
 
-_formatted = warnings.formatwarning
+_format_warning_by_default = warnings.formatwarning
 
 
-def _in_a_line(message: Any, category: type[Warning], *place: Any, **more: Any) -> str:
+def _format_warning(message: Any, category: type[Warning], *place: Any, **more: Any) -> str:
     """Warnings of beamdae's own are sentences; of others it matters where they come from."""
     if issubclass(category, (BeamdaeWarning, KernelWarning)):
-        return f"warning: {warned(str(message))}\n"
-    return _formatted(message, category, *place, **more)
+        return f"warning: {record_warning(str(message))}\n"
+    return _format_warning_by_default(message, category, *place, **more)
 
 
-def _say_version(wanted: bool) -> None:
+def _print_version(wanted: bool) -> None:
     if wanted:
         from importlib.metadata import version
 
@@ -101,7 +100,7 @@ def _say_version(wanted: bool) -> None:
 def beamdae(
     version: Annotated[
         bool,
-        typer.Option("--version", callback=_say_version, is_eager=True, help="Say the version."),
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Say the version."),
     ] = False,
 ) -> None:
     """Simulate curved beams in flexible multibody systems."""

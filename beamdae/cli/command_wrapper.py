@@ -13,22 +13,23 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from beamdae.cli import signals as interrupts
-from beamdae.cli import streams
-from beamdae.cli.output import Voice, complain, speaking
+from beamdae.cli import signals, streams
+from beamdae.cli.output import CommandOutput, print_error, use_output
 from beamdae.errors import BeamdaeError, short_repr
 
 # What a model or a command was wrong about; a run that failed ends with 1.
-MISTAKE = 2
+USAGE_ERROR = 2
 EXIT_CODES = (
     "Exit codes: 0 done, 1 failed (what was reached is written), 2 a mistake in the command or the "
     "model, 130 after Ctrl-C, 143 after SIGTERM."
 )
 # Boxes of help cut words in fewer columns.
-_BOXES = 76
-_NO_MEMORY = "more memory is needed than there is; take fewer elements, or a larger output step."
+_MIN_BOX_WIDTH = 76
+_OUT_OF_MEMORY = (
+    "more memory is needed than there is; take fewer elements, or a larger output step."
+)
 
-_OPTIONS = {
+_OUTPUT_OPTIONS = {
     "quiet": Annotated[
         bool,
         typer.Option("--quiet", "-q", help="Say nothing but what went wrong."),
@@ -41,19 +42,19 @@ _OPTIONS = {
 _UsageError: Any = typer.BadParameter.__base__
 
 
-def spoken(name: str, command: Callable[..., None]) -> Callable[..., None]:
+def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]:
     """A command with the options all have, that ends by its exit code whatever happens in it."""
 
     @wraps(command)
     def ended(*, quiet: bool, as_json: bool, **options: Any) -> None:
-        voice = Voice(quiet, as_json)
+        voice = CommandOutput(quiet, as_json)
         with ExitStack() as scope:
-            scope.enter_context(speaking(voice))
+            scope.enter_context(use_output(voice))
             if as_json:
-                scope.enter_context(streams.output_set_apart())
+                scope.enter_context(streams.redirect_output_to_stderr())
             if quiet:
                 scope.enter_context(warnings.catch_warnings(action="ignore"))
-            code = _code(lambda: command(**options))
+            code = _run_to_exit_code(lambda: command(**options))
         if as_json:
             typer.echo(voice.document(name, code))
         raise typer.Exit(code)
@@ -64,40 +65,40 @@ def spoken(name: str, command: Callable[..., None]) -> Callable[..., None]:
     own = inspect.signature(command, eval_str=True).parameters.values()
     more = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
-        for name, kind in _OPTIONS.items()
+        for name, kind in _OUTPUT_OPTIONS.items()
     ]
     ended.__signature__ = inspect.Signature([*own, *more])  # type: ignore[attr-defined]
     ended.__annotations__ = {one.name: one.annotation for one in (*own, *more)}
     return ended
 
 
-def _code(command: Callable[[], None]) -> int:
+def _run_to_exit_code(command: Callable[[], None]) -> int:
     """The exit code of a command; of mistakes and interrupts it is told what they were."""
     try:
         command()
     except KeyboardInterrupt as problem:
-        return _interrupted(str(problem))
+        return _report_interrupt(str(problem))
     except typer.Exit as end:
         return end.exit_code
     except Exception as problem:
-        if interrupts.heard():
+        if signals.is_interrupted():
             # Other code took the interrupt for a failure of its own.
-            return _interrupted("")
+            return _report_interrupt("")
         if isinstance(problem, MemoryError):
-            problem = BeamdaeError(_NO_MEMORY)
+            problem = BeamdaeError(_OUT_OF_MEMORY)
         if not isinstance(problem, BeamdaeError):
             raise
-        complain(f"error: {problem}")
-        return MISTAKE
+        print_error(f"error: {problem}")
+        return USAGE_ERROR
     except BaseException as problem:  # What a part or a law of a model raises to end it all.
-        complain(f"error: the model ended the run, {type(problem).__name__}({problem}).")
-        return MISTAKE
+        print_error(f"error: the model ended the run, {type(problem).__name__}({problem}).")
+        return USAGE_ERROR
     return 0
 
 
-def _interrupted(where: str) -> int:
-    complain(f"interrupted {where}".strip())
-    return interrupts.code()
+def _report_interrupt(where: str) -> int:
+    print_error(f"interrupted {where}".strip())
+    return signals.exit_code()
 
 
 class _PlainHelp:
@@ -105,7 +106,7 @@ class _PlainHelp:
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         columns, before = shutil.get_terminal_size().columns, vars(self).get("rich_markup_mode")
-        if columns < _BOXES:
+        if columns < _MIN_BOX_WIDTH:
             formatter.width = min(formatter.width, columns - 2)
             vars(self)["rich_markup_mode"] = None
         super().format_help(ctx, formatter)  # type: ignore[misc]
@@ -129,33 +130,33 @@ class Commands(_PlainHelp, TyperGroup):
     def make_context(self, info_name: Any, args: list[str], *rest: Any, **more: Any) -> Any:
         """The context of a command line, and whether that asks for JSON, should it be wrong."""
         as_json = "--json" in args
-        with _misuse_told(as_json):
+        with _report_usage_errors(as_json):
             context = super().make_context(info_name, args, *rest, **more)
         context.obj = as_json
         return context
 
     def invoke(self, ctx: Any) -> Any:
         """Parse the options of the command, and do what it does."""
-        with _misuse_told(ctx.obj):
+        with _report_usage_errors(ctx.obj):
             return super().invoke(ctx)
 
 
 @contextmanager
-def _misuse_told(as_json: bool) -> Iterator[None]:
+def _report_usage_errors(as_json: bool) -> Iterator[None]:
     try:
         yield
     except _UsageError as problem:
         if type(problem).__name__ == "NoArgsIsHelpError":
             raise
-        voice = Voice(as_json=as_json)
-        with speaking(voice):
-            complain(_misuse(problem))
+        voice = CommandOutput(as_json=as_json)
+        with use_output(voice):
+            print_error(_format_usage_error(problem))
         if as_json:
-            typer.echo(voice.document(problem.ctx.info_name if problem.ctx else "", MISTAKE))
-        raise typer.Exit(MISTAKE) from None
+            typer.echo(voice.document(problem.ctx.info_name if problem.ctx else "", USAGE_ERROR))
+        raise typer.Exit(USAGE_ERROR) from None
 
 
-def _misuse(problem: Any) -> str:
+def _format_usage_error(problem: Any) -> str:
     """What is wrong with options, and the value that is."""
     # The parser of options does not always know whose they are.
     command = problem.ctx.command_path if problem.ctx else "beamdae"

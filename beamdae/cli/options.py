@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import os
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from beamdae.cli import completion
-from beamdae.errors import BeamdaeError, short_repr
+from beamdae.cli.output import record_results
+from beamdae.errors import BeamdaeError, require_choice, short_repr
 
 ModelFile = Annotated[
     Path,
     typer.Argument(
         metavar="MODEL.py",
         help="Model file, or example:NAME.",
-        autocompletion=completion.model_files,
+        autocompletion=completion.complete_model_files,
     ),
 ]
 ModelName = Annotated[
@@ -25,7 +27,7 @@ ModelName = Annotated[
         "--model",
         metavar="NAME",
         help="Which one, where the file holds several.",
-        autocompletion=completion.models,
+        autocompletion=completion.complete_models,
     ),
 ]
 Settings = Annotated[
@@ -34,7 +36,7 @@ Settings = Annotated[
         "--set",
         metavar="NAME=VALUE",
         help="Value of a model parameter; repeat.",
-        autocompletion=completion.parameters,
+        autocompletion=completion.complete_parameters,
     ),
 ]
 Starts = Annotated[
@@ -60,7 +62,7 @@ StudyFile = Annotated[
     typer.Argument(
         metavar="FILE.py",
         help="Study or sweep file, or model file, or example:NAME.",
-        autocompletion=completion.model_files,
+        autocompletion=completion.complete_model_files,
     ),
 ]
 Jobs = Annotated[
@@ -84,7 +86,7 @@ TimeLimit = Annotated[
 ]
 
 
-def assignments(settings: list[str] | None, option: str = "--set") -> dict[str, str]:
+def parse_assignments(settings: list[str] | None, option: str = "--set") -> dict[str, str]:
     """The values of --set name=value, or of another option, by name."""
     values = {}
     for setting in settings or []:
@@ -95,14 +97,14 @@ def assignments(settings: list[str] | None, option: str = "--set") -> dict[str, 
     return values
 
 
-def start_of(given: list[str] | None) -> str | dict[str, float] | None:
+def parse_start(given: list[str] | None) -> str | dict[str, float] | None:
     """The start that --start asks for; None: the model's own."""
     if not given:
         return None
     if len(given) == 1 and "=" not in given[0]:
         return given[0]
     values = {}
-    for name, value in assignments(given, "--start").items():
+    for name, value in parse_assignments(given, "--start").items():
         try:
             values[name] = float(value)
         except ValueError:
@@ -133,3 +135,41 @@ def require_writable(folder: Path, files: tuple[str, ...] = (), option: str = "-
         raise BeamdaeError(f"{option} {folder}: it cannot be written, {there} allows no files.")
     if taken is not None:
         raise BeamdaeError(f"{option} {folder}: it cannot be written, {taken} is a folder.")
+
+
+if TYPE_CHECKING:
+    from beamdae.model_functions import Model
+
+
+def load_configured_model(path: Path, name: str | None, settings: list[str] | None) -> Model:
+    """The model of a file with the values of --set as its defaults."""
+    from beamdae.cli.model_files.model_file import load_model
+
+    model = load_model(path, name)
+    model = replace(model, parameters=model.complete(parse_assignments(settings)))
+    record_results(lambda: {"model": {"name": model.name, "parameters": model.parameters}})
+    return model
+
+
+def create_integrator(command: str, name: str, options: dict[str, Any]) -> Any:
+    """The integrator of a name, with those of the options that are given."""
+    from beamdae.integrators import Auto, GeneralizedAlpha, Ida, Radau
+
+    kinds: dict[str, Any] = dict(
+        zip(INTEGRATORS, (Auto, Ida, Radau, GeneralizedAlpha), strict=True)
+    )
+    kind = kinds[require_choice(command, "--integrator", name, tuple(kinds))]
+    given = {option: value for option, value in options.items() if value is not None}
+    for option in given:
+        if option not in _settings(kind):
+            flag = option.replace("_", "-")
+            have = [other for other, kind in kinds.items() if option in _settings(kind)]
+            raise BeamdaeError(
+                f"{command}: --{flag} is no option of --integrator {name}, but of "
+                f"{' and '.join(have)}."
+            )
+    return kind(**given)
+
+
+def _settings(kind: Any) -> set[str]:
+    return {field.name for field in fields(kind)}

@@ -1,7 +1,7 @@
 """What commands say: results on standard output, what went wrong on standard error.
 
-What a command found it tells twice, in tables and, for --json, by `record`: it does not ask which
-of them is wanted.
+What a command found it tells twice, in tables and, for --json, by `record_results`: it does not ask
+which of them is wanted.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ from typing import Any
 import typer
 from rich.console import Console
 
+from beamdae.errors import BeamdaeError, format_exception
 from beamdae.report.text import make_printable
 
 # Where no terminal has a say, lines are as long as they are; no table is read in less than 20.
-_WIDE, _NARROW = 10_000, 20
+_UNLIMITED_WIDTH, _MIN_WIDTH = 10_000, 20
 
 
 @dataclass(frozen=True)
-class Voice:
+class CommandOutput:
     """How a command speaks.
 
     Attributes
@@ -51,94 +52,113 @@ class Voice:
         """All of it as JSON."""
         told = {"command": command, "exit_code": code, **self.found}
         told |= {"files": self.files, "warnings": self.warnings, "errors": self.errors}
-        return json.dumps(_strict(told), indent=2, allow_nan=False)
+        return json.dumps(_to_json_value(told), indent=2, allow_nan=False)
 
 
-_voice: ContextVar[Voice | None] = ContextVar("voice", default=None)
+_current_output: ContextVar[CommandOutput | None] = ContextVar("voice", default=None)
 
 
 @contextmanager
-def speaking(voice: Voice) -> Iterator[None]:
+def use_output(voice: CommandOutput) -> Iterator[None]:
     """Speak like this in here."""
-    before = _voice.set(voice)
+    before = _current_output.set(voice)
     try:
         yield
     finally:
-        _voice.reset(before)
+        _current_output.reset(before)
 
 
-def _now() -> Voice:
-    return _voice.get() or Voice()
+def current_output() -> CommandOutput:
+    return _current_output.get() or CommandOutput()
 
 
-def record(found: Callable[[], Mapping[str, Any]]) -> None:
+def record_results(found: Callable[[], Mapping[str, Any]]) -> None:
     """Note what a command found, by key, if a document is asked for."""
-    voice = _now()
+    voice = current_output()
     if voice.as_json:
         voice.found.update(found())
 
 
-def console() -> Console:
+def create_console() -> Console:
     """Standard output, as wide as its terminal or COLUMNS: units in brackets are no markup."""
     told = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
-    voice = _now()
+    voice = current_output()
     screen = Console(
-        width=None if told else _WIDE,
+        width=None if told else _UNLIMITED_WIDTH,
         markup=False,
         highlight=False,
         emoji=False,
         quiet=voice.quiet or voice.as_json,
     )
-    screen.width = max(screen.width, _NARROW)
+    screen.width = max(screen.width, _MIN_WIDTH)
     return screen
 
 
-def hushed() -> bool:
+def is_quiet() -> bool:
     """Whether nothing is to be said of what is under way."""
-    return _now().quiet
+    return current_output().quiet
 
 
-def progress_console() -> Console | None:
+def create_progress_console() -> Console | None:
     """Standard error, where a bar can move, or None; standard output is for tables."""
     screen = Console(stderr=True, markup=False, highlight=False, emoji=False)
     return screen if screen.is_terminal and not screen.is_dumb_terminal else None
 
 
-def complain(sentence: str) -> None:
+def print_error(sentence: str) -> None:
     """One line on standard error."""
     line = make_printable(" ".join(sentence.split()))
-    _now().errors.append(line)
+    current_output().errors.append(line)
     typer.echo(line, err=True)
 
 
-def say_warnings(screen: Console, sentences: Iterable[str]) -> None:
+def print_warnings(screen: Console, sentences: Iterable[str]) -> None:
     """Tell what a result has to be read with."""
     for sentence in sentences:
-        screen.print(f"warning: {warned(sentence)}", style="yellow")
+        screen.print(f"warning: {record_warning(sentence)}", style="yellow")
 
 
-def warned(sentence: str) -> str:
+def record_warning(sentence: str) -> str:
     """The sentence of a warning as it is told, here and in the document."""
     told = make_printable(sentence)
-    _now().warnings.append(told)
+    current_output().warnings.append(told)
     return told
 
 
-def say_written(screen: Console, paths: Iterable[Path]) -> None:
+def print_written_files(screen: Console, paths: Iterable[Path]) -> None:
     """Tell which files there are now."""
     for path in paths:
-        _now().files.append(make_printable(str(path)))
+        current_output().files.append(make_printable(str(path)))
         screen.print(f"written: {make_printable(str(path))}", style="dim", soft_wrap=True)
 
 
-def _strict(value: Any) -> Any:
+def _to_json_value(value: Any) -> Any:
     """A value as JSON has it: what is no number is null, arrays are lists, paths are texts."""
     if isinstance(value, Mapping):
-        return {str(key): _strict(one) for key, one in value.items()}
+        return {str(key): _to_json_value(one) for key, one in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):
-        return [_strict(one) for one in value]
+        return [_to_json_value(one) for one in value]
     if hasattr(value, "tolist"):  # Of NumPy.
-        return _strict(value.tolist())
+        return _to_json_value(value.tolist())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, (bool, int, str)) else str(value)
+
+
+@dataclass
+class WrittenFiles:
+    """Files that are there, in the order they were written in, and whether one failed."""
+
+    paths: list[Path] = field(default_factory=list)
+    failed: bool = False
+
+    def draw(self, what: str, draw: Callable[[], list[Path]]) -> None:
+        """Write pictures or a page; those that fail are told of, and cost nothing else."""
+        try:
+            self.paths += draw()
+            return
+        except BeamdaeError as problem:
+            print_error(f"failed: {problem}")
+        except Exception as problem:  # Whatever a table holds that a picture has no answer to.
+            print_error(f"failed: {what}: it cannot be drawn, {format_exception(problem)}.")
+        self.failed = True

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from beamdae.cli.output import hushed, progress_console
+from beamdae.cli.output import create_progress_console, is_quiet
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from beamdae.studies.execution.study_progress import StudyProgress
 
 # Letters of a bar: more are of no use, and with fewer it says nothing.
-_WIDEST, _NARROWEST = 14, 3
+_MAX_BAR_WIDTH, _MIN_BAR_WIDTH = 14, 3
 # A label in fewer letters says nothing either.
-_LEAST_LABEL = 8
+_MIN_LABEL_WIDTH = 8
 # Where there is no terminal a run says how far it is after so many seconds [s].
-_SILENT = 10.0
+_LINE_INTERVAL = 10.0
 
 
 @dataclass(frozen=True)
-class Reached:
+class ProgressLine:
     """How far something is.
 
     Attributes
@@ -56,59 +56,61 @@ class Reached:
         from beamdae.report.terminal.responsive_table import shorten_to_cells
 
         width = options.max_width
-        told = f"{self.done} {clock(self.left)}"
+        told = f"{self.done} {format_clock(self.left)}"
         longer = f"{told} left"
-        told = longer if len(longer) + 1 + _NARROWEST <= width else shorten_to_cells(told, width)
-        bar = max(min(_WIDEST, width - len(told) - 1), 0)
+        told = (
+            longer if len(longer) + 1 + _MIN_BAR_WIDTH <= width else shorten_to_cells(told, width)
+        )
+        bar = max(min(_MAX_BAR_WIDTH, width - len(told) - 1), 0)
         room = width - bar - len(told) - 2
         line = Table.grid(padding=(0, 1, 0, 0))
         cells: list[ProgressBar | Text] = [Text(told, no_wrap=True)]
-        if bar >= _NARROWEST:
+        if bar >= _MIN_BAR_WIDTH:
             cells.insert(0, ProgressBar(1.0, min(max(self.share, 0.0), 1.0), width=bar))
-        if room >= _LEAST_LABEL:
+        if room >= _MIN_LABEL_WIDTH:
             cells.append(Text(shorten_to_cells(self.label, room), no_wrap=True))
         line.add_row(*cells)
         yield line
 
 
 @contextmanager
-def run_progress(t_end: float, what: str = "") -> Iterator[Callable[[str, float], None]]:
+def show_run_progress(t_end: float, what: str = "") -> Iterator[Callable[[str, float], None]]:
     """How far a run is, by the time it has reached; `what` it is, if it is not the run itself."""
-    course = _Course(t_end)
-    with _shown() as show:
-        say = show or _Lines()
+    course = _RemainingTime(t_end)
+    with _live_display() as show:
+        say = show or _RunLines()
 
         def reached(label: str, t: float) -> None:
             label = ", ".join(filter(None, [what, label]))
-            say(Reached(course.share(t), f"{t:.3g}/{t_end:.3g} s", course.left(t), label))
+            say(ProgressLine(course.share(t), f"{t:.3g}/{t_end:.3g} s", course.left(t), label))
 
         if show:
-            show(Reached(0.0, f"0/{t_end:.3g} s", None, what or "starting"))
+            show(ProgressLine(0.0, f"0/{t_end:.3g} s", None, what or "starting"))
         yield reached
 
 
 @contextmanager
-def study_progress() -> Iterator[Callable[[StudyProgress], None]]:
+def show_study_progress() -> Iterator[Callable[[StudyProgress], None]]:
     """How far a study is, by the runs done."""
     begin = monotonic()
-    with _shown() as show:
+    with _live_display() as show:
         if show is None:
-            yield (lambda _: None) if hushed() else _StudyLines()
+            yield (lambda _: None) if is_quiet() else _StudyLines()
             return
 
         def progress(standing: StudyProgress) -> None:
             done = f"{standing.done}/{standing.total}"
-            label = ", ".join(filter(None, [_counts(standing), standing.last]))
+            label = ", ".join(filter(None, [_format_counts(standing), standing.last]))
             share = standing.done / max(standing.total, 1)
-            show(Reached(share, done, seconds_left(standing, begin), label))
+            show(ProgressLine(share, done, estimate_remaining_time(standing, begin), label))
 
         yield progress
 
 
 @contextmanager
-def _shown() -> Iterator[Callable[[Reached], None] | None]:
+def _live_display() -> Iterator[Callable[[ProgressLine], None] | None]:
     """What shows a line that changes; None where there is no terminal, or nothing to be said."""
-    screen = None if hushed() else progress_console()
+    screen = None if is_quiet() else create_progress_console()
     if screen is None:
         yield None
         return
@@ -125,7 +127,7 @@ def _shown() -> Iterator[Callable[[Reached], None] | None]:
         yield live.update
 
 
-class _Course:
+class _RemainingTime:
     """The time a run still takes, from what it has taken since it left its start."""
 
     def __init__(self, t_end: float) -> None:
@@ -145,7 +147,7 @@ class _Course:
         return (monotonic() - begin) * max(self._end - t, 0.0) / (t - start)
 
 
-def _counts(standing: StudyProgress) -> str:
+def _format_counts(standing: StudyProgress) -> str:
     """How many are under way, failed and found on disk, if any."""
     counts = {
         "running": standing.running,
@@ -155,7 +157,7 @@ def _counts(standing: StudyProgress) -> str:
     return ", ".join(f"{number} {what}" for what, number in counts.items() if number)
 
 
-def seconds_left(standing: StudyProgress, begin: float) -> float | None:
+def estimate_remaining_time(standing: StudyProgress, begin: float) -> float | None:
     """What the study says of the time it still takes, or what its runs have taken so far."""
     told = getattr(standing, "left", None)
     fresh, missing = standing.done - standing.kept, standing.total - standing.done
@@ -166,7 +168,7 @@ def seconds_left(standing: StudyProgress, begin: float) -> float | None:
     return (monotonic() - begin) / fresh * missing
 
 
-def clock(seconds: float | None) -> str:
+def format_clock(seconds: float | None) -> str:
     """A time in minutes and seconds, and hours if there are any."""
     if seconds is None or not math.isfinite(seconds):
         return "-:--"
@@ -175,16 +177,16 @@ def clock(seconds: float | None) -> str:
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
 
 
-class _Lines:
+class _RunLines:
     """A line of a run now and then."""
 
     def __init__(self) -> None:
         self._last = monotonic()
 
-    def __call__(self, now: Reached) -> None:
-        if monotonic() - self._last < _SILENT or hushed():
+    def __call__(self, now: ProgressLine) -> None:
+        if monotonic() - self._last < _LINE_INTERVAL or is_quiet():
             return
-        typer.echo(f"{now.label}: {now.done}, {clock(now.left)} left", err=True)
+        typer.echo(f"{now.label}: {now.done}, {format_clock(now.left)} left", err=True)
         self._last = monotonic()
 
 
@@ -197,7 +199,7 @@ class _StudyLines:
 
     def __call__(self, standing: StudyProgress) -> None:
         if standing.done >= self._next or standing.done == standing.total:
-            seconds = seconds_left(standing, self._begin)
+            seconds = estimate_remaining_time(standing, self._begin)
             rest = f", about {seconds:.0f} s left" if seconds else ""
             typer.echo(
                 f"{standing.done} of {standing.total} runs, {standing.running} running, "

@@ -11,10 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from beamdae.cli import signals as interrupts
-from beamdae.cli.output import console, record, say_warnings
-from beamdae.cli.output_files import Written
-from beamdae.cli.progress import run_progress
+from beamdae.cli import signals
+from beamdae.cli.output import WrittenFiles, create_console, print_warnings, record_results
+from beamdae.cli.progress import show_run_progress
 from beamdae.errors import BeamdaeWarning
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ class Run:
     method: Any
     table: Path
     columns: dict[str, Any] = field(default_factory=dict)
-    written: Written = field(default_factory=Written)
+    written: WrittenFiles = field(default_factory=WrittenFiles)
     end: Path | None = None
     errors: Any = None
     beyond: str = ""
@@ -78,25 +77,27 @@ class Run:
             self.cut_short = True
 
 
-def can_go_on(status: Status) -> bool:
+def can_resume(status: Status) -> bool:
     """Whether there is more of the run to come; where it had not begun yet, it begins again."""
     from beamdae.results.outcome import PILOT_RUN_SUFFIX
 
     return not status.success and PILOT_RUN_SUFFIX not in status.sentence
 
 
-def integrate(run: Run, t_end: float | None, output_step: float | None, *start: Any) -> Solution:
+def integrate_run(
+    run: Run, t_end: float | None, output_step: float | None, *start: Any
+) -> Solution:
     """The solution, also one that an interrupt ended; `start` as `simulate` takes it."""
     from beamdae.simulation import simulate
 
-    with run_progress(t_end or run.model.t_end) as progress, warnings.catch_warnings():
+    with show_run_progress(t_end or run.model.t_end) as progress, warnings.catch_warnings():
         # They are told with the result.
         warnings.simplefilter("ignore", BeamdaeWarning)
 
         def reached(label: str, t: float) -> None:
             progress(label, t)
             # One that was lost, as in a callback of other code, is made up for.
-            if interrupts.heard():
+            if signals.is_interrupted():
                 raise KeyboardInterrupt
 
         try:
@@ -106,19 +107,19 @@ def integrate(run: Run, t_end: float | None, output_step: float | None, *start: 
             raise KeyboardInterrupt("before the run had begun; nothing was written") from None
 
 
-def write(run: Run, parts: RunParts, solution: Solution, checkpoint: Path | None) -> None:
+def write_tables(run: Run, parts: RunParts, solution: Solution, checkpoint: Path | None) -> None:
     """Write the table, and where the run ended if that is asked for or it can go on."""
-    with interrupts.held():
+    with signals.defer_interrupts():
         run.columns, files = parts.write(solution)
         run.written.paths += files
-        if checkpoint is not None or can_go_on(solution.status):
+        if checkpoint is not None or can_resume(solution.status):
             metadata = run.table.with_name(f"{run.table.stem}_end.json")
             run.end = solution.checkpoint(checkpoint or metadata)
             run.written.paths.append(run.end)
-    run.cut_short = interrupts.heard()
+    run.cut_short = signals.is_interrupted()
 
 
-def estimate(run: Run, solution: Solution, verify: bool, table: Path) -> None:
+def estimate_errors(run: Run, solution: Solution, verify: bool, table: Path) -> None:
     """Find how far the observed columns are off, and write that beside the table."""
     from beamdae import verification
     from beamdae.results.storage.files import write_metadata
@@ -126,21 +127,21 @@ def estimate(run: Run, solution: Solution, verify: bool, table: Path) -> None:
     if not solution.columns:
         return
     what = "verification" if verify else "estimate of errors"
-    with run_progress(float(solution.t[-1]), what) as progress:
+    with show_run_progress(float(solution.t[-1]), what) as progress:
         told = partial(progress, run.method.label)
         if verify:
             errors = verification.compare_methods(solution, progress=told)
         else:
             errors = verification.estimate_errors(solution, told)
     # The second run takes an interrupt for its own.
-    if interrupts.heard():
+    if signals.is_interrupted():
         return
     run.errors, run.beyond = errors, verification.accuracy_warning(solution, errors)
-    with interrupts.held():
-        write_metadata(table, solution.metadata(errors=_by_column(run, solution)))
+    with signals.defer_interrupts():
+        write_metadata(table, solution.metadata(errors=_errors_by_column(run, solution)))
 
 
-def _by_column(run: Run, solution: Solution) -> dict[str, Any]:
+def _errors_by_column(run: Run, solution: Solution) -> dict[str, Any]:
     """What is known of the error of each observed column."""
     import numpy as np
 
@@ -151,7 +152,7 @@ def _by_column(run: Run, solution: Solution) -> dict[str, Any]:
     }
 
 
-def draw(run: Run, solution: Solution) -> None:
+def draw_run(run: Run, solution: Solution) -> None:
     """Draw the run; the title says if it ended early."""
     from beamdae.report.pictures.time_plots import save_run_figure
 
@@ -162,43 +163,43 @@ def draw(run: Run, solution: Solution) -> None:
 
 def write_page(run: Run, solution: Solution) -> None:
     """Write the page of the run."""
-    from beamdae.report.page import page_file as page
+    from beamdae.report.page import page_file
     from beamdae.report.run_page import build_run_page
 
     def written() -> list[Path]:
         further = [run.beyond] if run.beyond else []
         shown = build_run_page(solution, run.model.name, run.columns, run.errors, further)
-        return [page.write_page(run.page, shown)]
+        return [page_file.write_page(run.page, shown)]
 
     run.written.draw(run.page.name, written)
 
 
-def say(run: Run, solution: Solution) -> None:
+def print_results(run: Run, solution: Solution) -> None:
     """Tables and sentences of a run on the screen."""
-    from beamdae.report.terminal import text_tables as terminal
+    from beamdae.report.terminal import text_tables
     from beamdae.results.event_records import format_event_times
 
-    record(lambda: _found(run, solution))
-    screen = console()
-    rows = terminal.run_facts(solution.summary(), solution.integrator)
+    record_results(lambda: _json_results(run, solution))
+    screen = create_console()
+    rows = text_tables.run_facts(solution.summary(), solution.integrator)
     if solution.equations.events:
         rows["events"] = format_event_times(solution.event_records)
-    screen.print(terminal.fact_list(run.model.name, rows))
+    screen.print(text_tables.fact_list(run.model.name, rows))
     if solution.columns:
-        screen.print(terminal.range_table(solution.columns, run.errors))
+        screen.print(text_tables.range_table(solution.columns, run.errors))
     if solution.validity:
-        screen.print(terminal.validity_table(solution.validity))
-    say_warnings(screen, [*filter(None, [run.beyond]), *solution.warnings])
+        screen.print(text_tables.validity_table(solution.validity))
+    print_warnings(screen, [*filter(None, [run.beyond]), *solution.warnings])
     # Whoever reads a pipe has it now as well.
     sys.stdout.flush()
 
 
-def _found(run: Run, solution: Solution) -> dict[str, Any]:
+def _json_results(run: Run, solution: Solution) -> dict[str, Any]:
     """What --json tells of a run: what is beside its table, and its observed columns."""
-    from beamdae.report.terminal import text_tables as terminal
+    from beamdae.report.terminal import text_tables
 
     told = solution.metadata()
     del told["equations"], told["warnings"]
-    errors = {} if run.errors is None else _by_column(run, solution)
-    observed = terminal.column_extremes(solution.columns).items()
+    errors = {} if run.errors is None else _errors_by_column(run, solution)
+    observed = text_tables.column_extremes(solution.columns).items()
     return told | {"observed": {name: x | errors.get(name, {}) for name, x in observed}}

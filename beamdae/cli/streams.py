@@ -11,10 +11,10 @@ from contextlib import contextmanager, redirect_stdout, suppress
 from typing import Any, TextIO
 
 # What cannot be written in the encoding of a stream is told by its code.
-_UNKNOWN_LETTERS = "backslashreplace"
+_ENCODING_ERRORS = "backslashreplace"
 
 
-class _Sink(io.FileIO):
+class _FaultTolerantFile(io.FileIO):
     """The file of a stream: what cannot be written is dropped, and why is kept."""
 
     problem: OSError | None = None
@@ -28,14 +28,14 @@ class _Sink(io.FileIO):
         return len(data)
 
 
-class _Kept(io.TextIOWrapper):
+class _UnclosableStream(io.TextIOWrapper):
     """A stream that a model cannot close."""
 
     def close(self) -> None:
         self.flush()
 
 
-def secure() -> None:
+def secure_streams() -> None:
     """Make standard output and error such that writing to them never fails.
 
     A stream that is closed goes nowhere: else the next file that is opened would take its number,
@@ -44,11 +44,11 @@ def secure() -> None:
     while (free := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(free, True)
     os.close(free)
-    sys.stdout, sys.stderr = _secured(sys.stdout, 1), _secured(sys.stderr, 2)
+    sys.stdout, sys.stderr = _wrap_stream(sys.stdout, 1), _wrap_stream(sys.stderr, 2)
 
 
 @contextmanager
-def output_set_apart() -> Iterator[None]:
+def redirect_output_to_stderr() -> Iterator[None]:
     """Keep standard output for what is said after this: what is said in here is not part of it.
 
     It goes to standard error, also what other code writes past Python.
@@ -69,16 +69,16 @@ def output_set_apart() -> Iterator[None]:
             os.close(apart)
 
 
-def _secured(stream: TextIO | None, number: int) -> TextIO:
+def _wrap_stream(stream: TextIO | None, number: int) -> TextIO:
     if isinstance(stream, io.TextIOWrapper) and stream.isatty():
-        stream.reconfigure(errors=_UNKNOWN_LETTERS)
+        stream.reconfigure(errors=_ENCODING_ERRORS)
         return stream
     encoding = "utf-8" if stream is None else stream.encoding
-    file = io.BufferedWriter(_Sink(number, "w", closefd=False))
-    return _Kept(file, encoding, _UNKNOWN_LETTERS, line_buffering=number == 2)
+    file = io.BufferedWriter(_FaultTolerantFile(number, "w", closefd=False))
+    return _UnclosableStream(file, encoding, _ENCODING_ERRORS, line_buffering=number == 2)
 
 
-def ended(code: int) -> int:
+def flush_output(code: int) -> int:
     """The exit code of a command that ends with `code`, with all it said written.
 
     A reader that has gone away, as `head` does, changes nothing. Output that cannot be written for
@@ -86,7 +86,7 @@ def ended(code: int) -> int:
     """
     sys.stdout.flush()
     raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
-    problem = raw.problem if isinstance(raw, _Sink) else None
+    problem = raw.problem if isinstance(raw, _FaultTolerantFile) else None
     if problem is None or problem.errno == errno.EPIPE:
         return code
     sys.stderr.write(f"error: standard output cannot be written, {problem.strerror}.\n")

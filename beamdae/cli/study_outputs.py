@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from beamdae.cli import signals as interrupts
+from beamdae.cli import signals
 from beamdae.cli.options import require_writable
-from beamdae.cli.output import complain, console, say_written
-from beamdae.cli.output_files import Written
-from beamdae.cli.progress import study_progress
+from beamdae.cli.output import WrittenFiles, create_console, print_error, print_written_files
+from beamdae.cli.progress import show_study_progress
 from beamdae.errors import BeamdaeError, require_positive
 
 # Whatever imports NumPy or CasADi is imported inside the command: help has to answer at once.
@@ -25,26 +24,26 @@ if TYPE_CHECKING:
     from beamdae.studies.execution.study_progress import StudyProgress
     from beamdae.studies.execution.study_run import StudyResults
 
-    Draws = dict[str, Callable[[], list[Path]]]
+    FileWriters = dict[str, Callable[[], list[Path]]]
 
 # More rows than these are for the page, not for the screen.
-MOST_ROWS = 16
-_LONGEST_NAME = 100
-_GO_ON = "start the same command again and it goes on"
+MAX_SCREEN_ROWS = 16
+_MAX_FOLDER_NAME = 100
+_RESUME_HINT = "start the same command again and it goes on"
 
 
-def folder_name(begin: str, chosen: Mapping[str, Any]) -> str:
+def results_folder_name(begin: str, chosen: Mapping[str, Any]) -> str:
     """Name of the folder of results for each choice of parameters."""
     from beamdae.studies.store.fingerprints import digest
 
     said = [re.sub(r"[^A-Za-z0-9.=-]+", "-", f"{name}={value}") for name, value in chosen.items()]
     folder = "_".join([begin, *said])
-    if len(folder) > _LONGEST_NAME:
-        folder = f"{folder[:_LONGEST_NAME]}_{digest(chosen)[:8]}"
+    if len(folder) > _MAX_FOLDER_NAME:
+        folder = f"{folder[:_MAX_FOLDER_NAME]}_{digest(chosen)[:8]}"
     return folder
 
 
-def limited(
+def apply_limits(
     command: str,
     study: Study,
     time_limit: float | None,
@@ -63,7 +62,7 @@ def limited(
 
 
 @dataclass
-class Work:
+class StudyOutputs:
     """A study and what has become of it, as far as it got.
 
     Attributes
@@ -76,46 +75,46 @@ class Work:
 
     study: Study
     folder: Path
-    draws: Callable[[StudyResults], tuple[Draws, Draws]]
+    draws: Callable[[StudyResults], tuple[FileWriters, FileWriters]]
     parquet: bool = False
     results: StudyResults | None = None
     runs: int = 0
-    written: Written = field(default_factory=Written)
+    written: WrittenFiles = field(default_factory=WrittenFiles)
 
 
-def carry_out(
-    work: Work, executor: Callable[[], Executor], say: Callable[[StudyResults], None]
+def run_and_write(
+    work: StudyOutputs, executor: Callable[[], Executor], say: Callable[[StudyResults], None]
 ) -> None:
     """Run a study, write its files, say what came of it, and end the command by that."""
     require_writable(work.folder / "outcomes")
     if work.parquet and not (find_spec("pyarrow") or find_spec("fastparquet")):
         raise BeamdaeError("--parquet: it needs an engine, pip install 'beamdae[parquet]'.")
     try:
-        _do(work, executor)
+        _run_study(work, executor)
     except KeyboardInterrupt:
         if work.results is None:
-            raise KeyboardInterrupt(f"before there were tables: {_GO_ON}") from None
+            raise KeyboardInterrupt(f"before there were tables: {_RESUME_HINT}") from None
     results = work.results
     assert results is not None
     say(results)
-    say_written(console(), work.written.paths)
-    if results.interrupted or interrupts.heard():
+    print_written_files(create_console(), work.written.paths)
+    if results.interrupted or signals.is_interrupted():
         done = sum(outcome.status.kind != "interrupted" for outcome in results.outcomes.values())
-        complain(f"stopped, {done} of {work.runs} done: {_GO_ON}")
-        raise typer.Exit(interrupts.code())
+        print_error(f"stopped, {done} of {work.runs} done: {_RESUME_HINT}")
+        raise typer.Exit(signals.exit_code())
     if results.failed or work.written.failed:
         raise typer.Exit(1)
 
 
-def _do(work: Work, executor: Callable[[], Executor]) -> None:
+def _run_study(work: StudyOutputs, executor: Callable[[], Executor]) -> None:
     """Run a study and write its files, the page before the pictures, until an interrupt."""
     from beamdae.studies.execution import study_run
 
-    if interrupts.heard():
+    if signals.is_interrupted():
         # One that was lost, as in a callback of other code, is made up for.
         raise KeyboardInterrupt
-    with interrupts.held(through=1):
-        with study_progress() as progress:
+    with signals.defer_interrupts(through=1):
+        with show_study_progress() as progress:
 
             def heard(standing: StudyProgress) -> None:
                 work.runs = standing.total
@@ -133,12 +132,12 @@ def _do(work: Work, executor: Callable[[], Executor]) -> None:
         work.written.draw(name, draw)
 
 
-def say_failures(results: StudyResults) -> None:
+def print_failures(results: StudyResults) -> None:
     """A sentence for each case that did not reach its end, if it was begun."""
-    from beamdae.report.terminal import text_tables as terminal
+    from beamdae.report.terminal import text_tables
 
-    reasons = terminal.failure_sentences(results.table[results.table["status"] != "interrupted"])
-    for reason in reasons[:MOST_ROWS]:
-        complain(f"failed: {reason}")
-    if len(reasons) > MOST_ROWS:
-        complain(f"failed: {len(reasons) - MOST_ROWS} more, see cases.csv")
+    reasons = text_tables.failure_sentences(results.table[results.table["status"] != "interrupted"])
+    for reason in reasons[:MAX_SCREEN_ROWS]:
+        print_error(f"failed: {reason}")
+    if len(reasons) > MAX_SCREEN_ROWS:
+        print_error(f"failed: {len(reasons) - MAX_SCREEN_ROWS} more, see cases.csv")

@@ -6,8 +6,8 @@ import pytest
 from terminals import process
 
 from beamdae.cli import completion
-from beamdae.cli.model_files.example_files import names
-from beamdae.cli.model_files.outlines import outline
+from beamdae.cli.model_files.example_files import example_names
+from beamdae.cli.model_files.outline import read_outline
 
 SOURCE = '''
 import pathlib
@@ -51,15 +51,15 @@ def here(tmp_path, monkeypatch):
 
 
 def test_an_outline_is_read_and_not_run(here):
-    found = outline(Path("model.py"))
+    found = read_outline(Path("model.py"))
     assert found.defines
     assert found.models == {
         "arm": {"length": "1.0", "kind": "'exact'", "speed": "2 * 3.14", "needed": ""},
         "leg": {"mass": "2.0"},
     }
     assert found.studies == ("all_of_them",)
-    assert not outline(Path("sub/other.py")).defines
-    assert not outline(Path("gone.py")).defines
+    assert not read_outline(Path("sub/other.py")).defines
+    assert not read_outline(Path("gone.py")).defines
     assert not Path("ran").exists()
 
 
@@ -75,32 +75,34 @@ def test_an_outline_is_read_and_not_run(here):
 )
 def test_regression_a_script_that_uses_models_defines_none(tmp_path, source, defines):
     (tmp_path / "script.py").write_text("import beamdae as bd\n" + source, encoding="utf-8")
-    assert outline(tmp_path / "script.py").defines is defines
+    assert read_outline(tmp_path / "script.py").defines is defines
 
 
 def test_model_files_folders_and_examples(here):
-    assert completion.model_files("") == ["model.py", "empty/", "sub/"]
-    assert completion.model_files("sub/") == ["sub/other.py"]
-    assert completion.model_files("./mo") == ["./model.py"]
+    assert completion.complete_model_files("") == ["model.py", "empty/", "sub/"]
+    assert completion.complete_model_files("sub/") == ["sub/other.py"]
+    assert completion.complete_model_files("./mo") == ["./model.py"]
     # Where there is no model file the shell offers what it has.
     for typed in ("empty/", "no", "gone/", "sub"):
-        assert completion.model_files(typed) == []
-    assert completion.model_files("exam") == [f"example:{name}" for name in names()]
+        assert completion.complete_model_files(typed) == []
+    assert completion.complete_model_files("exam") == [
+        f"example:{name}" for name in example_names()
+    ]
 
 
 def test_parameters_and_models_of_the_file_that_is_given(here, monkeypatch):
     monkeypatch.delenv("COMP_WORDS", raising=False)
     line = "_TYPER_COMPLETE_ARGS"
     monkeypatch.setenv(line, "beamdae run model.py --set ")
-    offered = [word for word, _ in completion.parameters()]
+    offered = [word for word, _ in completion.complete_parameters()]
     # What a shell would take apart is left to be typed.
     assert offered == ["length=1.0", "kind=exact", "speed=", "needed=", "mass=2.0"]
     monkeypatch.setenv(line, "beamdae run model.py --model leg --set ")
-    assert completion.parameters() == [("mass=2.0", "default 2.0")]
-    assert completion.models() == ["arm", "leg", "all_of_them"]
+    assert completion.complete_parameters() == [("mass=2.0", "default 2.0")]
+    assert completion.complete_models() == ["arm", "leg", "all_of_them"]
     for other in ("", "run gone.py", "run example:gone", "run 'open model.py"):
         monkeypatch.setenv(line, other)
-        assert completion.parameters() == [] or "open" in other
+        assert completion.complete_parameters() == [] or "open" in other
     assert not Path("ran").exists()
 
 

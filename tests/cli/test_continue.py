@@ -38,7 +38,7 @@ ROWS = ("--output-step", "0.01", "--no-estimate")
 def go(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # Pictures take longer than these runs.
-    monkeypatch.setattr("beamdae.cli.run_outputs.draw", lambda run, solution: None)
+    monkeypatch.setattr("beamdae.cli.run_outputs.draw_run", lambda run, solution: None)
     Path("ball.py").write_text(BALL)
     return lambda *options: CliRunner().invoke(app, ["run", "ball.py", *ROWS, *options])
 

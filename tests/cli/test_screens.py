@@ -8,8 +8,7 @@ import pytest
 from terminals import in_terminal, process
 from typer.testing import CliRunner
 
-from beamdae.cli import output as saying
-from beamdae.cli import progress
+from beamdae.cli import output, progress
 from beamdae.cli.app import app
 
 WIDTHS = (60, 80, 120)
@@ -134,7 +133,7 @@ def test_a_bar_fits_every_width():
     label = "estimate of errors, GeneralizedAlpha(rtol=1e-08)"
     for width in range(10, 130):
         screen = Console(width=width, force_terminal=True, color_system=None)
-        now = progress.Reached(0.4, "1.97/5 s", 83.2, label)
+        now = progress.ProgressLine(0.4, "1.97/5 s", 83.2, label)
         with screen.capture() as capture:
             screen.print(now)
         (line,) = capture.get().splitlines()
@@ -152,8 +151,8 @@ def test_a_bar_fits_every_width():
 def test_a_run_without_a_terminal_says_now_and_then_how_far_it_is(capsys, monkeypatch):
     now = [0.0]
     monkeypatch.setattr(progress, "monotonic", lambda: now[0])
-    monkeypatch.setattr(progress, "progress_console", lambda: None)
-    with progress.run_progress(4.0) as reached:
+    monkeypatch.setattr(progress, "create_progress_console", lambda: None)
+    with progress.show_run_progress(4.0) as reached:
         for step in range(9):
             now[0] = 3.0 * step
             reached("Radau(rtol=1e-06)", 0.5 * step)
@@ -191,13 +190,13 @@ def test_a_pipe_is_as_wide_as_need_be_unless_columns_say_how_wide(here):
 
 def test_time_left_is_what_the_study_says():
     standing = SimpleNamespace(total=10, done=4, kept=2, failed=0, running=2, left=3725.4, last="x")
-    assert progress.clock(progress.seconds_left(standing, 0.0)) == "1:02:05"
+    assert progress.format_clock(progress.estimate_remaining_time(standing, 0.0)) == "1:02:05"
     standing.left = None
-    assert progress.seconds_left(standing, 0.0) > 0.0
+    assert progress.estimate_remaining_time(standing, 0.0) > 0.0
     standing.done = standing.total
-    assert progress.seconds_left(standing, 0.0) == 0.0
+    assert progress.estimate_remaining_time(standing, 0.0) == 0.0
     standing.done = standing.kept
-    assert progress.clock(progress.seconds_left(standing, 0.0)) == "-:--"
+    assert progress.format_clock(progress.estimate_remaining_time(standing, 0.0)) == "-:--"
 
 
 def test_lines_of_a_study_tell_the_time_left(capsys):
@@ -211,7 +210,7 @@ def test_lines_of_a_study_tell_the_time_left(capsys):
 @pytest.mark.parametrize(("columns", "width"), [("7", 20), ("33", 33), ("x", 10_000)])
 def test_columns_that_are_no_width_are_not_taken(monkeypatch, columns, width):
     monkeypatch.setenv("COLUMNS", columns)
-    assert saying.console().width == width
+    assert output.create_console().width == width
 
 
 # Lists.

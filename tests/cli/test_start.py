@@ -12,12 +12,12 @@ from beamdae.native.object_code import is_native_enabled
 MODEL = Path(__file__).parents[2] / "models" / "hub_beam.py"
 RUN = f"""
 import sys
-from beamdae.cli import run_outputs as run_work
-# The table is told, and the picture not yet drawn.
-def draw(run, solution):
+from beamdae.cli import run_outputs
+# Called when the table is written and the picture is not yet drawn.
+def draw_run(run, solution):
     print("imported:", *sys.modules)
     run.written.failed = True
-run_work.draw = draw
+run_outputs.draw_run = draw_run
 sys.argv = ["beamdae", "run", {str(MODEL)!r}, "--t-end", "0.01"]
 from beamdae.__main__ import main
 main()

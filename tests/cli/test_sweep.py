@@ -13,7 +13,7 @@ from turning import turning
 from typer.testing import CliRunner
 
 from beamdae.cli.app import app
-from beamdae.cli.commands.sweep import listed
+from beamdae.cli.commands.sweep import parse_values
 
 
 @pytest.mark.parametrize(
@@ -31,7 +31,7 @@ from beamdae.cli.commands.sweep import listed
 )
 def test_values_of_the_command_line(name, text, values):
     more = turning.parameters | {"at": (0.0, 0.0), "lists": []}
-    assert listed(replace(turning, parameters=more), name, text) == values
+    assert parse_values(replace(turning, parameters=more), name, text) == values
 
 
 @pytest.mark.parametrize(

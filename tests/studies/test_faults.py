@@ -279,13 +279,13 @@ DRIVER = """
 import sys
 from pathlib import Path
 if __name__ == "__main__":
-    from beamdae.cli.model_files.model_file import contents
+    from beamdae.cli.model_files.model_file import load_contents
     from beamdae.studies.execution import study_run
     from beamdae.studies.execution.executors import LocalPool
-    study = contents(Path("file.py"))[1]["masses"]
+    study = load_contents(Path("file.py"))[1]["masses"]
     print("ready", flush=True)
     tell = lambda standing: print("done", standing.done, flush=True)
-    results = study_run.run(study, Path("out"), LocalPool(2), tell)
+    results = study_run.run_study(study, Path("out"), LocalPool(2), tell)
     print("end", results.interrupted, len(results.table), flush=True)
     print("bye", flush=True)
     sys.stdin.read()

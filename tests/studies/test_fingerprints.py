@@ -229,11 +229,11 @@ def test_regression_a_study_follows_the_sources_of_beamdae(monkeypatch):
     """At the same version: a changed law of damping gave the results of the old one."""
     case = bd.Case(swing)
     before = case.mechanism_fingerprint()
-    case_module._environment_digest.cache_clear()
+    case_module._digest_environment.cache_clear()
     monkeypatch.setattr(case_module, "digest_package", lambda: "changed")
     assert case.mechanism_fingerprint() != before
     monkeypatch.undo()
-    case_module._environment_digest.cache_clear()
+    case_module._digest_environment.cache_clear()
     assert len(digest_package()) == 64
 
 

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 
 import beamdae as bd
 from beamdae.cli.app import app
-from beamdae.cli.model_files.model_file import contents
+from beamdae.cli.model_files.model_file import load_contents
 from beamdae.studies.case_summaries import summarize_cases, summarize_mesh_study
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.execution import case_run as work
@@ -429,7 +429,7 @@ def beside(folder, mass=1.0, parts=PARTS):
     (folder / "falls.py").write_text(BESIDE)
     (folder / "numbers_of_mine.py").write_text(f"MASS = {mass}\n")
     (folder / "parts_of_mine.py").write_text(parts)
-    _, studies = contents(folder / "falls.py")
+    _, studies = load_contents(folder / "falls.py")
     return studies["falls"]
 
 

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdae.cli.model_options import configured
-from beamdae.cli.options import ModelFile, ModelName, Settings
-from beamdae.cli.output import console, record
+from beamdae.cli.options import ModelFile, ModelName, Settings, load_configured_model
+from beamdae.cli.output import create_console, record_results
 from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
@@ -28,10 +27,10 @@ def check_command(
 
     Ends with 0 where it can be run, and with 2 after a mistake, which the report explains.
     """
-    model = configured(path, model_name, settings)
+    model = load_configured_model(path, model_name, settings)
     from beamdae.checks import check
     from beamdae.parts.mechanism import Mechanism
-    from beamdae.report.terminal import text_tables as terminal
+    from beamdae.report.terminal import text_tables
     from beamdae.report.terminal.check_report import describe_check
 
     mechanism = model()
@@ -40,20 +39,21 @@ def check_command(
     facts = dict(describe_check(found))
     for name, part in parts.items():
         facts |= {
-            f"{name}, {what}": terminal.format_number(value) for what, value in part.facts.items()
+            f"{name}, {what}": text_tables.format_number(value)
+            for what, value in part.facts.items()
         }
     kinds = {name: type(part).__name__ for name, part in parts.items()}
-    record(lambda: {**_found(found), "parts": kinds})
-    screen = console()
+    record_results(lambda: {**_json_results(found), "parts": kinds})
+    screen = create_console()
     screen.print(model.name, style="bold")
     if parts:
-        screen.print(terminal.parts_table(kinds))
-    screen.print(terminal.fact_list("", facts))
+        screen.print(text_tables.parts_table(kinds))
+    screen.print(text_tables.fact_list("", facts))
     if not found.ok:
         raise BeamdaeError(found.problem)
 
 
-def _found(check: Check) -> dict[str, Any]:
+def _json_results(check: Check) -> dict[str, Any]:
     """What --json tells of a check."""
     told = asdict(check)
     del told["name"]

@@ -6,10 +6,15 @@ from pathlib import Path
 
 import typer
 
-from beamdae.cli.model_options import configured
-from beamdae.cli.options import ModelFile, ModelName, Out, Settings, require_writable
-from beamdae.cli.output import console, record, say_written
-from beamdae.cli.output_files import Written
+from beamdae.cli.options import (
+    ModelFile,
+    ModelName,
+    Out,
+    Settings,
+    load_configured_model,
+    require_writable,
+)
+from beamdae.cli.output import WrittenFiles, create_console, print_written_files, record_results
 from beamdae.errors import BeamdaeError
 
 
@@ -23,10 +28,10 @@ def draw_command(
 
     Ends with 0, with 1 where the picture failed, and with 2 after a mistake.
     """
-    model = configured(path, model_name, settings)
+    model = load_configured_model(path, model_name, settings)
     from beamdae.parts.mechanism import Mechanism
     from beamdae.report.pictures.drawing import draw
-    from beamdae.report.terminal import text_tables as terminal
+    from beamdae.report.terminal import text_tables
 
     mechanism = model()
     if not isinstance(mechanism, Mechanism):
@@ -34,12 +39,12 @@ def draw_command(
     file = out / f"{model.name}_drawing.png"
     require_writable(out, (file.name,))
     kinds = {name: type(part).__name__ for name, part in mechanism.parts.items()}
-    record(lambda: {"parts": kinds})
-    screen = console()
+    record_results(lambda: {"parts": kinds})
+    screen = create_console()
     screen.print(model.name, style="bold")
-    screen.print(terminal.parts_table(kinds))
-    written = Written()
+    screen.print(text_tables.parts_table(kinds))
+    written = WrittenFiles()
     written.draw(model.name, lambda: [draw(mechanism).save(file)])
-    say_written(screen, written.paths)
+    print_written_files(screen, written.paths)
     if written.failed:
         raise typer.Exit(1)

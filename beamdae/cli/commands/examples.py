@@ -9,13 +9,18 @@ from typing import Annotated
 
 import typer
 
-from beamdae.cli.model_files.example_files import PREFIX, example, folder, names
+from beamdae.cli.model_files.example_files import (
+    PREFIX,
+    example_file,
+    example_names,
+    examples_folder,
+)
 from beamdae.cli.options import require_writable
-from beamdae.cli.output import console, record, say_written
+from beamdae.cli.output import create_console, print_written_files, record_results
 from beamdae.errors import BeamdaeError
 
 # Names the starter has for what it imports.
-_IMPORTED = ("bd", "np")
+_STARTER_IMPORTS = ("bd", "np")
 
 _STARTER = '''"""A curved strip that swings on a hinge, pushed at its tip."""
 
@@ -44,19 +49,19 @@ def NAME(length=1.0, push=0.5, elements=4):
 
 
 def examples_command() -> None:
-    """List the models that come with beamdae: `beamdae run example:NAME` runs one."""
-    from beamdae.report.terminal import text_tables as terminal
+    """List the models that come with beamdae: `beamdae run example_file:NAME` runs one."""
+    from beamdae.report.terminal import text_tables
 
-    about = {name: _about(name) for name in names()}
-    record(lambda: {"examples": about})
-    screen = console()
-    screen.print(terminal.fact_list("", about))
+    about = {name: _first_doc_line(name) for name in example_names()}
+    record_results(lambda: {"examples": about})
+    screen = create_console()
+    screen.print(text_tables.fact_list("", about))
     screen.print("beamdae run example:NAME runs one, beamdae new FILE.py --like NAME copies it.")
 
 
-def _about(name: str) -> str:
+def _first_doc_line(name: str) -> str:
     """The first line of an example, which is not run."""
-    text = ast.get_docstring(ast.parse((folder() / f"{name}.py").read_bytes())) or ""
+    text = ast.get_docstring(ast.parse((examples_folder() / f"{name}.py").read_bytes())) or ""
     return text.partition("\n")[0]
 
 
@@ -67,25 +72,27 @@ def new_command(
         typer.Option(
             metavar="NAME",
             help="Example to copy; default a short one.",
-            autocompletion=lambda: names(),
+            autocompletion=lambda: example_names(),
         ),
     ] = None,
 ) -> None:
     """Write a model to start from: a short one, or a copy of an example."""
-    usable = path.stem.isidentifier() and not iskeyword(path.stem) and path.stem not in _IMPORTED
+    usable = (
+        path.stem.isidentifier() and not iskeyword(path.stem) and path.stem not in _STARTER_IMPORTS
+    )
     if path.suffix != ".py" or not usable:
         raise BeamdaeError(
             f"{path}: the file of a model must be called as a function can be, with .py, and not "
-            f"{' or '.join(_IMPORTED)}."
+            f"{' or '.join(_STARTER_IMPORTS)}."
         )
     if path.exists():
         raise BeamdaeError(f"{path}: it is there already, give another name.")
     require_writable(path.parent, (), "new")
     text = _STARTER.replace("NAME", path.stem)
     if like is not None:
-        text = example(like.removeprefix(PREFIX)).read_text(encoding="utf-8")
+        text = example_file(like.removeprefix(PREFIX)).read_text(encoding="utf-8")
     from beamdae.results.storage.files import write_text
 
-    screen = console()
-    say_written(screen, [write_text(path, text)])
+    screen = create_console()
+    print_written_files(screen, [write_text(path, text)])
     screen.print(f"beamdae draw {path} shows it, beamdae run {path} runs it.")

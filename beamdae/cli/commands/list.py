@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdae.cli.model_files.example_files import as_file
-from beamdae.cli.model_files.outlines import outline
-from beamdae.cli.output import console, record
+from beamdae.cli.model_files.example_files import resolve_path
+from beamdae.cli.model_files.outline import read_outline
+from beamdae.cli.output import create_console, record_results
 from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
@@ -28,37 +28,41 @@ def list_command(
     Of a folder, files that define neither are left alone: what imports them runs them. Ends with 1
     where a file does not import.
     """
-    path = as_file(path)
+    path = resolve_path(path)
     if path.is_dir():
-        files = [file for file in sorted(path.glob("*.py")) if outline(file).defines]
+        files = [file for file in sorted(path.glob("*.py")) if read_outline(file).defines]
     elif path.exists() or path.suffix == ".py":
         files = [path]
     else:
         raise BeamdaeError(f"{path}: there is no such file or folder.")
     from beamdae.cli.model_files import model_file
-    from beamdae.report.terminal import text_tables as terminal
+    from beamdae.report.terminal import text_tables
 
     models: list[dict[str, Any]] = []
     studies: list[dict[str, Any]] = []
     problems: list[dict[str, Any]] = []
     for file in files:
         try:
-            models_here, studies_here = model_file.contents(file)
+            models_here, studies_here = model_file.load_contents(file)
         except BeamdaeError as problem:
             if not path.is_dir():
                 raise
             problems.append({"file": str(file), "problem": str(problem)})
             continue
-        models += [_model(file, x) for x in models_here.values() if _own(x, file, studies_here)]
-        studies += [_study(file, study) for study in studies_here.values()]
+        models += [
+            _model_row(file, x)
+            for x in models_here.values()
+            if _is_defined_in(x, file, studies_here)
+        ]
+        studies += [_study_row(file, study) for study in studies_here.values()]
     if not (models or studies or problems):
         raise BeamdaeError(f"{path}: it holds no model and no study.")
-    record(lambda: {"models": models, "studies": studies, "problems": problems})
-    screen = console()
+    record_results(lambda: {"models": models, "studies": studies, "problems": problems})
+    screen = create_console()
     for rows, table in (
-        (models, terminal.models_table),
-        (studies, terminal.studies_table),
-        (problems, terminal.problems_table),
+        (models, text_tables.models_table),
+        (studies, text_tables.studies_table),
+        (problems, text_tables.problems_table),
     ):
         if rows:
             screen.print(table(rows))
@@ -66,7 +70,7 @@ def list_command(
         raise typer.Exit(1)
 
 
-def _model(file: Path, model: Model) -> dict[str, Any]:
+def _model_row(file: Path, model: Model) -> dict[str, Any]:
     return {
         "name": model.name,
         "t_end": model.t_end,
@@ -76,12 +80,12 @@ def _model(file: Path, model: Model) -> dict[str, Any]:
     }
 
 
-def _study(file: Path, study: Study) -> dict[str, Any]:
+def _study_row(file: Path, study: Study) -> dict[str, Any]:
     models = list(dict.fromkeys(case.model.name for case in study.cases))
     return {"name": study.name, "cases": len(study.cases), "file": str(file), "models": models}
 
 
-def _own(model: Model, file: Path, studies: dict[str, Study]) -> bool:
+def _is_defined_in(model: Model, file: Path, studies: dict[str, Study]) -> bool:
     """Whether a model is that of a file: a study names those of others."""
     source = inspect.unwrap(model.build).__code__.co_filename
     return not studies or Path(source).resolve() == file.resolve()

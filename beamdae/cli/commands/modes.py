@@ -8,10 +8,21 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdae.cli.model_options import configured
-from beamdae.cli.options import ModelFile, ModelName, Out, Settings, require_writable
-from beamdae.cli.output import console, record, say_warnings, say_written
-from beamdae.cli.output_files import Written
+from beamdae.cli.options import (
+    ModelFile,
+    ModelName,
+    Out,
+    Settings,
+    load_configured_model,
+    require_writable,
+)
+from beamdae.cli.output import (
+    WrittenFiles,
+    create_console,
+    print_warnings,
+    print_written_files,
+    record_results,
+)
 from beamdae.errors import BeamdaeError, require_choice, require_count
 
 # What modes are about.
@@ -48,7 +59,7 @@ def modes_command(
 
     Ends with 0, with 1 where a picture failed, and with 2 after a mistake.
     """
-    model = configured(path, model_name, settings)
+    model = load_configured_model(path, model_name, settings)
     require_choice("modes", "--about", about, _STATES)
     speeds, animated = speed or [], animate or []
     if speeds and about != "reference":
@@ -70,27 +81,27 @@ def modes_command(
         found = modes(built, rotation(speeds[0]) if speeds else about, number, damping)
         for k in animated:
             require_count("modes", "--animate", k, most=len(found))
-    _write(found, model.name, files, animated)
+    _write_and_print(found, model.name, files, animated)
 
 
-def _write(found: Any, name: str, files: dict[str, Path], animated: list[int]) -> None:
+def _write_and_print(found: Any, name: str, files: dict[str, Path], animated: list[int]) -> None:
     """The table on the disk and on the screen, then the pictures."""
     from beamdae.analysis.linear_dynamics.natural_modes import Modes
     from beamdae.report.pictures.figures import save_figure
     from beamdae.report.pictures.mode_shapes import create_campbell_figure, create_modes_figure
-    from beamdae.report.terminal import text_tables as terminal
+    from beamdae.report.terminal import text_tables
     from beamdae.results.storage.files import escape_table, write_text
 
     table = found.table()
-    written = Written([write_text(files["csv"], escape_table(table).to_csv(index=False))])
+    written = WrittenFiles([write_text(files["csv"], escape_table(table).to_csv(index=False))])
     one_state = isinstance(found, Modes)
     rows = "modes" if one_state else "speeds"
     about = found.about if one_state else "rotations"
-    record(lambda: {"about": about, rows: table.to_dict("records")})
-    screen = console()
+    record_results(lambda: {"about": about, rows: table.to_dict("records")})
+    screen = create_console()
     screen.print(name, style="bold")
-    screen.print(terminal.modes_table(table) if one_state else terminal.campbell_table(table))
-    say_warnings(screen, found.warnings)
+    screen.print(text_tables.modes_table(table) if one_state else text_tables.campbell_table(table))
+    print_warnings(screen, found.warnings)
     if not one_state:
         title = f"{name}, Campbell diagram"
         written.draw(
@@ -100,13 +111,13 @@ def _write(found: Any, name: str, files: dict[str, Path], animated: list[int]) -
         title = f"{name}, modes about {found.about}"
         written.draw(name, lambda: [save_figure(create_modes_figure(found, title), files["png"])])
         for k in animated:
-            written.draw(name, partial(_animated, found, k, files[f"{k}"]))
-    say_written(screen, written.paths)
+            written.draw(name, partial(_write_animation, found, k, files[f"{k}"]))
+    print_written_files(screen, written.paths)
     if written.failed:
         raise typer.Exit(1)
 
 
-def _animated(found: Any, mode: int, file: Path) -> list[Path]:
+def _write_animation(found: Any, mode: int, file: Path) -> list[Path]:
     from beamdae.report.pictures.mode_shapes import animate_mode
 
     animate_mode(found, mode, file)

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from beamdae.cli import run_outputs as run_work
-from beamdae.cli import signals as interrupts
-from beamdae.cli.model_options import configured, integrator_of
+from beamdae.cli import run_outputs, signals
 from beamdae.cli.options import (
     EndTime,
     IntegratorName,
@@ -20,10 +18,12 @@ from beamdae.cli.options import (
     Settings,
     Starts,
     TimeLimit,
+    create_integrator,
+    load_configured_model,
+    parse_start,
     require_writable,
-    start_of,
 )
-from beamdae.cli.output import complain, console, record, say_written
+from beamdae.cli.output import create_console, print_error, print_written_files, record_results
 from beamdae.cli.run_outputs import Run
 from beamdae.errors import BeamdaeError
 
@@ -94,8 +94,8 @@ def run_command(
     with 2 after a mistake, with 130 after Ctrl-C, and with 143 after SIGTERM, which leaves no PNG
     and no page.
     """
-    model = configured(path, model_name, settings)
-    method = integrator_of(
+    model = load_configured_model(path, model_name, settings)
+    method = create_integrator(
         "run",
         integrator,
         {
@@ -118,20 +118,20 @@ def run_command(
     parts = _parts(run.table, go_on)
     if checkpoint is not None:
         require_writable(checkpoint.parent, (checkpoint.name,), "--checkpoint")
-    begin = start_of(start) if go_on is None else go_on
+    begin = parse_start(start) if go_on is None else go_on
     # The table is on the disk before anything is told; the picture takes longer than most runs.
-    with run.goes_on(), interrupts.held(through=1):
-        solution = run_work.integrate(run, t_end, output_step, begin, accept_changes)
-        run_work.write(run, parts, solution, checkpoint)
+    with run.goes_on(), signals.defer_interrupts(through=1):
+        solution = run_outputs.integrate_run(run, t_end, output_step, begin, accept_changes)
+        run_outputs.write_tables(run, parts, solution, checkpoint)
     if not run.cut_short and solution.status.kind != "interrupted" and (estimate or verify):
         with run.goes_on():
-            run_work.estimate(run, solution, verify, parts.latest)
-    run_work.say(run, solution)
+            run_outputs.estimate_errors(run, solution, verify, parts.latest)
+    run_outputs.print_results(run, solution)
     with run.goes_on():
-        if not interrupts.terminated():
+        if not signals.is_terminated():
             if page:
-                run_work.write_page(run, solution)
-            run_work.draw(run, solution)
+                run_outputs.write_page(run, solution)
+            run_outputs.draw_run(run, solution)
     _end(run, solution.status)
 
 
@@ -145,15 +145,15 @@ def _parts(table: Path, go_on: Path | None) -> RunParts:
 
 def _end(run: Run, status: Status) -> None:
     """Tell of the files, and end with the code of what became of the run."""
-    say_written(console(), run.written.paths)
-    if run.end is not None and run_work.can_go_on(status):
-        record(lambda: {"continue": run.end})
-        console().print(f"to go on: --continue {run.end}", style="dim", soft_wrap=True)
-    if status.kind == "interrupted" or run.cut_short or interrupts.heard():
+    print_written_files(create_console(), run.written.paths)
+    if run.end is not None and run_outputs.can_resume(status):
+        record_results(lambda: {"continue": run.end})
+        create_console().print(f"to go on: --continue {run.end}", style="dim", soft_wrap=True)
+    if status.kind == "interrupted" or run.cut_short or signals.is_interrupted():
         reason = status.sentence if status.kind == "interrupted" else "interrupted after the run"
-        complain(f"{reason}; what was computed is in {run.table}")
-        raise typer.Exit(interrupts.code())
+        print_error(f"{reason}; what was computed is in {run.table}")
+        raise typer.Exit(signals.exit_code())
     if not status.success:
-        complain(f"failed: {status.sentence}")
+        print_error(f"failed: {status.sentence}")
     if run.written.failed or not status.success:
         raise typer.Exit(1)

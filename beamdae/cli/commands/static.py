@@ -10,19 +10,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdae.cli.model_options import configured
 from beamdae.cli.options import (
     ModelFile,
     ModelName,
     Out,
     Settings,
     Starts,
-    assignments,
+    load_configured_model,
+    parse_assignments,
+    parse_start,
     require_writable,
-    start_of,
 )
-from beamdae.cli.output import complain, console, record, say_warnings, say_written
-from beamdae.cli.output_files import Written
+from beamdae.cli.output import (
+    WrittenFiles,
+    create_console,
+    print_error,
+    print_warnings,
+    print_written_files,
+    record_results,
+)
 from beamdae.errors import BeamdaeError, BeamdaeWarning
 
 if TYPE_CHECKING:
@@ -65,7 +71,7 @@ def static_command(
     Ends with 0 where the path reached its target, with 1 where it did not (what it reached is
     written), and with 2 after a mistake.
     """
-    model = configured(path, model_name, settings)
+    model = load_configured_model(path, model_name, settings)
     name = f"{model.name}_static"
     table, picture = out / f"{name}.csv", out / f"{name}.png"
     require_writable(out, (table.name, table.with_suffix(".json").name, picture.name))
@@ -76,28 +82,36 @@ def static_command(
         # They are told with the result.
         warnings.simplefilter("ignore", BeamdaeWarning)
         found = equilibrium(
-            model, load, _targets(to), control, step, switch or 0, most_points, t, start_of(start)
+            model,
+            load,
+            _parse_targets(to),
+            control,
+            step,
+            switch or 0,
+            most_points,
+            t,
+            parse_start(start),
         )
-    written = Written([found.to_csv(table), table.with_suffix(".json")])
-    _say(found, model.name)
+    written = WrittenFiles([found.to_csv(table), table.with_suffix(".json")])
+    _print_results(found, model.name)
     early = "" if found.status.success else f", ended early ({found.status.kind})"
     title = f"{model.name}, equilibria{early}"
     written.draw(picture.name, lambda: [save_path_figure(picture, found, title)])
-    say_written(console(), written.paths)
+    print_written_files(create_console(), written.paths)
     if not found.status.success:
-        complain(f"failed: {found.status.sentence}")
+        print_error(f"failed: {found.status.sentence}")
     if written.failed or not found.status.success:
         raise typer.Exit(1)
 
 
-def _targets(given: list[str] | None) -> Any:
+def _parse_targets(given: list[str] | None) -> Any:
     """What --to says: load factors, or values of one column."""
     if not given:
         return 1.0
     try:
         if not any("=" in one for one in given):
             return [float(one) for one in given]
-        pairs = [assignments([one], "--to") for one in given]
+        pairs = [parse_assignments([one], "--to") for one in given]
         columns = {column for pair in pairs for column in pair}
         if len(columns) > 1:
             raise BeamdaeError(
@@ -110,28 +124,28 @@ def _targets(given: list[str] | None) -> Any:
         raise BeamdaeError(f"--to {' '.join(given)}: values must be numbers.") from None
 
 
-def _say(found: Equilibrium, name: str) -> None:
+def _print_results(found: Equilibrium, name: str) -> None:
     """Tables and sentences of a path on the screen."""
-    from beamdae.report.terminal import text_tables as terminal
+    from beamdae.report.terminal import text_tables
 
-    record(lambda: _found(found))
-    screen = console()
-    screen.print(terminal.fact_list(name, path_facts(found)))
+    record_results(lambda: _json_results(found))
+    screen = create_console()
+    screen.print(text_tables.fact_list(name, path_facts(found)))
     if found.columns:
-        screen.print(terminal.range_table(found.columns, None))
+        screen.print(text_tables.range_table(found.columns, None))
     if found.validity:
-        screen.print(terminal.validity_table(found.validity))
-    say_warnings(screen, found.warnings)
+        screen.print(text_tables.validity_table(found.validity))
+    print_warnings(screen, found.warnings)
     sys.stdout.flush()
 
 
-def _found(found: Equilibrium) -> dict[str, Any]:
+def _json_results(found: Equilibrium) -> dict[str, Any]:
     """What --json tells of a path: what is beside its table, and its observed columns."""
-    from beamdae.report.terminal import text_tables as terminal
+    from beamdae.report.terminal import text_tables
 
-    told = found.beside(validity=[asdict(beam) for beam in found.validity])
+    told = found.metadata(validity=[asdict(beam) for beam in found.validity])
     del told["warnings"]
-    return told | {"points": len(found.q), "observed": terminal.column_extremes(found.columns)}
+    return told | {"points": len(found.q), "observed": text_tables.column_extremes(found.columns)}
 
 
 def path_facts(found: Equilibrium) -> dict[str, str]:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.cli import completion
-from beamdae.cli.model_options import integrator_of
 from beamdae.cli.options import (
     EndTime,
     IntegratorName,
@@ -22,24 +21,32 @@ from beamdae.cli.options import (
     Settings,
     StudyFile,
     TimeLimit,
-    assignments,
+    create_integrator,
+    parse_assignments,
 )
-from beamdae.cli.output import console, record
-from beamdae.cli.study_outputs import MOST_ROWS, Work, carry_out, folder_name, limited, say_failures
+from beamdae.cli.output import create_console, record_results
+from beamdae.cli.study_outputs import (
+    MAX_SCREEN_ROWS,
+    StudyOutputs,
+    apply_limits,
+    print_failures,
+    results_folder_name,
+    run_and_write,
+)
 from beamdae.errors import BeamdaeError, require_count, suggest
 
 # Whatever imports NumPy or CasADi is imported inside the command: help has to answer at once.
 if TYPE_CHECKING:
-    from beamdae.cli.study_outputs import Draws
+    from beamdae.cli.study_outputs import FileWriters
     from beamdae.model_functions import Model
     from beamdae.studies import Sweep
-    from beamdae.studies.execution.engine import Results
-    from beamdae.studies.sweeps.results import SweepResults
+    from beamdae.studies.execution.study_run import StudyResults
+    from beamdae.studies.sweeps.sweep_results import SweepResults
 
-_FORMS = "values with commas between, or START:STOP:COUNT or START:STOP:COUNT:log"
-_MOST_VALUES = 1_000_000
+_VALUE_FORMS = "values with commas between, or START:STOP:COUNT or START:STOP:COUNT:log"
+_MAX_VALUES = 1_000_000
 # Of numbers as they are typed: what rounding makes of 0.3 is 0.3.
-_DIGITS = 12
+_SIGNIFICANT_DIGITS = 12
 
 
 def sweep_command(
@@ -48,8 +55,8 @@ def sweep_command(
         list[str] | None,
         typer.Option(
             metavar="NAME=VALUES",
-            help=f"Parameter to vary: {_FORMS}; repeat.",
-            autocompletion=completion.parameters,
+            help=f"Parameter to vary: {_VALUE_FORMS}; repeat.",
+            autocompletion=completion.complete_parameters,
         ),
     ] = None,
     of: Annotated[
@@ -78,21 +85,21 @@ def sweep_command(
     """
     if over:
         options = {"rtol": rtol, "step": step}
-        sweep = _stated(
-            path, model_name, over, settings, of, integrator_of("sweep", integrator, options)
+        sweep = _sweep_from_options(
+            path, model_name, over, settings, of, create_integrator("sweep", integrator, options)
         )
     else:
-        _refuse(settings, integrator, rtol, step)
-        sweep = _of_file(path, model_name)
+        _require_no_sweep_options(settings, integrator, rtol, step)
+        sweep = _sweep_of_file(path, model_name)
         sweep = replace(sweep, columns=tuple(of)) if of else sweep
-    from beamdae.studies.execution.pool import pool_of
+    from beamdae.studies.execution.executors import create_executor
 
-    study = limited("sweep", sweep, time_limit, t_end, output_step)
-    work = Work(study, out / study.name, _draws, parquet)
-    carry_out(work, lambda: pool_of("sweep", "--jobs", jobs, scheduler), _say)
+    study = apply_limits("sweep", sweep, time_limit, t_end, output_step)
+    work = StudyOutputs(study, out / study.name, _file_writers, parquet)
+    run_and_write(work, lambda: create_executor("sweep", "--jobs", jobs, scheduler), _print_results)
 
 
-def _stated(
+def _sweep_from_options(
     path: Path,
     name: str | None,
     over: list[str],
@@ -102,22 +109,22 @@ def _stated(
 ) -> Sweep:
     """The sweep that the options state."""
     from beamdae.cli.model_files.model_file import load_model
-    from beamdae.studies.sweeps.sweep import sweep_of
+    from beamdae.studies.sweeps.sweep import create_sweep
 
     model = load_model(path, name)
-    fixed, asked = assignments(settings), assignments(over, "--over")
+    fixed, asked = parse_assignments(settings), parse_assignments(over, "--over")
     if len(asked) < len(over):
         raise BeamdaeError(f"--over: each parameter once, got {', '.join(over)}.")
     both = next((key for key in asked if key in fixed), None)
     if both is not None:
         raise BeamdaeError(f"--over {both}: it is set by --set as well, give one.")
-    values = {key: listed(model, key, text) for key, text in asked.items()}
+    values = {key: parse_values(model, key, text) for key, text in asked.items()}
     values |= {key: [value] for key, value in fixed.items()}
-    folder = folder_name("_".join([model.name, "sweep", *asked]), fixed)
-    return sweep_of(model, values, folder, of or (), integrator)
+    folder = results_folder_name("_".join([model.name, "sweep", *asked]), fixed)
+    return create_sweep(model, values, folder, of or (), integrator)
 
 
-def listed(model: Model, name: str, text: str) -> list[Any]:
+def parse_values(model: Model, name: str, text: str) -> list[Any]:
     """The values that --over NAME=TEXT states.
 
     Raises
@@ -127,11 +134,11 @@ def listed(model: Model, name: str, text: str) -> list[Any]:
     """
     kind = type(model.parameters.get(name))
     if kind in (int, float) and ":" in text:
-        return _between(model, name, text)
-    return [model.complete({name: part.strip()})[name] for part in _parts(text)]
+        return _parse_range(model, name, text)
+    return [model.complete({name: part.strip()})[name] for part in _split_at_commas(text)]
 
 
-def _parts(text: str) -> list[str]:
+def _split_at_commas(text: str) -> list[str]:
     """What stands between commas, but those within brackets."""
     parts, depth = [""], 0
     for letter in text:
@@ -143,7 +150,7 @@ def _parts(text: str) -> list[str]:
     return parts
 
 
-def _between(model: Model, name: str, text: str) -> list[Any]:
+def _parse_range(model: Model, name: str, text: str) -> list[Any]:
     """Values of START:STOP:COUNT, of equal distances or, with :log, of equal ratios."""
     import numpy as np
 
@@ -154,16 +161,16 @@ def _between(model: Model, name: str, text: str) -> list[Any]:
     except ValueError:
         ends, asked = (np.nan, np.nan), np.nan
     if not np.isfinite([*ends, asked]).all() or not (geometric or rest == [""]):
-        raise BeamdaeError(f"--over {name}={text}: values must have the form {_FORMS}.")
+        raise BeamdaeError(f"--over {name}={text}: values must have the form {_VALUE_FORMS}.")
     if geometric and min(ends) <= 0.0:
         raise BeamdaeError(f"--over {name}={text}: both ends must be positive for :log.")
-    points = require_count(f"--over {name}={text}", "COUNT", asked, most=_MOST_VALUES)
+    points = require_count(f"--over {name}={text}", "COUNT", asked, most=_MAX_VALUES)
     spaced = np.geomspace(*ends, points) if geometric else np.linspace(*ends, points)
-    found = [float(f"{x:.{_DIGITS}g}") for x in spaced]
+    found = [float(f"{x:.{_SIGNIFICANT_DIGITS}g}") for x in spaced]
     return [model.complete({name: x})[name] for x in found]
 
 
-def _refuse(
+def _require_no_sweep_options(
     settings: list[str] | None, integrator: str, rtol: float | None, step: float | None
 ) -> None:
     """What a sweep of a file says itself."""
@@ -176,12 +183,12 @@ def _refuse(
             )
 
 
-def _of_file(path: Path, name: str | None) -> Sweep:
+def _sweep_of_file(path: Path, name: str | None) -> Sweep:
     """The sweep of a file, by `name` if it holds several."""
-    from beamdae.cli.model_files.model_file import contents, only_or
+    from beamdae.cli.model_files.model_file import load_contents, select_name
     from beamdae.studies import Sweep
 
-    models, studies = contents(path)
+    models, studies = load_contents(path)
     sweeps = {key: study for key, study in studies.items() if isinstance(study, Sweep)}
     if not sweeps:
         known = {name: models[name]} if name in models else models
@@ -190,43 +197,43 @@ def _of_file(path: Path, name: str | None) -> Sweep:
             f"{path}: it holds no sweep, say what to vary with --over NAME=VALUES, of the "
             f"parameters {parameters or 'of a model, which it does not hold either'}."
         )
-    chosen = only_or(name, sweeps, f"{path}: it holds several sweeps")
+    chosen = select_name(name, sweeps, f"{path}: it holds several sweeps")
     if chosen not in sweeps:
         raise BeamdaeError(f"{path}: no sweep {chosen!r}{suggest(chosen, sweeps)}.")
     return sweeps[chosen]
 
 
-def _draws(results: Results) -> tuple[Draws, Draws]:
-    from beamdae.studies.sweeps.pictures import plots
-    from beamdae.studies.sweeps.results import TABLE, results_of
+def _file_writers(results: StudyResults) -> tuple[FileWriters, FileWriters]:
+    from beamdae.studies.sweeps.response_plots import list_response_plots
+    from beamdae.studies.sweeps.sweep_results import TABLE_FILE, create_sweep_results
 
-    swept, folder = results_of(results), results.folder
-    first: Draws = {
-        TABLE: lambda: [swept.to_csv(folder / TABLE)],
+    swept, folder = create_sweep_results(results), results.folder
+    first: FileWriters = {
+        TABLE_FILE: lambda: [swept.to_csv(folder / TABLE_FILE)],
         "report.html": lambda: [swept.page(folder / "report.html")],
     }
-    return first, plots(swept, folder)
+    return first, list_response_plots(swept, folder)
 
 
-def _say(results: Results) -> None:
+def _print_results(results: StudyResults) -> None:
     """The table on the screen, and a sentence for each failure."""
-    from beamdae.report.terminal import text_tables as terminal
-    from beamdae.studies.sweeps.results import results_of
+    from beamdae.report.terminal import text_tables
+    from beamdae.studies.sweeps.sweep_results import create_sweep_results
 
-    swept, screen = results_of(results), console()
-    record(lambda: _found(swept))
+    swept, screen = create_sweep_results(results), create_console()
+    record_results(lambda: _json_results(swept))
     screen.print(results.study.name, style="bold")
     ended = int((swept.table["status"] == "ok").sum())
     screen.print(f"{len(swept.table)} cases, {ended} of them reached their end", style="dim")
-    if len(swept.table) <= MOST_ROWS:
-        screen.print(terminal.sweep_table(swept.table, swept.parameters, swept.told))
+    if len(swept.table) <= MAX_SCREEN_ROWS:
+        screen.print(text_tables.sweep_table(swept.table, swept.parameters, swept.told))
     doubtful = int((swept.table["warnings"] != "").sum())
     if doubtful:
         screen.print(f"{doubtful} of them warn of what is not to be trusted, see sweep.csv")
-    say_failures(results)
+    print_failures(results)
 
 
-def _found(swept: SweepResults) -> dict[str, Any]:
+def _json_results(swept: SweepResults) -> dict[str, Any]:
     """What --json tells of a sweep."""
     return {
         "sweep": swept.sweep.name,

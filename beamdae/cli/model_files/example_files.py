@@ -9,7 +9,7 @@ from beamdae.errors import BeamdaeError, short_repr, suggest
 PREFIX = "example:"
 
 
-def folder() -> Path:
+def examples_folder() -> Path:
     """Where the examples are: in the package, or beside it in a clone."""
     import beamdae
 
@@ -18,13 +18,13 @@ def folder() -> Path:
     return installed if installed.is_dir() else package.parent / "models"
 
 
-def names() -> list[str]:
+def example_names() -> list[str]:
     """Of all examples."""
-    return sorted(file.stem for file in folder().glob("*.py") if file.stem != "__init__")
+    return sorted(file.stem for file in examples_folder().glob("*.py") if file.stem != "__init__")
 
 
-def as_file(path: Path) -> Path:
-    """The path of a model file, which may be `example:NAME`.
+def resolve_path(path: Path) -> Path:
+    """The path of a model file, which may be `example_file:NAME`.
 
     Raises
     ------
@@ -32,10 +32,10 @@ def as_file(path: Path) -> Path:
         If there is no example of the name.
     """
     text = str(path)
-    return example(text.removeprefix(PREFIX)) if text.startswith(PREFIX) else path
+    return example_file(text.removeprefix(PREFIX)) if text.startswith(PREFIX) else path
 
 
-def example(name: str) -> Path:
+def example_file(name: str) -> Path:
     """The file of an example.
 
     Raises
@@ -43,10 +43,10 @@ def example(name: str) -> Path:
     BeamdaeError
         If there is none of the name.
     """
-    known = names()
+    known = example_names()
     if name not in known:
         raise BeamdaeError(
             f"{PREFIX}{name}: there is no example {short_repr(name)}{suggest(name, known)}, "
             f"the examples are {', '.join(known)}."
         )
-    return folder() / f"{name}.py"
+    return examples_folder() / f"{name}.py"

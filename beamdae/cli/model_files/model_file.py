@@ -12,8 +12,8 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any
 
-from beamdae.cli.model_files.example_files import as_file
-from beamdae.cli.model_files.user_errors import explained
+from beamdae.cli.model_files.example_files import resolve_path
+from beamdae.cli.model_files.user_errors import describe_error
 from beamdae.errors import BeamdaeError, is_valid_path, short_repr, suggest
 from beamdae.model_functions import Model, extend_import_path
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from beamdae.studies import Study
 
 # Bytes; compiling takes hundreds of times as much memory.
-_LARGEST = 10_000_000
+_MAX_FILE_SIZE = 10_000_000
 
 
 def load_model(path: str | Path, name: str | None = None) -> Model:
@@ -48,21 +48,21 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
         raise BeamdaeError(
             f"load_model: path must be that of a model file, got {short_repr(path)}."
         )
-    path = as_file(Path(path))
-    module = _imported(path)
+    path = resolve_path(Path(path))
+    module = _import_file(path)
     models = _models(module, path)
     if not models:
         raise BeamdaeError(
             f"{path}: it holds no model, decorate a function with @bd.model(t_end=)."
         )
-    chosen = only_or(name, models, f"{path}: it holds several models")
+    chosen = select_name(name, models, f"{path}: it holds several models")
     if not (isinstance(chosen, str) and chosen in models):
         raise BeamdaeError(
             f"{path}: no model {short_repr(chosen)}{suggest(chosen, models)}, "
             f"the models are {', '.join(models)}."
         )
     # The same under two names is one.
-    called_so = {id(x.build) for x in _held(module) if x.name == chosen}
+    called_so = {id(x.build) for x in _all_models(module) if x.name == chosen}
     if len(called_so) > 1:
         raise BeamdaeError(
             f"{path}: it holds {len(called_so)} models called {short_repr(chosen)}, give each a name of "
@@ -71,7 +71,7 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
     return models[chosen]
 
 
-def only_or(name: str | None, known: Iterable[str], several: str) -> str:
+def select_name(name: str | None, known: Iterable[str], several: str) -> str:
     """The name that is asked for, or that of the only one there is.
 
     Raises
@@ -85,11 +85,11 @@ def only_or(name: str | None, known: Iterable[str], several: str) -> str:
     return names[0] if name is None else name
 
 
-def _held(module: ModuleType) -> list[Model]:
+def _all_models(module: ModuleType) -> list[Model]:
     return [value for value in vars(module).values() if isinstance(value, Model)]
 
 
-def contents(path: Path) -> tuple[dict[str, Model], dict[str, Study]]:
+def load_contents(path: Path) -> tuple[dict[str, Model], dict[str, Study]]:
     """The models and the studies of a file, by name.
 
     Raises
@@ -100,18 +100,18 @@ def contents(path: Path) -> tuple[dict[str, Model], dict[str, Study]]:
     # Here, for a model is loaded faster without what studies need.
     from beamdae.studies import Study
 
-    path = as_file(path)
-    module = _imported(path)
+    path = resolve_path(path)
+    module = _import_file(path)
     studies = [value for value in vars(module).values() if isinstance(value, Study)]
     return _models(module, path), {study.name: study for study in studies}
 
 
 def _models(module: ModuleType, path: Path) -> dict[str, Model]:
-    return {x.name: replace(x, build=_located(x, path)) for x in _held(module)}
+    return {x.name: replace(x, build=_wrap_build(x, path)) for x in _all_models(module)}
 
 
-def _imported(path: Path) -> ModuleType:
-    code = _compiled(path)
+def _import_file(path: Path) -> ModuleType:
+    code = _compile_file(path)
     # Before a file beside the model, or the model itself, can hide what these import.
     import beamdae.simulation  # noqa: F401
 
@@ -122,14 +122,17 @@ def _imported(path: Path) -> ModuleType:
     # Decorators such as dataclass look their module up while it is being imported.
     sys.modules[name] = module
     try:
-        with extend_import_path(path.absolute().parent), _told(f"{path}: it does not import", path):
+        with (
+            extend_import_path(path.absolute().parent),
+            _report_errors(f"{path}: it does not import", path),
+        ):
             exec(code, vars(module))
     finally:
         sys.modules.pop(name, None)
     return module
 
 
-def _compiled(path: Path) -> CodeType:
+def _compile_file(path: Path) -> CodeType:
     """A model file, in whatever encoding its first lines tell, as code."""
     if not is_valid_path(str(path)):
         raise BeamdaeError(f"path: no model file can be called {short_repr(str(path))}.")
@@ -140,9 +143,9 @@ def _compiled(path: Path) -> CodeType:
             raise BeamdaeError(f"{path}: there is no such file.")
         if not path.is_file():
             raise BeamdaeError(f"{path}: it is no file, a model file must be a Python file (.py).")
-        if path.stat().st_size > _LARGEST:
+        if path.stat().st_size > _MAX_FILE_SIZE:
             raise BeamdaeError(
-                f"{path}: it is larger than {_LARGEST / 1e6:g} MB, a model file must be smaller; "
+                f"{path}: it is larger than {_MAX_FILE_SIZE / 1e6:g} MB, a model file must be smaller; "
                 "it can read its data from another file."
             )
         content = path.read_bytes()
@@ -157,27 +160,27 @@ def _compiled(path: Path) -> CodeType:
         ) from None
     if "\0" in source:
         raise BeamdaeError(f"{path}: it holds NUL bytes, a model file must be text.")
-    with _told(f"{path}: it does not import", path):
+    with _report_errors(f"{path}: it does not import", path):
         return compile(source, path.absolute(), "exec", dont_inherit=True)
 
 
-def _located(model: Model, path: Path) -> Callable[..., Any]:
+def _wrap_build(model: Model, path: Path) -> Callable[..., Any]:
     """The model function, with its programming errors told as mistakes in the file."""
 
     @wraps(model.build)
     def build(**values: Any) -> Any:
-        with _told(f"{model.name}: {path} cannot build it", path):
+        with _report_errors(f"{model.name}: {path} cannot build it", path):
             return model.build(**values)
 
     return build
 
 
 @contextmanager
-def _told(what: str, path: Path) -> Iterator[None]:
+def _report_errors(what: str, path: Path) -> Iterator[None]:
     """Whatever the code of a file raises is a mistake in it, but Ctrl-C."""
     try:
         yield
     except (BeamdaeError, KeyboardInterrupt):
         raise
     except BaseException as problem:
-        raise BeamdaeError(f"{what}, {explained(problem, path)}.") from problem
+        raise BeamdaeError(f"{what}, {describe_error(problem, path)}.") from problem

@@ -20,7 +20,7 @@ _UNEXPECTED = re.compile(r"([\w.]+)\(\) got an unexpected keyword argument '(\w+
 _SUGGESTED = re.compile(r"\. Did you mean '\w+'\?$")
 
 
-def explained(problem: BaseException, path: Path) -> str:
+def describe_error(problem: BaseException, path: Path) -> str:
     """Type, line of the file at `path`, message and hint of an exception, on one line."""
     own = (path, path.absolute())
     lines = [
@@ -46,12 +46,12 @@ def explained(problem: BaseException, path: Path) -> str:
 
 def _hint(problem: BaseException) -> str:
     """A hint at the nearest name to the one that was not found, or nothing."""
-    wanted, known = _not_found(problem)
+    wanted, known = _missing_name(problem)
     hidden = wanted.startswith("_")
     return suggest(wanted, [n for n in known if hidden or not n.startswith("_")]) if wanted else ""
 
 
-def _not_found(problem: BaseException) -> tuple[str, Iterable[str]]:
+def _missing_name(problem: BaseException) -> tuple[str, Iterable[str]]:
     """The name an exception is about, and the names there are."""
     if isinstance(problem, AttributeError) and problem.name:
         return problem.name, _names_of(problem.obj)

@@ -32,7 +32,7 @@ class Outline:
     studies: tuple[str, ...] = ()
 
 
-def outline(file: Path) -> Outline:
+def read_outline(file: Path) -> Outline:
     """The outline of a file; that of one with mistakes only says whether it names beamdae."""
     try:
         source = file.read_bytes()
