@@ -7,9 +7,8 @@ Next: a column of the case table in `tables`, a place where runs are done in `po
 from beamdae.studies.case import Case, default_integrators, grid
 from beamdae.studies.comparison import compare
 from beamdae.studies.definition import Study, study
-from beamdae.studies.sweeps.results import SweepResults
-from beamdae.studies.sweeps.sweep import Sweep
-from beamdae.studies.sweeps.sweeping import sweep
+from beamdae.studies.sweeps.sweep import Sweep, sweep
+from beamdae.studies.sweeps.sweep_results import SweepResults
 
 __all__ = [
     "Case",

@@ -1,9 +1,9 @@
-"""A case of a study: a model, its parameters, an integrator."""
+"""A case of a study: a model, its parameters and an integrator."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cache
 from itertools import product
@@ -19,14 +19,16 @@ from beamdae.simulation import simulate
 from beamdae.studies.store.file_hashes import digest_file, digest_package
 from beamdae.studies.store.fingerprints import FingerprintError, digest, digest_transferable
 
-# Longer texts are no labels, and two of them may look alike.
-_MAX_LABEL_LENGTH = 60
+FINGERPRINT_LENGTH = 20  # hexadecimal digits: 80 bits
+_LABEL_HASH_LENGTH = 6
+_MAX_LABEL_LENGTH = 60  # characters of a parameter in labels
 _MAX_COMBINATIONS = 1_000_000
 _REPRODUCIBLE_VALUES = (
-    "what another process can tell again (numbers, texts, arrays, functions; lists, dicts, sets "
-    "and objects of these)"
+    "a value that other processes can reproduce (numbers, strings, arrays, functions; lists, "
+    "dicts, sets and objects of these)"
 )
-# Hashes found before, with what they are of: by identity, which lasts as long as the object.
+# Digests by the identity of a value; the value is stored with its digest, so that it stays alive
+# and no other object can get the same identity.
 DigestCache = dict[int, tuple[Any, str]]
 
 
@@ -37,11 +39,16 @@ class Case:
     Parameters
     ----------
     model
-        A model function.
+        Model function.
     parameters
-        Values in place of its defaults.
+        Values that replace its defaults, by name.
     integrator
-        Ida(...), GeneralizedAlpha(...), Radau(...) or any other `Integrator`.
+        Any `Integrator`, such as Ida(...), GeneralizedAlpha(...) or Radau(...).
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument has the wrong type.
     """
 
     model: Model
@@ -53,10 +60,10 @@ class Case:
             raise BeamdaeError(
                 f"Case: model must be a model function, see @bd.model, got {short_repr(self.model)}."
             )
-        named = isinstance(self.parameters, Mapping) and all(
+        is_valid = isinstance(self.parameters, Mapping) and all(
             isinstance(name, str) for name in self.parameters
         )
-        if not named:
+        if not is_valid:
             raise BeamdaeError(
                 f"Case of {self.model.name}: parameters must be a dict of values by name, "
                 f"got {short_repr(self.parameters)}."
@@ -66,93 +73,95 @@ class Case:
     @property
     def changed(self) -> dict[str, Any]:
         """Settings of the integrator that differ from their defaults."""
-        chosen = {f.name: (getattr(self.integrator, f.name), f.default) for f in self._settings}
-        return {name: value for name, (value, default) in chosen.items() if value != default}
+        settings = {f.name: (getattr(self.integrator, f.name), f.default) for f in self._settings}
+        return {name: value for name, (value, default) in settings.items() if value != default}
 
     @property
     def _settings(self) -> list[Any]:
-        # A limit of time changes nothing of the numbers.
+        # The time limit does not change the numbers.
         return [f for f in fields(self.integrator) if f.name != "time_limit"]  # type: ignore[arg-type]
 
     @property
     def label(self) -> str:
-        """The integrator's label with whatever else differs from its defaults."""
+        """Label of the integrator, extended by all other settings that differ from defaults."""
         label = self.integrator.label
-        more = [f"{k}={v}" for k, v in self.changed.items() if f"{k}=" not in label]
-        return ", ".join([label.removesuffix(")"), *more]) + ")" if more else label
+        others = [f"{k}={v}" for k, v in self.changed.items() if f"{k}=" not in label]
+        return ", ".join([label.removesuffix(")"), *others]) + ")" if others else label
 
     @property
     def series(self) -> str:
-        """The label with the name of step or tolerance alone: runs that make one curve."""
-        refined = self.integrator.accuracy.name
-        kept = [f"{k}={v}" for k, v in self.changed.items() if k != refined]
-        return f"{self.integrator.method}({', '.join([refined, *kept])})"
+        """Label without the value of step or tolerance: equal for all points of one curve."""
+        accuracy = self.integrator.accuracy.name
+        others = [f"{k}={v}" for k, v in self.changed.items() if k != accuracy]
+        return f"{self.integrator.method}({', '.join([accuracy, *others])})"
 
     @property
     def group(self) -> str:
-        """Model and parameters: cases that differ in their integrator alone share a reference."""
+        """Model and parameters: equal for cases that share a reference."""
         values = ", ".join(f"{k}={format_parameter(v)}" for k, v in self.parameters.items())
         return f"{self.model.name}({values})" if values else self.model.name
 
     def configured(self) -> Model:
-        """The model with the parameters of the case as its defaults."""
+        """Return the model with the parameters of the case as its defaults."""
         return replace(self.model, parameters=self.model.complete(dict(self.parameters)))
 
     def solve(
         self, t_end: float | None = None, output_step: float | None = None, progress: Any = None
     ) -> Solution:
-        """Run it; see `simulate`."""
+        """Run the case; see `simulate`."""
         return simulate(self.configured(), self.integrator, t_end, output_step, progress)
 
     def mechanism_fingerprint(self, digests: DigestCache | None = None) -> str:
-        """Hash of what the equations of motion depend on.
+        """Return a hash of everything the equations of motion depend on.
 
-        Of the model (its code with all values it refers to, and the files it names), parameters,
-        versions, and the sources of beamdae. Hashes in `digests` are taken as they are.
+        That is the model (its code with all values it refers to, and the files it declares), the
+        parameters, the versions, and the sources of beamdae. Pass one dict as `digests` to many
+        calls to compute the hash of a shared model once.
 
         Raises
         ------
         BeamdaeError
-            If the model refers to something, or a parameter is something, that no other process
-            can tell again: a lock, a generator, an open file.
+            If the model refers to a value, or a parameter is one, that other processes cannot
+            reproduce: a lock, a generator, an open file.
         """
         digests = {} if digests is None else digests
-        return cached_digest(digests, self, lambda: self._mechanism(digests))
+        return cached_digest(digests, self, lambda: self._digest_mechanism(digests))
 
-    def _mechanism(self, digests: DigestCache) -> str:
-        parameters = self.model.complete(dict(self.parameters))
-        found = {
-            name: _digest_parameter(self.model, name, x, digests) for name, x in parameters.items()
+    def _digest_mechanism(self, digests: DigestCache) -> str:
+        parameters = {
+            name: _digest_parameter(self.model, name, value, digests)
+            for name, value in self.model.complete(dict(self.parameters)).items()
         }
-        of_model = cached_digest(digests, self.model.build, lambda: _digest_model(self.model))
-        return _case_digest(
-            [of_model, sorted(found.items()), _digest_data_files(self.model), _environment_digest()]
-        )
+        model = cached_digest(digests, self.model.build, lambda: _digest_model(self.model))
+        data = [digest_file(str(path)) for path in self.model.files()]
+        content = [model, sorted(parameters.items()), data, _digest_environment()]
+        return digest(content)[:FINGERPRINT_LENGTH]
 
     def fingerprint(
         self, t_end: float, output_step: float, digests: DigestCache | None = None
     ) -> str:
-        """Hash of all the result depends on, but files it reads while it runs: see `mechanism_fingerprint`."""
+        """Return a hash of everything the result depends on, except files read during the run.
+
+        The files are known after the run only; its record has their hashes. For `digests` and
+        errors see `mechanism_fingerprint`.
+        """
         digests = {} if digests is None else digests
         kind = type(self.integrator)
         code = cached_digest(digests, kind, lambda: _digest_integrator(kind))
         settings = asdict(self.integrator)  # type: ignore[call-overload]
-        return _case_digest([self.mechanism_fingerprint(digests), code, settings, t_end, output_step])
+        mechanism = self.mechanism_fingerprint(digests)
+        return digest([mechanism, code, settings, t_end, output_step])[:FINGERPRINT_LENGTH]
 
 
-def _case_digest(content: Any) -> str:
-    return digest(content)[:20]
-
-
-def cached_digest(digests: DigestCache, value: Any, find: Any) -> str:
-    """What `find` gives, unless it is known of this very object."""
+def cached_digest(digests: DigestCache, value: Any, compute: Callable[[], str]) -> str:
+    """Return the digest of this object from the cache, or compute and add it."""
     if id(value) not in digests:
-        digests[id(value)] = (value, find())
+        digests[id(value)] = (value, compute())
     return digests[id(value)][1]
 
 
 def _digest_parameter(model: Model, name: str, value: Any, digests: DigestCache) -> str:
-    def find() -> str:
+    def compute() -> str:
         try:
             return digest_transferable(value)
         except FingerprintError as problem:
@@ -161,64 +170,56 @@ def _digest_parameter(model: Model, name: str, value: Any, digests: DigestCache)
                 f"({problem.place} is a {problem.kind})."
             ) from None
 
-    # Defaults live as long as the model does.
-    return cached_digest(digests, value, find) if value is model.parameters[name] else find()
+    # Only defaults are shared by many cases.
+    is_default = value is model.parameters[name]
+    return cached_digest(digests, value, compute) if is_default else compute()
 
 
 def _digest_model(model: Model) -> str:
     try:
         return digest([model.name, model.build])
     except FingerprintError as problem:
-        raise _irreproducible_error(model.name, problem, "; make it inside the function") from None
+        raise BeamdaeError(
+            f"{model.name}: {problem.place} must be {_REPRODUCIBLE_VALUES}, got a {problem.kind}; "
+            "create it inside the function."
+        ) from None
 
 
 def _digest_integrator(kind: type[Integrator]) -> str:
     try:
         return digest(kind)
     except FingerprintError as problem:
-        raise _irreproducible_error(kind.__name__, problem) from None
-
-
-def _irreproducible_error(part: str, problem: FingerprintError, remedy: str = "") -> BeamdaeError:
-    return BeamdaeError(
-        f"{part}: {problem.place} must be {_REPRODUCIBLE_VALUES}, got a {problem.kind}{remedy}."
-    )
-
-
-def _digest_data_files(model: Model) -> list[str | None]:
-    return [digest_file(str(path)) for path in model.files()]
+        raise BeamdaeError(
+            f"{kind.__name__}: {problem.place} must be {_REPRODUCIBLE_VALUES}, "
+            f"got a {problem.kind}."
+        ) from None
 
 
 @cache
-def _environment_digest() -> str:
+def _digest_environment() -> str:
     return digest([versions(), sys.version_info[:2], digest_package()])
 
 
 def format_parameter(value: Any) -> str:
-    """A parameter in labels: its text, or where that is long or no text, type and hash."""
+    """Return the text of a parameter for labels, or its type and hash if that is ambiguous."""
     try:
         text = str(value)
-    except Exception:  # Numbers of thousands of digits, and what objects do.
+    except Exception:  # Integers of thousands of digits, and __str__ of any object.
         text = ""
-    plain = value is None or isinstance(value, (bool, int, float, str))
-    # What NumPy leaves out, and addresses, are the same or another by chance.
-    vague = not plain and ("..." in text or " at 0x" in text)
-    if (
-        text.isprintable()
-        and len(text) <= _MAX_LABEL_LENGTH
-        and (text or value == "")
-        and not vague
-    ):
+    is_scalar = value is None or isinstance(value, (bool, int, float, str))
+    # NumPy abbreviates long arrays, and addresses differ in each process.
+    is_ambiguous = not is_scalar and ("..." in text or " at 0x" in text)
+    is_short = text.isprintable() and len(text) <= _MAX_LABEL_LENGTH
+    if is_short and (text or value == "") and not is_ambiguous:
         return text
     try:
-        found = digest(value)[:6]
+        return f"{type(value).__name__} #{digest(value)[:_LABEL_HASH_LENGTH]}"
     except FingerprintError:
         return type(value).__name__
-    return f"{type(value).__name__} #{found}"
 
 
 def default_integrators() -> tuple[Integrator, ...]:
-    """The integrators a model is compared with unless others are named."""
+    """Return the integrators that `beamdae compare` runs a model with by default."""
     return (
         Ida(rtol=1e-4),
         Ida(rtol=1e-6),
@@ -229,25 +230,34 @@ def default_integrators() -> tuple[Integrator, ...]:
 
 
 def grid(**lists: Iterable[Any]) -> list[dict[str, Any]]:
-    """All combinations of parameter values, the last name varying fastest.
+    """Return all combinations of parameter values; the last name varies fastest.
+
+    Raises
+    ------
+    BeamdaeError
+        If a value is no list, or there are more than a million combinations.
 
     Examples
     --------
     >>> grid(elements=[4, 8], strain=["linear"])
     [{'elements': 4, 'strain': 'linear'}, {'elements': 8, 'strain': 'linear'}]
     """
-    combinations, found = 1, {}
+    combinations = 1
+    values_by_name = {}
     for name, values in lists.items():
         if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
             raise BeamdaeError(f"grid: {name} must be a list of values, got {short_repr(values)}.")
-        # Of a generator it is not known whether it ends.
-        found[name] = require_iterable(
+        # The limit ends generators that do not end themselves.
+        values_by_name[name] = require_iterable(
             "grid", name, values, "a list of values", _MAX_COMBINATIONS + 1
         )
-        combinations *= len(found[name])
+        combinations *= len(values_by_name[name])
     if combinations > _MAX_COMBINATIONS:
         raise BeamdaeError(
             f"grid: {', '.join(lists)} must have at most {_MAX_COMBINATIONS} combinations, "
             f"got {combinations} or more."
         )
-    return [dict(zip(found, values, strict=True)) for values in product(*found.values())]
+    return [
+        dict(zip(values_by_name, values, strict=True))
+        for values in product(*values_by_name.values())
+    ]

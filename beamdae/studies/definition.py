@@ -1,9 +1,9 @@
-"""A study: a function that lists cases, and what is common to them."""
+"""A study: cases with common settings, and the decorator that makes one of a function."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any
 
@@ -24,41 +24,51 @@ from beamdae.studies.deviations import require_column_names
 from beamdae.studies.execution.case_run import Limits, Task, describe_exception
 
 _DEFAULT_OUTPUT_ROWS = 400
+_DEFAULT_TIME_LIMIT = 120.0  # seconds
+_REFERENCE_TIME_LIMIT_FACTOR = 10.0  # relative to the time limit of a case
 _MAX_REPETITIONS = 1000
 _MAX_CASES = 1_000_000
 
 
 @dataclass(frozen=True)
 class Study:
-    """Cases and how they are run and measured; made by `bd.study`.
+    """Cases and the settings they share; created by `bd.study`.
 
     Attributes
     ----------
     name
-        Name of the folder of its results.
+        Name of the folder of results.
     cases
-        What to run.
+        Cases to run.
     references
-        Two integrators of different kind; default: `Radau(1e-7)` and `GeneralizedAlpha(1e-4)`. The
-        first gives the reference of each group of cases that differ in their integrator alone; how
-        far the second is from it is its uncertainty. One that goes by its step is run with half of
-        it as well and extrapolated (Richardson). (): as `errors=False`.
+        Two integrators with different methods; default `Radau(1e-7)` and `GeneralizedAlpha(1e-4)`.
+        The first computes the reference of each group of cases that differ only in their
+        integrator; its difference to the second is the uncertainty of the reference. An integrator
+        with a fixed step is run with half the step as well, and extrapolated (Richardson).
+        (): as `errors=False`.
     columns
-        Observed columns errors are taken over; default: positions and angles that move.
+        Observed columns that errors are taken over; default: positions and angles that move.
     t_end, output_step
-        Of all cases [s]; default the model's end time and a 400th of it.
+        End time and time between rows of all cases [s]; default: the end time of the model, and a
+        400th of it.
     limits
-        Time, memory and patience of a case.
+        Limits of wall time, memory and time without progress of a case.
     repetitions
-        Runs of a case; its wall time is their median.
+        Number of runs of each case; its wall time is their median.
     over
-        For a study of meshes: the parameter that is refined, such as "elements". Cases that
-        differ in it alone are measured against the largest value with the same integrator; errors
-        in space and in time are never mixed.
+        Parameter that is refined in a mesh study, such as "elements". Cases that differ only in
+        this parameter are compared with the largest value under the same integrator, so errors in
+        space and in time are not mixed.
     errors
-        Whether errors are asked for: of all cases, or of none, which need no references then.
-        Default: where `references`, `columns` or `over` are given, and of cases that have
-        another one to be compared with: the same model and parameters, another integrator.
+        True: compute errors of all cases. False: compute none, and run no references. None: compute
+        errors if `references`, `columns` or `over` are given, and in groups with several cases
+        (same model and parameters, different integrators).
+
+    Raises
+    ------
+    BeamdaeError
+        If a setting is invalid, two different models have the same name, or a value cannot be
+        reproduced in other processes.
     """
 
     name: str
@@ -67,7 +77,7 @@ class Study:
     columns: tuple[str, ...] = ()
     t_end: float | None = None
     output_step: float | None = None
-    limits: Limits = field(default_factory=lambda: Limits(time=120.0))
+    limits: Limits = field(default_factory=lambda: Limits(time=_DEFAULT_TIME_LIMIT))
     repetitions: int = 1
     over: str | None = None
     errors: bool | None = None
@@ -108,24 +118,23 @@ class Study:
             if self.over is not None:
                 if self.over not in case.parameters:
                     raise BeamdaeError(
-                        f"{self.name}: every case of a study over {short_repr(self.over)} has to give "
-                        "it a value."
+                        f"{self.name}: every case must set the parameter {short_repr(self.over)} "
+                        "of over=."
                     )
                 require_positive(self.name, self.over, case.parameters[self.over])
             case.mechanism_fingerprint(digests)
-            if models.setdefault(case.model.name, case.model) is case.model:
+            model = models.setdefault(case.model.name, case.model)
+            if model is case.model:
                 continue
-            one, other = (
-                Case(x).mechanism_fingerprint(digests) for x in (models[case.model.name], case.model)
-            )
-            if one != other:
+            fingerprints = {Case(x).mechanism_fingerprint(digests) for x in (model, case.model)}
+            if len(fingerprints) > 1:
                 raise BeamdaeError(
-                    f"{self.name}: two different models are called {case.model.name!r}, "
-                    "give one of them another name."
+                    f"{self.name}: two different models are called {case.model.name!r}; "
+                    "rename one of them."
                 )
 
-    def measures(self, runs: int) -> bool:
-        """Whether errors are asked for in a group of so many different runs."""
+    def computes_errors(self, runs: int) -> bool:
+        """Return whether errors are computed in a group of this many different runs."""
         if self.errors is not None:
             return self.errors
         if self.over is None and self.references == ():
@@ -133,20 +142,20 @@ class Study:
         return bool(self.over or self.references or self.columns) or runs > 1
 
     def tag(self, case: Case) -> str:
-        """What tells a case from the others that are measured against the same reference."""
+        """Return the label of a case among those with the same reference."""
         return case.label if self.over is None else f"{self.over}={case.parameters[self.over]}"
 
     def task(self, case: Case, reference: bool = False, digests: DigestCache | None = None) -> Task:
-        """A case as a task; references take as long as they need, ten times a case's limit.
+        """Return the task of a case; references get ten times the time limit and one repetition.
 
-        Hashes in `digests` are taken as they are, see `Case.mechanism_fingerprint`.
+        For `digests` see `Case.mechanism_fingerprint`.
         """
         t_end = case.model.t_end if self.t_end is None else self.t_end
         output_step = t_end / _DEFAULT_OUTPUT_ROWS if self.output_step is None else self.output_step
         limits = self.limits
         digests = {} if digests is None else digests
         if reference and limits.time is not None:
-            limits = Limits(10.0 * limits.time, limits.memory, limits.patience)
+            limits = replace(limits, time=_REFERENCE_TIME_LIMIT_FACTOR * limits.time)
         return Task(
             case.fingerprint(t_end, output_step, digests),
             case,
@@ -160,39 +169,40 @@ class Study:
 
 
 def _require_cases(name: str, value: Any) -> tuple[Case, ...]:
-    cases = _require_entries(name, "cases", value, "a list of at least one Case", _MAX_CASES)
+    allowed = "a list of at least one Case"
+    cases = _require_entries(name, "cases", value, allowed, _MAX_CASES)
     if not cases:
-        raise BeamdaeError(f"{name}: a study lists at least one Case, got {short_repr(value)}.")
-    wrong = [case for case in cases if not isinstance(case, Case)]
-    if wrong:
-        raise BeamdaeError(
-            f"{name}: a study lists at least one Case, got {short_repr(wrong[0])} in it."
-        )
+        raise BeamdaeError(f"{name}: cases must be {allowed}, got {short_repr(value)}.")
+    invalid = [case for case in cases if not isinstance(case, Case)]
+    if invalid:
+        raise BeamdaeError(f"{name}: cases must be {allowed}, got {short_repr(invalid[0])} in it.")
     if len(cases) > _MAX_CASES:
-        raise BeamdaeError(f"{name}: a study lists at most {_MAX_CASES} cases, got more.")
+        raise BeamdaeError(f"{name}: cases must be at most {_MAX_CASES}, got more.")
     return cases
 
 
 def _require_references(name: str, value: Any) -> tuple[Integrator, ...] | None:
     if value is None:
         return None
-    wanted = "two integrators of different kind, or () for cases that are not measured"
-    found = _require_entries(name, "references", value, wanted, 2)
-    if found == () and isinstance(value, (tuple, list)):
+    allowed = "two integrators with different methods, or () for no errors"
+    references = _require_entries(name, "references", value, allowed, 2)
+    if references == () and isinstance(value, (tuple, list)):
         return ()
-    allowed = f"{name}: references must be {wanted}"
-    if not found or not all(isinstance(x, Integrator) for x in found):
-        raise BeamdaeError(f"{allowed}, got {short_repr(value)}.")
-    methods = [require_integrator(name, x).method for x in found]
+    if not references or not all(isinstance(x, Integrator) for x in references):
+        raise BeamdaeError(f"{name}: references must be {allowed}, got {short_repr(value)}.")
+    methods = [require_integrator(name, x).method for x in references]
     if len(methods) != 2 or methods[0] == methods[1]:
-        raise BeamdaeError(f"{allowed}, got {', '.join(methods)}.")
-    return found
+        raise BeamdaeError(f"{name}: references must be {allowed}, got {', '.join(methods)}.")
+    return references
 
 
-def _require_entries(name: str, what: str, value: Any, wanted: str, most: int) -> tuple[Any, ...]:
-    """The entries of whatever has an order, no more than can be and one."""
-    unordered = isinstance(value, (str, bytes, set, frozenset))
-    return tuple(require_iterable(name, what, None if unordered else value, wanted, most + 1))
+def _require_entries(
+    name: str, setting: str, value: Any, allowed: str, most: int
+) -> tuple[Any, ...]:
+    """Return the entries of an ordered iterable; at most one more than allowed."""
+    is_unordered = isinstance(value, (str, bytes, set, frozenset))
+    entries = require_iterable(name, setting, None if is_unordered else value, allowed, most + 1)
+    return tuple(entries)
 
 
 def study(
@@ -201,23 +211,28 @@ def study(
     columns: Iterable[str] = (),
     t_end: float | None = None,
     output_step: float | None = None,
-    time_limit: float | None = 120.0,
+    time_limit: float | None = _DEFAULT_TIME_LIMIT,
     memory_limit: float | None = None,
     patience: float | None = None,
     repetitions: int = 1,
     over: str | None = None,
     errors: bool | None = None,
 ) -> Callable[[Callable[[], Iterable[Case]]], Study]:
-    """Decorate a function without arguments that lists cases; see `Study`.
+    """Decorate a function without arguments that returns cases; see `Study`.
 
     Parameters
     ----------
     time_limit
-        Wall time a case may take [s]; None: no limit.
+        Maximum wall time of a case [s]; None: no limit.
     memory_limit
-        Memory its process may take [GB].
+        Maximum memory of the process of a case [GB].
     patience
-        Wall time without progress [s] after which it is given up.
+        Maximum wall time without progress of a case [s].
+
+    Raises
+    ------
+    BeamdaeError
+        If a setting is invalid, or the function fails or returns no cases.
     """
     for name, value in (
         ("time_limit", time_limit),
@@ -246,15 +261,22 @@ def study(
     return decorate
 
 
-def call_definition(function: Callable[[], Any], what: str) -> Any:
-    """What the function of a study or a sweep lists; its mistakes are told as such."""
+def call_definition(function: Callable[[], Any], entries: str) -> Any:
+    """Return the `entries` (cases or values) that the function of a study or a sweep lists.
+
+    Raises
+    ------
+    BeamdaeError
+        If the function raises an exception, `SystemExit` included.
+    """
     try:
-        found = function()
-        # A generator is a function still to be run.
-        return list(islice(found, _MAX_CASES + 1)) if isinstance(found, Iterator) else found
+        listed = function()
+        # A generator runs the function while it is iterated.
+        return list(islice(listed, _MAX_CASES + 1)) if isinstance(listed, Iterator) else listed
     except (BeamdaeError, KeyboardInterrupt):
         raise
-    except BaseException as problem:  # Whatever a user's function does, sys.exit included.
+    except BaseException as problem:
         raise BeamdaeError(
-            f"{function.__name__}: it cannot list its {what}, {describe_exception(problem, 'it')}."
+            f"{function.__name__}: it cannot list its {entries}, "
+            f"{describe_exception(problem, 'it')}."
         ) from problem

@@ -1,4 +1,4 @@
-"""What the page of a study shows, as plain data."""
+"""Data of the HTML page of a study."""
 
 from __future__ import annotations
 
@@ -17,14 +17,12 @@ from beamdae.studies.case_table import ERROR_COLUMN, WALL_TIME_COLUMN
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compute_deviations, count_common_rows
 from beamdae.studies.execution.study_run import StudyResults
-from beamdae.studies.references import Reference
+from beamdae.studies.references import RESOLUTION_FACTOR, Reference
 from beamdae.studies.run_values import EVENTS_COLUMN, WALL_TIME_RANGE
-from beamdae.studies.sweeps.sweep import Sweep
 from beamdae.studies.unique_names import number_duplicates
 
-# Curves of more cases make a page that takes long to open.
-_MAX_CURVES = 200
-# Before the names of columns that may be called as others are.
+_MAX_CURVES = 200  # cases with curves; pages with more take long to open
+# Extra columns may have the same names as columns of the case table.
 _EXTRA_COLUMN_PREFIX = "told "
 # Columns of the case table on the page: key, label, unit, kind.
 _TABLE_COLUMNS = (
@@ -48,43 +46,57 @@ _TABLE_COLUMNS = (
 )
 
 
-def create_study_page(results: StudyResults, told: pd.DataFrame | None = None) -> dict[str, Any]:
-    """The page of a study; see `beamdae.report.page.write_page`.
+def create_study_page(
+    results: StudyResults, extra_columns: pd.DataFrame | None = None
+) -> dict[str, Any]:
+    """Return the data of the page of a study; see `beamdae.report.page.write_page`.
 
-    `told` has a row a case as well: what stands in the place of the parameters.
+    Parameters
+    ----------
+    results
+        Results of the study.
+    extra_columns
+        Columns to show in place of the parameters, one row a case (sweeps: parameters and outputs).
     """
     table = results.table
-    shown = [c for c in _TABLE_COLUMNS if c[0] in table]
-    if told is None:
+    present = [c for c in _TABLE_COLUMNS if c[0] in table]
+    if extra_columns is None:
         parameters = list(table)[1 : list(table).index("group")]
-        further = [(str(p), str(p), "", _column_kind(table[p])) for p in parameters]
+        inserted = [(str(p), str(p), "", _column_kind(table[p])) for p in parameters]
     else:
-        further = [_describe_extra_column(told, str(name)) for name in told]
-        table = pd.concat([table, told.add_prefix(_EXTRA_COLUMN_PREFIX)], axis=1)
-    columns = [shown[0], *further, *shown[1:]]
-    failed = int((table["status"] != "ok").sum())
-    rest = number_duplicates([*results.references, results.study.name])[-1]
+        inserted = [_describe_extra_column(extra_columns, str(name)) for name in extra_columns]
+        table = pd.concat([table, extra_columns.add_prefix(_EXTRA_COLUMN_PREFIX)], axis=1)
+    columns = [present[0], *inserted, *present[1:]]
+    failures = int((table["status"] != "ok").sum())
+    # All cases without a reference are in one group with the name of the study.
+    group_without_reference = number_duplicates([*results.references, results.study.name])[-1]
     return {
         "title": results.study.name,
-        "subtitle": f"{len(table)} cases, {failed} failed",
+        "subtitle": f"{len(table)} cases, {failures} failed",
         "made": versions(),
         "notes": _create_notes(results),
-        "groups": _create_groups(results, rest),
+        "groups": _create_groups(results, group_without_reference),
         "columns": [
-            {"key": k, "label": label, "unit": unit, "kind": kind}
-            for k, label, unit, kind in columns
+            {"key": key, "label": label, "unit": unit, "kind": kind}
+            for key, label, unit, kind in columns
         ],
-        "cases": _create_cases(results, table, [c[0] for c in columns], rest),
+        "cases": _create_cases(
+            results,
+            table,
+            [key for key, *_ in columns],
+            group_without_reference,
+            is_labeled_by_tag=extra_columns is not None,
+        ),
     }
 
 
 def extra_column_key(name: str) -> str:
-    """What the page knows a column of `told` by."""
+    """Return the key that an extra column has on the page."""
     return _EXTRA_COLUMN_PREFIX + name
 
 
 def _describe_extra_column(table: pd.DataFrame, name: str) -> tuple[str, str, str, str]:
-    """Key, label, unit and kind of a column on the page."""
+    """Return key, label, unit and kind of a column."""
     unit = Header.of(name).unit if name.endswith("]") else ""
     return extra_column_key(name), name.removesuffix(f" [{unit}]"), unit, _column_kind(table[name])
 
@@ -94,31 +106,38 @@ def _create_notes(results: StudyResults) -> list[str]:
     if results.references:
         notes.append(
             "Error: largest difference to the reference over the run and its columns, relative to "
-            "half the range of each. An error less than ten times the uncertainty of the reference "
-            "is drawn hollow: it is at most that."
+            f"half the range of each. Errors below {RESOLUTION_FACTOR:g} times the uncertainty of "
+            "the reference are upper bounds; their markers are hollow."
         )
     if len(results.table) > _MAX_CURVES:
         notes.append(
-            f"Curves are those of the first {_MAX_CURVES} cases, the others' are in trajectories/."
+            f"Curves are shown for the first {_MAX_CURVES} cases; those of all cases are in "
+            "trajectories/."
         )
     if results.interrupted:
-        notes.append("The study was interrupted; start it again and it goes on.")
+        notes.append("The study was interrupted; start it again to resume.")
     return notes
 
 
-def _create_groups(results: StudyResults, rest: str) -> list[dict[str, Any]]:
-    """Those with a reference, and one, called `rest`, of all cases that have none."""
+def _create_groups(results: StudyResults, group_without_reference: str) -> list[dict[str, Any]]:
+    """Return the groups with a reference, and one group for all cases without one."""
     frames: dict[str, Any] = {}
     for case, group in zip(results.study.cases, results.table["group"], strict=True):
-        # Of whatever run of the same mechanism has them: its reference.
+        # Any run of the same mechanism serves; only references record frames.
         frames[group] = frames.get(group) or results.frames_of(case)
-    found = [
+    groups = [
         _create_group(name, reference, frames[name])
         for name, reference in results.references.items()
     ]
-    said = {"accepted": True, "sentence": "No errors are asked for."}
-    alone = {"id": rest, "label": results.study.name, "reference": said}
-    return found if set(frames) <= set(results.references) else [*found, alone]
+    if not set(frames) <= set(results.references):
+        groups.append(
+            {
+                "id": group_without_reference,
+                "label": results.study.name,
+                "reference": {"accepted": True, "sentence": "No errors are computed."},
+            }
+        )
+    return groups
 
 
 def _create_group(
@@ -132,7 +151,7 @@ def _create_group(
             "methods": list(reference.methods),
             "uncertainty": reference.resolution if accepted else None,
             "accepted": accepted,
-            # The page says itself that there is none.
+            # The page adds these words itself.
             "sentence": reference.sentence.removeprefix("no reference, "),
         },
         "frames": frames,
@@ -140,55 +159,56 @@ def _create_group(
 
 
 def _create_cases(
-    results: StudyResults, table: pd.DataFrame, keys: list[str], rest: str
+    results: StudyResults,
+    table: pd.DataFrame,
+    keys: list[str],
+    group_without_reference: str,
+    is_labeled_by_tag: bool,
 ) -> list[dict[str, Any]]:
-    study, ranks, most = results.study, _rank_cases(results.study), _max_rows_per_case(results)
-    found = []
+    study, ranks, max_rows = results.study, _rank_cases(results.study), _max_rows_per_case(results)
+    cases = []
     for k, (case, (_, row)) in enumerate(zip(study.cases, table.iterrows(), strict=True)):
         group = str(row["group"])
-        reference = results.references.get(group)
-        told = reference is not None or isinstance(study, Sweep)
-        where = {
-            "group": rest if reference is None else group,
-            "label": study.tag(case) if told else f"{group}, {case.label}",
-        }
-        curves = _create_curves(results, case, row, most) if k < _MAX_CURVES else None
-        own = _describe_case(case, row, keys)
-        found.append({"id": str(k), "rank": ranks[k], **where, **own, "curves": curves})
-    return found
+        has_reference = group in results.references
+        status = str(row["reason"]) or "ok"
+        values = {key: _as_json_value(row[key]) for key in keys}
+        tagged = has_reference or is_labeled_by_tag
+        cases.append(
+            {
+                "id": str(k),
+                "rank": ranks[k],
+                "group": group if has_reference else group_without_reference,
+                "label": study.tag(case) if tagged else f"{group}, {case.label}",
+                "series": case.series,
+                "family": case.integrator.method,
+                "status": status,
+                "values": values | {"status": status},
+                "error": _as_json_value(row.get(ERROR_COLUMN)),
+                "cost": _as_json_value(row.get(WALL_TIME_COLUMN)),
+                "below": bool(row.get("below resolution", False)),
+                "limited": row["status"] == "limited",
+                "curves": _create_curves(results, case, row, max_rows) if k < _MAX_CURVES else None,
+            }
+        )
+    return cases
 
 
 def _rank_cases(study: Study) -> list[int]:
-    """The place of each case by series, and in a series from coarse to fine."""
+    """Return the rank of each case: by series, and within a series from coarse to fine."""
 
-    def place(k: int) -> tuple[str, float]:
+    def sort_key(k: int) -> tuple[str, float]:
         case = study.cases[k]
-        coarse = -case.integrator.accuracy.value
-        return case.series, coarse if study.over is None else case.parameters[study.over]
+        if study.over is not None:
+            return case.series, case.parameters[study.over]
+        return case.series, -case.integrator.accuracy.value
 
-    order = sorted(range(len(study.cases)), key=place)
+    order = sorted(range(len(study.cases)), key=sort_key)
     return np.argsort(order).tolist()
 
 
-def _describe_case(case: Case, row: pd.Series, keys: list[str]) -> dict[str, Any]:
-    status = str(row["reason"]) or "ok"
-    values = {key: _as_json_value(row[key]) for key in keys}
-    return {
-        "series": case.series,
-        "family": case.integrator.method,
-        "status": status,
-        "values": values | {"status": status},
-        "error": _as_json_value(row.get(ERROR_COLUMN)),
-        "cost": _as_json_value(row.get(WALL_TIME_COLUMN)),
-        "below": bool(row.get("below resolution", False)),
-        "limited": row["status"] == "limited",
-    }
-
-
 def _column_kind(values: pd.Series) -> str:
-    """What a column of parameters holds."""
-    numbers = pd.api.types.is_numeric_dtype(values) and not pd.api.types.is_bool_dtype(values)
-    return "number" if numbers else "text"
+    is_number = pd.api.types.is_numeric_dtype(values) and not pd.api.types.is_bool_dtype(values)
+    return "number" if is_number else "text"
 
 
 def _as_json_value(value: Any) -> Any:
@@ -198,26 +218,26 @@ def _as_json_value(value: Any) -> Any:
 
 
 def _create_curves(
-    results: StudyResults, case: Case, row: pd.Series, most: int
+    results: StudyResults, case: Case, row: pd.Series, max_rows: int
 ) -> dict[str, Any] | None:
-    """A run over time, with its error and its differences to the reference."""
+    """Return the columns of a run over time, its error and its differences to the reference."""
     table = results.outcome(case).table
     if table is None:
         return None
     reference = results.references.get(str(row["group"]))
-    truth = None if reference is None else reference.table
+    exact = None if reference is None else reference.table
     columns = {TIME: table.index.to_numpy(), **_column_arrays(table)}
-    if reference is None or truth is None or not set(reference.columns) <= set(table):
-        return select_curves(columns, most)
-    error = compute_deviations(table, truth, reference.columns).max(axis=1).reindex(table.index)
-    rows = count_common_rows(table, truth)
-    beyond = np.full(len(table) - rows, np.nan)
+    if reference is None or exact is None or not set(reference.columns) <= set(table):
+        return select_curves(columns, max_rows)
+    error = compute_deviations(table, exact, reference.columns).max(axis=1).reindex(table.index)
+    rows = count_common_rows(table, exact)
+    padding = np.full(len(table) - rows, np.nan)
     differences = {
-        name: np.concatenate([values[:rows] - truth[name].to_numpy()[:rows], beyond])
+        name: np.concatenate([values[:rows] - exact[name].to_numpy()[:rows], padding])
         for name, values in _column_arrays(table).items()
-        if name in truth
+        if name in exact
     }
-    return select_curves(columns, most, error.to_numpy(), differences)
+    return select_curves(columns, max_rows, error.to_numpy(), differences)
 
 
 def _column_arrays(table: pd.DataFrame) -> dict[str, np.ndarray]:
@@ -225,7 +245,7 @@ def _column_arrays(table: pd.DataFrame) -> dict[str, np.ndarray]:
 
 
 def _max_rows_per_case(results: StudyResults) -> int:
-    """How many rows there is room for on the page in the curves of each case."""
+    """Return the number of rows per case that keeps the page small enough."""
     tables = [results.outcome(case).table for case in results.study.cases[:_MAX_CURVES]]
-    # Each with its difference to a reference.
+    # Each column may have a second one with its difference to the reference.
     return compute_row_limit(sum(2 * len(table.columns) for table in tables if table is not None))

@@ -439,8 +439,8 @@ def lists(result):
     [
         (lists(None), "listing: cases must be a list of at least one Case, got None"),
         (lists(5), "listing: cases must be a list of at least one Case, got 5"),
-        (lists([]), "listing: a study lists at least one Case, got "),
-        (lists([1]), "listing: a study lists at least one Case, got 1 in it"),
+        (lists([]), "listing: cases must be a list of at least one Case, got "),
+        (lists([1]), "listing: cases must be a list of at least one Case, got 1 in it"),
         (lists(lambda: (1 / 0 for _ in "a")), "listing: it cannot list its cases, ZeroDivisionErr"),
         (lists(lambda: sys.exit(3)), r"listing: it cannot list its cases, it called sys.exit\(3\)"),
         (lambda x: [CASE], "it cannot list its cases, TypeError"),

@@ -134,7 +134,7 @@ def test_a_function_with_defaults_is_a_model():
         ({"over": [1.0]}, "turning_sweep: over must be a dict of values by parameter, or a list"),
         ({"of": "tipp"}, "turning_sweep: no observed column 'tipp' .did you mean 'tip"),
         ({"of": 3}, "turning_sweep: columns must be a list of names of observed columns, got"),
-        ({"outputs": {"speed": len}}, "turning_sweep: 'speed' is a column of its own, name the"),
+        ({"outputs": {"speed": len}}, "turning_sweep: the table already has a column 'speed'; ren"),
         ({"outputs": {"a": 1}}, "turning_sweep: outputs must be a dict of functions of a sol"),
         ({"outputs": [len]}, "turning_sweep: outputs must be a dict of functions of a solution"),
         ({"integrator": "ida"}, "sweep: integrator must be Ida"),
@@ -144,8 +144,11 @@ def test_a_function_with_defaults_is_a_model():
         ({"folder": 3}, "turning_sweep: folder must be the path of a folder of results, got 3."),
         ({"progress": 3}, "turning_sweep: progress must be a function, got 3."),
         ({"model": 3}, "sweep: model must be a function with parameters that builds a mechanism"),
-        ({"model": lambda speed=1.0: 0}, "sweep: <lambda> has no end time of its own, give"),
-        ({"over": None, "jobs": 2}, "sweep: folder, jobs, scheduler and progress say how it is"),
+        ({"model": lambda speed=1.0: 0}, "sweep: <lambda> has no default end time; give"),
+        (
+            {"over": None, "jobs": 2},
+            "sweep: folder, jobs, scheduler and progress are not arguments",
+        ),
     ],
 )
 def test_mistakes_are_told_in_a_sentence(given, sentence):
@@ -165,7 +168,7 @@ def test_runs_are_found_by_their_parameters(found):
     assert len(found.runs) == 6
     other = found.run(speed=2.0, radius=2.0)
     assert_allclose(run.difference(other, "tip.x").iloc[0], -1.5)
-    with pytest.raises(bd.BeamdaeError, match=r"3 cases have speed=2.0, give radius as well."):
+    with pytest.raises(bd.BeamdaeError, match=r"3 cases have speed=2.0; also give radius."):
         found.run(speed=2.0)
     with pytest.raises(bd.BeamdaeError, match=r"no case has speed=9.0"):
         found.run(speed=9.0)

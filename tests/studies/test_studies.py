@@ -275,7 +275,9 @@ def test_a_study_of_meshes_has_errors_in_space_alone(tmp_path):
 
 
 def test_a_mesh_study_needs_its_parameter_in_every_case():
-    with pytest.raises(bd.BeamdaeError, match=r"made: .*over 'elements' has to give it a value"):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"made: every case must set the parameter 'elements' of over="
+    ):
         made([bd.Case(swing, {}, ALPHA)], over="elements")
 
 
@@ -605,9 +607,9 @@ def test_a_study_is_a_decorated_function():
 
 
 def test_wrong_studies_are_refused():
-    with pytest.raises(bd.BeamdaeError, match="made: a study lists at least one Case"):
+    with pytest.raises(bd.BeamdaeError, match="made: cases must be a list of at least one Case"):
         made([])
-    with pytest.raises(bd.BeamdaeError, match=r"two integrators of different .*, got Ida, Ida"):
+    with pytest.raises(bd.BeamdaeError, match=r"two integrators with different .*, got Ida, Ida"):
         bd.Study("made", tuple(SWINGS), references=(bd.Ida(1e-6), bd.Ida(1e-7)))
     with pytest.raises(bd.BeamdaeError, match="no parameter 'mas'"):
         made([bd.Case(swing, {"mas": 1.0}, ALPHA)])

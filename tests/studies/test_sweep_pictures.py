@@ -10,7 +10,7 @@ from turning import THICK, THIN, run_sweep
 import beamdae as bd
 from beamdae.report.page.page_file import write_page
 from beamdae.studies.study_page import create_study_page
-from beamdae.studies.sweeps.response_plots import Scale
+from beamdae.studies.sweeps.response_plots import ParameterScale
 from beamdae.studies.sweeps.responses import MEASURES
 from beamdae.studies.sweeps.sweep_results import create_sweep_page
 
@@ -34,11 +34,11 @@ def test_curves_are_joined_in_the_order_of_the_parameter():
         "tip.x max",
         "tip.y end",
     ]
-    with pytest.raises(bd.BeamdaeError, match="it tells of nothing called 'tipp'"):
+    with pytest.raises(bd.BeamdaeError, match="no response 'tipp'"):
         found.plot("tipp")
-    with pytest.raises(bd.BeamdaeError, match="no parameter 'radius' varies, but speed"):
+    with pytest.raises(bd.BeamdaeError, match="no parameter 'radius' varies; choose speed"):
         found.plot(x="radius")
-    with pytest.raises(bd.BeamdaeError, match="a map is drawn over two parameters, and 1 vary"):
+    with pytest.raises(bd.BeamdaeError, match="a map needs two varied parameters, got 1 "):
         found.map()
 
 
@@ -68,8 +68,10 @@ def test_what_is_no_number_has_its_place_in_order_and_is_not_joined():
 @pytest.mark.slow(reason="many small runs")
 def test_ratios_make_a_logarithmic_axis_and_few_pairs_are_dots():
     found = run_sweep([{"speed": x, "radius": 1.0 / x} for x in (0.1, 1.0, 10.0)])
-    assert Scale.of(found, "speed").log
-    assert_allclose(Scale.of(found, "speed").edges(), 10.0 ** np.arange(-1.5, 2.0))
+    assert ParameterScale.of(found.table, "speed").log
+    assert_allclose(
+        ParameterScale.of(found.table, "speed").cell_edges(), 10.0 ** np.arange(-1.5, 2.0)
+    )
     (dots,) = found.map("tip.x max").figure.axes[0].collections
     assert_allclose(dots.get_offsets()[:, 0], [0.1, 1.0, 10.0])
 

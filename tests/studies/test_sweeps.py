@@ -234,21 +234,21 @@ def test_a_sweep_goes_on_where_it_stopped(swept, tmp_path):
 def test_the_page_of_a_sweep_has_one_group_and_the_curves_of_the_first_cases(
     swept, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(page_data, "_MOST_CURVES", 4)
+    monkeypatch.setattr(page_data, "_MAX_CURVES", 4)
     page = page_data.create_study_page(swept)
     assert [group["id"] for group in page["groups"]] == ["sweep"]
     assert page["cases"][0]["label"] == f"swing(mass=1.0), {ALPHA.label}"
     drawn = [case["curves"] is not None for case in page["cases"]]
     assert drawn == [True, False, True, True, False, False]
     assert page["notes"] == [
-        "Curves are those of the first 4 cases, the others' are in trajectories/."
+        "Curves are shown for the first 4 cases; those of all cases are in trajectories/."
     ]
     assert write_page(tmp_path / "report.html", page).stat().st_size > 10_000
     assert list_plots(swept) == {}
 
 
 def test_references_are_two_or_none():
-    with pytest.raises(bd.BeamdaeError, match=r"two integrators of different kind, or \(\) for"):
+    with pytest.raises(bd.BeamdaeError, match=r"two integrators with different methods, or \(\) for"):
         replace(sweep({}), references=3)
     assert replace(sweep({}), references=[]).references == ()
 

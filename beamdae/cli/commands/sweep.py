@@ -212,7 +212,8 @@ def _file_writers(results: StudyResults) -> tuple[FileWriters, FileWriters]:
         TABLE_FILE: lambda: [swept.to_csv(folder / TABLE_FILE)],
         "report.html": lambda: [swept.page(folder / "report.html")],
     }
-    return first, list_response_plots(swept, folder)
+    plots = list_response_plots(swept.sweep, swept.table, swept.panels(), folder)
+    return first, plots
 
 
 def _print_results(results: StudyResults) -> None:
@@ -226,7 +227,7 @@ def _print_results(results: StudyResults) -> None:
     ended = int((swept.table["status"] == "ok").sum())
     screen.print(f"{len(swept.table)} cases, {ended} of them reached their end", style="dim")
     if len(swept.table) <= MAX_SCREEN_ROWS:
-        screen.print(text_tables.sweep_table(swept.table, swept.parameters, swept.told))
+        screen.print(text_tables.sweep_table(swept.table, swept.parameters, swept.response_columns))
     doubtful = int((swept.table["warnings"] != "").sum())
     if doubtful:
         screen.print(f"{doubtful} of them warn of what is not to be trusted, see sweep.csv")

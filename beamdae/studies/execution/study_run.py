@@ -66,7 +66,7 @@ class StudyPlan:
         methods = {
             group: create_reference_tasks(study, cases, digests)
             for group, cases in found.items()
-            if study.measures(len({of_cases[id(case)].key for case in cases}))
+            if study.computes_errors(len({of_cases[id(case)].key for case in cases}))
         }
         of_references = [task for group in methods.values() for m in group for task in m]
         group_of = {id(case): group for group, cases in found.items() for case in cases}
@@ -143,7 +143,7 @@ class StudyResults:
     @property
     def tables(self) -> dict[str, pd.DataFrame]:
         """By the names of their files; where no error can be asked for there is no summary."""
-        asked = self.study.measures(len(self.study.cases))
+        asked = self.study.computes_errors(len(self.study.cases))
         return {"cases.csv": self.table} | ({"summary.csv": self.summary} if asked else {})
 
     @property

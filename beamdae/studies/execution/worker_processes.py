@@ -70,7 +70,7 @@ class Worker:
             found = pickle.loads(self._connection.recv_bytes())
         except (EOFError, OSError):
             self._process.join(timeout=1.0)
-            raise WorkerError(describe_exit(self._process.exitcode)) from None
+            raise WorkerError(_describe_exit(self._process.exitcode)) from None
         self.task = self.deadline = None
         assert isinstance(found, Outcome)
         return found
@@ -127,7 +127,7 @@ def _hide_main_module() -> Iterator[None]:
         sys.modules["__main__"] = own
 
 
-def describe_exit(code: int | None) -> str:
+def _describe_exit(code: int | None) -> str:
     if code is None:
         return "closed its connection"
     if code >= 0:

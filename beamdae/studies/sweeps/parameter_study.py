@@ -11,7 +11,14 @@ from beamdae.errors import BeamdaeError, require_iterable, set_fields, short_rep
 from beamdae.integrators import Integrator
 from beamdae.model_functions import Model
 from beamdae.results.solution import Solution
-from beamdae.studies.case import Case, DigestCache, cached_digest, format_parameter, grid
+from beamdae.studies.case import (
+    FINGERPRINT_LENGTH,
+    Case,
+    DigestCache,
+    cached_digest,
+    format_parameter,
+    grid,
+)
 from beamdae.studies.definition import Study
 from beamdae.studies.execution.case_run import Task
 from beamdae.studies.store.fingerprints import FingerprintError, digest
@@ -27,7 +34,6 @@ WARNINGS = "warnings"
 RESERVED_COLUMNS = (STATUS, REASON, WALL_TIME, TRAJECTORY, WARNINGS)
 
 _MAX_VALUES = 1_000_000  # of a parameter, and combinations in a list
-_FINGERPRINT_LENGTH = 20  # hexadecimal digits
 
 
 @dataclass(frozen=True)
@@ -84,7 +90,7 @@ class ParameterStudy(Study):
         if not self.outputs:
             return task
         key = digest([task.key, cached_digest(digests, self.outputs, self._digest_outputs)])
-        return replace(task, key=key[:_FINGERPRINT_LENGTH], outputs=self.outputs)
+        return replace(task, key=key[:FINGERPRINT_LENGTH], outputs=self.outputs)
 
     def _digest_outputs(self) -> str:
         try:

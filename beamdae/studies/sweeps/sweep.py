@@ -1,99 +1,66 @@
-"""A sweep: one model over values of its parameters, and what is told of each run."""
+"""`bd.sweep`: run a model over values of its parameters, or define a sweep in a file."""
 
 from __future__ import annotations
 
 import inspect
+import warnings
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from tempfile import TemporaryDirectory
+from typing import Any, overload
 
-from beamdae.errors import BeamdaeError, require_positive, set_fields, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    BeamdaeWarning,
+    as_real,
+    format_exception,
+    is_valid_path,
+    require_positive,
+    short_repr,
+)
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model
-from beamdae.model_functions import model as model_of
-from beamdae.results.solution import Solution
-from beamdae.studies.case import Case, DigestCache, cached_digest
-from beamdae.studies.definition import Study, call_definition
+from beamdae.model_functions import model as create_model
+from beamdae.studies.case import Case
+from beamdae.studies.definition import call_definition
 from beamdae.studies.deviations import require_column_names
-from beamdae.studies.execution.case_run import Limits, Task
-from beamdae.studies.store.fingerprints import FingerprintError, digest
-from beamdae.studies.sweeps.parameter_study import expand_values
-
-if TYPE_CHECKING:
-    from beamdae.studies.execution.study_progress import StudyProgress
-    from beamdae.studies.sweeps.sweep_results import SweepResults
-
-Output = Callable[[Solution], Any]
-
-# Columns of the table that are there whatever is swept.
-RESERVED_COLUMNS = ("status", "reason", "wall time [s]", "trajectory", "warnings")
+from beamdae.studies.execution.case_run import Limits
+from beamdae.studies.execution.executors import SerialPool, create_executor
+from beamdae.studies.execution.study_progress import StudyProgress
+from beamdae.studies.execution.study_run import run_study
+from beamdae.studies.sweeps.parameter_study import (
+    TRAJECTORY,
+    Output,
+    ParameterStudy,
+    expand_values,
+)
+from beamdae.studies.sweeps.sweep_results import (
+    TABLE_FILE,
+    SweepResults,
+    create_sweep_results,
+    list_warnings,
+)
 
 
 @dataclass(frozen=True)
-class Sweep(Study):
-    """Runs of one model over values of its parameters; made by `bd.sweep` as a decorator.
+class Sweep(ParameterStudy):
+    """Runs of one model over values of its parameters; created by `bd.sweep` as a decorator.
 
-    It is a study without references. Called, it runs here and now, see `run`;
-    `beamdae sweep FILE.py` runs it from the command line.
+    A sweep is a study without references. Call it, or its method `run`, to run it from Python, or
+    use `beamdae sweep FILE.py`.
 
     Attributes
     ----------
     columns
-        Observed columns that are told of; default all.
+        Observed columns that are tabulated; default all.
     outputs
-        What else is told of each run: functions of a `Solution`, by name.
+        Functions of a `Solution` by the name of their column.
     settings
-        The parameters of each case as they are told: numbers, texts, or names of other values.
+        Parameters of each case as they are displayed: numbers, strings, or the names of other
+        values.
     """
-
-    references: tuple[Integrator, ...] | None = ()
-    outputs: Mapping[str, Output] = field(default_factory=dict)
-    settings: tuple[Mapping[str, Any], ...] = ()
-
-    def __post_init__(self) -> None:
-        set_fields(self, outputs=_require_outputs(self.name, self.outputs, self.parameters))
-        super().__post_init__()
-
-    @property
-    def parameters(self) -> list[str]:
-        """Names of the parameters that are given."""
-        return list(dict.fromkeys(name for told in self.settings for name in told))
-
-    @cached_property
-    def varied(self) -> list[str]:
-        """Names of the parameters that have several values."""
-        names = self.parameters
-        return [x for x in names if len({repr(told[x]) for told in self.settings}) > 1]
-
-    @cached_property
-    def _told(self) -> dict[int, Mapping[str, Any]]:
-        return {id(c): told for c, told in zip(self.cases, self.settings, strict=True)}
-
-    def tag(self, case: Case) -> str:
-        """What tells a case from the others: its parameters that vary."""
-        told = self._told[id(case)]
-        return ", ".join(f"{x}={format_setting(told[x])}" for x in self.varied or told) or self.name
-
-    def task(self, case: Case, reference: bool = False, digests: DigestCache | None = None) -> Task:
-        """A case as a task, which tells the outputs; see `Study.task`."""
-        digests = {} if digests is None else digests
-        task = super().task(case, reference, digests)
-        if not self.outputs:
-            return task
-        key = digest([task.key, cached_digest(digests, self.outputs, self._of_outputs)])[:20]
-        return replace(task, key=key, outputs=self.outputs)
-
-    def _of_outputs(self) -> str:
-        try:
-            return digest(dict(self.outputs))
-        except FingerprintError as problem:
-            raise BeamdaeError(
-                f"{self.name}: outputs must be functions another process can tell again, "
-                f"{problem.place} is a {problem.kind}."
-            ) from None
 
     def run(
         self,
@@ -103,16 +70,50 @@ class Sweep(Study):
         progress: Callable[[StudyProgress], None] | None = None,
     ) -> SweepResults:
         """Run all cases that are not in `folder` yet; see `bd.sweep`."""
-        from beamdae.studies.sweeps.sweep_results import run_sweep
-
-        return run_sweep(self, folder, jobs, scheduler, progress)
+        serial = scheduler is None and as_real(jobs) == 1.0
+        executor = SerialPool() if serial else create_executor(self.name, "jobs", jobs, scheduler)
+        report_progress = _guard_progress(self.name, progress)
+        if folder is None:
+            with TemporaryDirectory(prefix="beamdae-") as scratch:
+                results = run_study(self, Path(scratch), executor, report_progress)
+            swept = create_sweep_results(results)
+            swept = replace(swept, table=swept.table.drop(columns=TRAJECTORY))
+        else:
+            path = _require_folder(self.name, folder)
+            swept = create_sweep_results(run_study(self, path, executor, report_progress))
+            swept.to_csv(path / TABLE_FILE)
+        for sentence in list_warnings(swept):
+            warnings.warn(sentence, BeamdaeWarning, stacklevel=3)
+        return swept
 
     __call__ = run
 
 
-def format_setting(value: Any) -> str:
-    """What is told of a parameter, in few letters."""
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+def _guard_progress(part: str, progress: Any) -> Callable[[StudyProgress], None] | None:
+    """Return a function that calls the user's `progress` and reports its exceptions as errors."""
+    if progress is None:
+        return None
+    if not callable(progress):
+        raise BeamdaeError(f"{part}: progress must be a function, got {short_repr(progress)}.")
+
+    def report_progress(status: StudyProgress) -> None:
+        try:
+            progress(status)
+        except Exception as problem:
+            raise BeamdaeError(
+                f"{part}: progress failed, {format_exception(problem)}."
+            ) from problem
+
+    return report_progress
+
+
+def _require_folder(part: str, folder: Any) -> Path:
+    is_path = isinstance(folder, (str, Path))
+    if not is_path or not is_valid_path(str(folder)) or not str(folder).strip():
+        raise BeamdaeError(
+            f"{part}: folder must be the path of a folder of results, got {short_repr(folder)}."
+        )
+    return Path(folder)
 
 
 def create_sweep(
@@ -126,42 +127,24 @@ def create_sweep(
     t_end: float | None = None,
     output_step: float | None = None,
 ) -> Sweep:
-    """A sweep that is not run yet; see `sweep`."""
+    """Return a sweep without running it; see `sweep` for the parameters."""
     method = require_integrator("sweep", Auto() if integrator is None else integrator)
-    found = expand_values(name, model, over)
-    values = [{key: one.value for key, one in each.items()} for each in found]
+    combinations = expand_values(name, model, over)
+    cases = [
+        Case(model, {x: entry.value for x, entry in combination.items()}, method)
+        for combination in combinations
+    ]
     return Sweep(
         name,
-        tuple(Case(model, one, method) for one in values),
+        tuple(cases),
         columns=require_column_names(name, (of,) if isinstance(of, str) else of),
         limits=Limits(time=time_limit),
         outputs={} if outputs is None else outputs,
-        settings=tuple({key: one.told for key, one in each.items()} for each in found),
+        settings=tuple({x: entry.label for x, entry in each.items()} for each in combinations),
         t_end=t_end,
         output_step=output_step,
     )
 
-
-def _require_outputs(part: str, given: Any, parameters: Iterable[str]) -> dict[str, Output]:
-    wanted = "a dict of functions of a solution by name"
-    if not isinstance(given, Mapping):
-        raise BeamdaeError(f"{part}: outputs must be {wanted}, got {short_repr(given)}.")
-    taken = {*RESERVED_COLUMNS, *parameters}
-    for name, function in given.items():
-        if not isinstance(name, str) or not name.isprintable() or not name.strip():
-            raise BeamdaeError(
-                f"{part}: outputs must be {wanted}, got the name {short_repr(name)}."
-            )
-        if name in taken:
-            raise BeamdaeError(f"{part}: {name!r} is a column of its own, name the output another.")
-        if not callable(function):
-            raise BeamdaeError(f"{part}: outputs must be {wanted}, got {short_repr(function)}.")
-    return dict(given)
-
-
-if TYPE_CHECKING:
-    from beamdae.studies.execution.study_progress import StudyProgress
-    from beamdae.studies.sweeps.sweep_results import SweepResults
 
 # Values by parameter, or combinations of them.
 Over = Mapping[str, Iterable[Any]] | Iterable[Mapping[str, Any]]
@@ -214,59 +197,60 @@ def sweep(
     scheduler: str | None = None,
     progress: Callable[[StudyProgress], None] | None = None,
 ) -> Any:
-    """Run a model over values of its parameters; without `over`, a decorator.
+    """Run a model over values of its parameters; without `over`, return a decorator.
 
-    Of each run the table tells the last, largest and smallest value and the root mean square over
-    time of observed columns, and what functions of the solution return; a run that fails is a row
-    with its reason. With `over` it runs here and now. Without, it decorates a function without
-    arguments that returns the values, for `beamdae sweep FILE.py`, or to be called.
+    The table has one row per run, with the end value, maximum, minimum and root mean square over
+    time of observed columns, and the values of functions of the solution. A failed run is a row
+    with its reason. With `over` the sweep runs immediately. Without it, `sweep` decorates a
+    function without arguments that returns the values; call the decorated sweep, or run it with
+    `beamdae sweep FILE.py`.
 
     Parameters
     ----------
     model
         A model function, see `bd.model`, or any function with keyword defaults that builds a
-        mechanism (then give `t_end`).
+        mechanism (which needs `t_end`).
     over
-        Values by parameter, all combinations of which are run: `{"elements": [4, 8]}`. Values that
-        are no numbers have names as a dict, `{"section": {"thin": thin, "thick": thick}}`. Or a
-        list of combinations, each a dict of parameters, see `bd.grid`.
+        Values by parameter, of which all combinations are run: `{"elements": [4, 8]}`. Values that
+        are not numbers can be named by a dict, `{"section": {"thin": thin, "thick": thick}}`.
+        Alternatively a list of combinations, each a dict of parameters, see `bd.grid`.
     of
-        Observed columns that are told of, by header, with or without unit ("tip.y"), or by
-        observable ("tip"); default all.
+        Observed columns to tabulate, by header with or without unit ("tip.y") or by observable
+        ("tip"); default all.
     outputs
-        Functions of a `Solution` that return a number, a truth value, a text or None, by the name
-        of their column, such as `{"peak [m]": lambda run: run["tip.y"].abs().max()}`.
+        Functions of a `Solution` that return a number, a truth value, a string or None, by the
+        name of their column, for example `{"peak [m]": lambda run: run["tip.y"].abs().max()}`.
     integrator
-        Of all runs; default `Auto()`.
+        Integrator of all runs; default `Auto()`.
     t_end, output_step
-        End time and time between rows [s]; default the model's, and a 400th of it. Largest values
-        and root mean squares are those of the rows.
+        End time and time between rows [s]; default the model's end time, and a 400th of it.
+        Maxima and root mean squares are taken over the rows.
     time_limit
-        Wall time a run may take [s]; default no limit.
+        Maximum wall time of a run [s]; default no limit.
     folder
-        Where the table and all runs are kept; those that are there already are not done again, so
-        that an interrupted sweep goes on. Default nowhere.
+        Folder for the table and the results of all runs. Runs that are already there are not
+        repeated, so that an interrupted sweep resumes. By default nothing is stored.
     jobs
-        Processes; 1: one run after the other in this process, None: one a core.
+        Number of processes; 1 runs in this process, None uses one process per core.
     scheduler
-        Address of a Dask scheduler, whose workers do the runs.
+        Address of a Dask scheduler whose workers do the runs.
     progress
         Called with a `StudyProgress` (`done`, `total`, `failed`, ...) after each run.
 
     Returns
     -------
-    SweepResults or a decorator, which gives a Sweep
+    SweepResults, or a decorator that returns a Sweep
 
     Raises
     ------
     BeamdaeError
-        If a parameter is unknown, has no values or such of a wrong type, or there is no such
-        column. Values the model itself refuses are failed rows.
+        If a parameter is unknown, has no values or values of a wrong type, or a column does not
+        exist. Values that the model itself rejects are failed rows.
 
     Warns
     -----
     BeamdaeWarning
-        Of runs that did not reach their end, and of those with warnings of their own.
+        If runs did not reach the end time, or have warnings.
 
     Examples
     --------
@@ -277,18 +261,18 @@ def sweep(
     ...     mech.add(bd.Distance("rope", mech.ground.at(0.0, 0.0), bob.point))
     ...     mech.observe("bob", bob.point)
     ...     return mech
-    >>> found = bd.sweep(swing, {"length": [0.5, 1.0, 2.0]}, of="bob.y", t_end=1.0)
-    >>> print(found.table[["length", "bob.y min [m]"]].round(3).to_string(index=False))
+    >>> results = bd.sweep(swing, {"length": [0.5, 1.0, 2.0]}, of="bob.y", t_end=1.0)
+    >>> print(results.table[["length", "bob.y min [m]"]].round(3).to_string(index=False))
      length  bob.y min [m]
         0.5           -0.5
         1.0           -1.0
         2.0           -2.0
-    >>> path = found.plot("bob.y").save("bob.png")
+    >>> path = results.plot("bob.y").save("bob.png")
     """
-    chosen = _model(model, t_end)
+    study_model = _require_model(model, t_end)
     if time_limit is not None:
         require_positive("sweep", "time_limit", time_limit)
-    said: dict[str, Any] = {
+    options: dict[str, Any] = {
         "of": of,
         "outputs": outputs,
         "integrator": integrator,
@@ -297,33 +281,34 @@ def sweep(
         "time_limit": time_limit,
     }
     if over is not None:
-        stated = create_sweep(chosen, over, f"{chosen.name}_sweep", **said)
-        return stated.run(folder, jobs, scheduler, progress)
+        definition = create_sweep(study_model, over, f"{study_model.name}_sweep", **options)
+        return definition.run(folder, jobs, scheduler, progress)
     if (folder, jobs, scheduler, progress) != (None, 1, None, None):
         raise BeamdaeError(
-            "sweep: folder, jobs, scheduler and progress say how it is run, and are arguments of "
-            "the sweep that this decorates, or of sweep(model, over=...)."
+            "sweep: folder, jobs, scheduler and progress are not arguments of the decorator; "
+            "pass them to the decorated sweep, or call sweep(model, over=...)."
         )
 
     def decorate(function: Callable[[], Over]) -> Sweep:
         if not callable(function) or not hasattr(function, "__name__"):
             raise BeamdaeError(f"sweep: it must decorate a function, got {short_repr(function)}.")
-        return create_sweep(chosen, call_definition(function, "values"), function.__name__, **said)
+        values = call_definition(function, "values")
+        return create_sweep(study_model, values, function.__name__, **options)
 
     return decorate
 
 
-def _model(given: Any, t_end: float | None) -> Model:
-    if isinstance(given, Model):
-        return given
-    if not inspect.isfunction(given):
+def _require_model(model: Any, t_end: float | None) -> Model:
+    if isinstance(model, Model):
+        return model
+    if not inspect.isfunction(model):
         raise BeamdaeError(
             "sweep: model must be a function with parameters that builds a mechanism, see "
-            f"bd.model, got {short_repr(given)}."
+            f"bd.model, got {short_repr(model)}."
         )
     if t_end is None:
-        raise BeamdaeError(f"sweep: {given.__name__} has no end time of its own, give t_end=.")
+        raise BeamdaeError(f"sweep: {model.__name__} has no default end time; give t_end=.")
     try:
-        return model_of(t_end=t_end)(given)
+        return create_model(t_end=t_end)(model)
     except BeamdaeError as problem:
         raise BeamdaeError(f"sweep: model must have named parameters, {problem}") from None

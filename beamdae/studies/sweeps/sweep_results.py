@@ -1,70 +1,70 @@
-"""What became of a sweep: its table, its runs by parameters, its pictures and its page."""
+"""Results of a sweep: the table of responses, runs by parameters, plots and the page."""
 
 from __future__ import annotations
 
 import html
-import warnings
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from beamdae.equations.measures import TIME
-from beamdae.errors import (
-    BeamdaeError,
-    BeamdaeWarning,
-    as_real,
-    format_exception,
-    is_valid_path,
-    short_repr,
-    suggest,
-    unbox_scalar,
-)
+from beamdae.errors import BeamdaeError, as_real, short_repr, suggest, unbox_scalar
+from beamdae.report.page.page_file import write_page
+from beamdae.results.displays import Plot
 from beamdae.results.outcome import Status
 from beamdae.results.storage.files import escape_table, require_file_path, write_text
 from beamdae.results.time_series import TimeSeries
 from beamdae.studies.case import format_parameter
-from beamdae.studies.execution import study_run
-from beamdae.studies.execution.executors import SerialPool, create_executor
-from beamdae.studies.execution.study_progress import StudyProgress
+from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.study_page import create_study_page, extra_column_key
-from beamdae.studies.sweeps.response_plots import choose_axis, group_rows
-from beamdae.studies.sweeps.responses import (
+from beamdae.studies.sweeps.parameter_study import (
     REASON,
     STATUS,
     TRAJECTORY,
     WARNINGS,
-    Panel,
+    ParameterStudy,
     parameter_column,
+)
+from beamdae.studies.sweeps.response_plots import plot_curves, plot_maps
+from beamdae.studies.sweeps.responses import (
+    Panel,
+    choose_axis,
+    group_rows,
     select_characteristic,
     select_headers,
     select_panels,
     tabulate_responses,
 )
-from beamdae.studies.sweeps.sweep import Sweep
 
 Array = np.ndarray
+
+TABLE_FILE = "sweep.csv"
+_PARAMETER_TOLERANCE = 1e-9  # relative, of numbers by which runs are looked up
+_MAX_NOTEBOOK_ROWS = 20
+_MAX_NOTEBOOK_COLUMNS = 16
 
 
 @dataclass(frozen=True, repr=False)
 class SweepRun(TimeSeries):
-    """A run of a sweep: what it observed over time, looked at as a `Solution` is.
+    """Observed columns of one run of a sweep, with the methods of a `Solution`.
 
     Attributes
     ----------
     name
-        The parameters that vary, with their values.
+        Varied parameters with their values.
     parameters
-        What is told of all parameters.
+        Displayed values of all swept parameters.
     status
-        How it ended.
+        How the run ended.
+    rows
+        Observed columns, energies and drift by time.
     warnings
-        Sentences on what is not to be trusted as it stands.
+        Warnings about the quality of the run.
     """
 
     name: str
@@ -79,306 +79,247 @@ class SweepRun(TimeSeries):
         return self.name
 
     def all_columns(self) -> dict[str, Array]:
-        """The columns of `table` by header, as arrays."""
+        """Return the columns of `table` by header, as arrays."""
         columns = {str(c): self.rows[c].to_numpy(float) for c in self.rows}
         return {TIME: self.rows.index.to_numpy(float), **columns}
 
     def coordinates(self) -> pd.DataFrame:
-        """No coordinates are kept."""
+        """Return a table without columns: sweeps do not store coordinates."""
         return pd.DataFrame(index=range(len(self.rows)))
 
     def at_times(self, times: Array) -> SweepRun:
-        """The same at some of its own times [s]."""
+        """Return the run at some of its output times [s]."""
         advice = "its sweep and the other run must have the same output_step"
         rows = self.rows.iloc[self._rows_at(times, f"the run {self.name}", advice)]
         return SweepRun(self.name, self.parameters, self.status, rows, self.warnings)
 
     def __repr__(self) -> str:
-        ended = f"{self.status.kind}, {self.status.sentence}"
-        return f"<SweptRun of {self.name}: {ended}; {len(self.rows)} rows>"
-
-
-if TYPE_CHECKING:
-    from beamdae.results.displays import Plot
-
-TABLE_FILE = "sweep.csv"
+        status = f"{self.status.kind}, {self.status.sentence}"
+        return f"<SweepRun of {self.name}: {status}; {len(self.rows)} rows>"
 
 
 @dataclass(frozen=True, repr=False)
 class SweepResults:
-    """What became of a sweep; a notebook shows its table.
+    """Results of a sweep; a notebook displays the table.
 
     Attributes
     ----------
     sweep
-        What was run.
+        The `Sweep` that was run.
     results
         Costs, quality and files of its runs, as those of studies.
     table
-        One row a case: parameters, status, outputs; "end", "max", "min" and "RMS" of observed
-        columns over the run, such as "tip.y max [m]"; wall time, the reason where it did not reach
-        its end, what it warns of, and the file of its rows.
+        One row per case: parameters, status, outputs; "end", "max", "min" and "RMS" of observed
+        columns over the run, such as "tip.y max [m]"; wall time, the reason if the run did not
+        reach the end time, its warnings, and the file of its rows.
     """
 
-    sweep: Sweep
-    results: study_run.StudyResults
+    sweep: ParameterStudy
+    results: StudyResults
     table: pd.DataFrame
 
     @property
     def interrupted(self) -> bool:
-        """Whether there was an interrupt; a sweep with a folder goes on when it is run again."""
+        """Whether the sweep was interrupted; with a folder it resumes when it is run again."""
         return self.results.interrupted
 
     @cached_property
-    def _by_row(self) -> dict[int, SweepRun]:
-        found = {}
-        for k, (case, said) in enumerate(zip(self.sweep.cases, self.sweep.settings, strict=True)):
+    def _runs_by_row(self) -> dict[int, SweepRun]:
+        runs = {}
+        cases = zip(self.sweep.cases, self.sweep.settings, strict=True)
+        for row, (case, setting) in enumerate(cases):
             outcome = self.results.outcome(case)
             if outcome.table is not None:
-                doubts = tuple(filter(None, [outcome.values.get(WARNINGS, "")]))
-                tag, status = self.sweep.tag(case), outcome.status
-                found[k] = SweepRun(tag, said, status, outcome.table, doubts)
-        return found
+                warning = outcome.values.get(WARNINGS, "")
+                runs[row] = SweepRun(
+                    self.sweep.tag(case),
+                    setting,
+                    outcome.status,
+                    outcome.table,
+                    (warning,) if warning else (),
+                )
+        return runs
 
     @property
     def runs(self) -> list[SweepRun]:
-        """The runs that have rows, in the order of the table, such as for `bd.plot`."""
-        return list(self._by_row.values())
+        """The runs that have rows, in the order of the table, for example for `bd.plot`."""
+        return list(self._runs_by_row.values())
 
     def run(self, **parameters: Any) -> SweepRun:
-        """The run of such parameters; those that tell it from no other may be left out.
+        """Return the run with these parameters; those that are not needed may be left out.
 
         Raises
         ------
         BeamdaeError
-            If there is none with these values, or several, or it has no rows.
+            If no run or several runs have these values, or the run has no rows.
         """
-        row = self._row(parameters)
-        if row not in self._by_row:
+        row = self._find_row(parameters)
+        if row not in self._runs_by_row:
             reason = str(self.table[REASON].iloc[row]).removesuffix(".")
             tag = self.sweep.tag(self.sweep.cases[row])
             raise BeamdaeError(f"{self.sweep.name}: the case {tag} has no rows, {reason}.")
-        return self._by_row[row]
+        return self._runs_by_row[row]
 
-    def _row(self, parameters: Mapping[str, Any]) -> int:
-        name, known, settings = self.sweep.name, self.sweep.parameters, self.sweep.settings
-        for one in parameters:
-            if one not in known:
+    def _find_row(self, parameters: Mapping[str, Any]) -> int:
+        name, swept, settings = self.sweep.name, self.sweep.parameters, self.sweep.settings
+        for parameter in parameters:
+            if parameter not in swept:
                 raise BeamdaeError(
-                    f"{name}: no parameter {short_repr(one)}{suggest(one, known)} is swept, but "
-                    f"{', '.join(known)}."
+                    f"{name}: no parameter {short_repr(parameter)}{suggest(parameter, swept)} is "
+                    f"swept; choose {', '.join(swept)}."
                 )
-        asked = ", ".join(f"{one}={short_repr(value)}" for one, value in parameters.items())
-        rows = [k for k, said in enumerate(settings) if _matches(said, parameters)]
+        request = ", ".join(f"{x}={short_repr(value)}" for x, value in parameters.items())
+        rows = [row for row, setting in enumerate(settings) if _matches(setting, parameters)]
         if not rows:
-            raise BeamdaeError(f"{name}: no case has {asked}, `table` has all there are.")
-        left = [x for x in known if any(settings[k][x] != settings[rows[0]][x] for k in rows)]
-        if left:
+            raise BeamdaeError(f"{name}: no case has {request}; see `table` for all cases.")
+        first = settings[rows[0]]
+        ambiguous = [x for x in swept if any(settings[row][x] != first[x] for row in rows)]
+        if ambiguous:
             raise BeamdaeError(
-                f"{name}: {len(rows)} cases have {asked or 'any values'}, give "
-                f"{' and '.join(left)} as well."
+                f"{name}: {len(rows)} cases have {request or 'any values'}; also give "
+                f"{' and '.join(ambiguous)}."
             )
         return rows[0]
 
     def panels(self, *names: str) -> list[Panel]:
-        """What pictures show of names; default what tells most."""
+        """Return the panels that plots show for some names; default the characteristic ones."""
         headers = select_headers(self.results, self.sweep)
-        chosen = names or select_characteristic(self.results, self.sweep)
-        return [panel for name in chosen for panel in select_panels(self.sweep, headers, name)]
+        selected = names or select_characteristic(self.results, self.sweep)
+        return [panel for name in selected for panel in select_panels(self.sweep, headers, name)]
 
     @property
     def parameters(self) -> list[str]:
         """Columns of the parameters."""
-        return [parameter_column(self.sweep, name) for name in self.sweep.parameters]
+        return [parameter_column(name) for name in self.sweep.parameters]
 
     @cached_property
-    def told(self) -> list[str]:
-        """Columns of what tells most of the runs."""
+    def response_columns(self) -> list[str]:
+        """Columns of the responses that are plotted by default."""
         return [column for panel in self.panels() for column in panel.lines.values()]
 
     def plot(self, *names: str, x: str | None = None) -> Plot:
-        """Draw what is told of the runs over a parameter, a curve for each choice of the others.
+        """Plot responses over a parameter, with a curve for each choice of the others.
 
         Parameters
         ----------
         names
-            Of outputs, of observed columns ("tip.y", all that is told of it), or of one measure
-            ("tip.y max"); default the outputs, or the columns that tell most.
+            Outputs, observed columns ("tip.y" plots all its measures) or single measures ("tip.y
+            max"); default the outputs, or else the characteristic columns.
         x
-            The parameter on the axis; default the one with most values that are numbers.
+            Parameter on the axis; default the one with most numeric values.
 
         Raises
         ------
         BeamdaeError
-            If there is none of a name, or nothing varies.
+            If there is no such response, or no parameter varies.
         """
-        from beamdae.studies.sweeps.response_plots import plot_curves
-
-        return plot_curves(self, self.panels(*names), x)
+        return plot_curves(self.sweep, self.table, self.panels(*names), x)
 
     def map(self, *names: str, x: str | None = None, y: str | None = None) -> Plot:
-        """Draw what is told of the runs in color over two parameters; see `plot`.
+        """Plot responses in color over two parameters; see `plot`.
 
         Raises
         ------
         BeamdaeError
-            If there is none of a name, or other than two parameters vary.
+            If there is no such response, or the number of varied parameters is not two.
         """
-        from beamdae.studies.sweeps.response_plots import plot_maps
-
-        return plot_maps(self, self.panels(*names), x, y)
+        return plot_maps(self.sweep, self.table, self.panels(*names), x, y)
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write the table as CSV; headers and texts no spreadsheet takes for formulas.
+        """Write the table as CSV; texts that spreadsheets would run as formulas are escaped.
 
         Raises
         ------
         BeamdaeError
-            If it cannot be written.
+            If the file cannot be written.
         """
         text = escape_table(self.table).to_csv(index=False, lineterminator="\n")
         return write_text(require_file_path("to_csv", path), text)
 
     def page(self, path: str | Path) -> Path:
-        """Write a page for any browser: the table, and the runs over each other.
+        """Write an HTML page with the table and the curves of all runs.
 
         Raises
         ------
         BeamdaeError
-            If it cannot be written.
+            If the file cannot be written.
         """
-        from beamdae.report.page.page_file import write_page
-
         return write_page(require_file_path("page", path), create_sweep_page(self))
 
     def __repr__(self) -> str:
         return f"<SweepResults of {self._summary}>"
 
     def _repr_html_(self) -> str:
-        table = self.table.drop(columns=[c for c in self.table if self._empty(str(c))])
-        return f"<b>{html.escape(self._summary)}</b>{table.to_html(max_rows=20, max_cols=16)}"
-
-    def _empty(self, column: str) -> bool:
-        return column in (REASON, TRAJECTORY, WARNINGS) and not self.table[column].any()
+        optional = [REASON, TRAJECTORY, WARNINGS]
+        empty = [c for c in self.table if c in optional and not self.table[c].any()]
+        table = self.table.drop(columns=empty)
+        rows = table.to_html(max_rows=_MAX_NOTEBOOK_ROWS, max_cols=_MAX_NOTEBOOK_COLUMNS)
+        return f"<b>{html.escape(self._summary)}</b>{rows}"
 
     @property
     def _summary(self) -> str:
-        done = int((self.table[STATUS] == "ok").sum())
-        over = ", ".join(self.sweep.varied) or "nothing"
-        return f"{self.sweep.name} over {over}: {len(self.table)} cases, {done} reached their end"
+        completed = int((self.table[STATUS] == "ok").sum())
+        varied = ", ".join(self.sweep.varied) or "nothing"
+        cases = f"{len(self.table)} cases, {completed} reached their end"
+        return f"{self.sweep.name} over {varied}: {cases}"
 
 
-def _matches(said: Mapping[str, Any], parameters: Mapping[str, Any]) -> bool:
-    return all(
-        _is_same_value(said[name], unbox_scalar(value)) for name, value in parameters.items()
-    )
-
-
-def _is_same_value(said: Any, value: Any) -> bool:
-    size, wanted = as_real(said), as_real(value)
-    if size is not None and wanted is not None:
-        return bool(np.isclose(size, wanted, rtol=1e-9, atol=0.0))
-    return bool(said == (value if isinstance(value, (bool, str)) else format_parameter(value)))
-
-
-def _guard_progress(part: str, progress: Any) -> Callable[[StudyProgress], None] | None:
-    """The function of a user's own, whose mistakes are told as such."""
-    if progress is None:
-        return None
-    if not callable(progress):
-        raise BeamdaeError(f"{part}: progress must be a function, got {short_repr(progress)}.")
-
-    def hear(standing: StudyProgress) -> None:
-        try:
-            progress(standing)
-        except Exception as problem:
-            raise BeamdaeError(
-                f"{part}: progress failed, {format_exception(problem)}."
-            ) from problem
-
-    return hear
-
-
-def run_sweep(
-    sweep: Sweep,
-    folder: str | Path | None,
-    jobs: int | None,
-    scheduler: str | None,
-    progress: Callable[[StudyProgress], None] | None,
-) -> SweepResults:
-    """Run a sweep from Python, see `bd.sweep`."""
-    alone = scheduler is None and as_real(jobs) == 1.0
-    executor = SerialPool() if alone else create_executor(sweep.name, "jobs", jobs, scheduler)
-    hear = _guard_progress(sweep.name, progress)
-    if folder is None:
-        # Kept in memory alone, once it has run.
-        with TemporaryDirectory(prefix="beamdae-") as scratch:
-            found = study_run.run_study(sweep, Path(scratch), executor, hear)
-    else:
-        found = study_run.run_study(sweep, _require_folder(sweep.name, folder), executor, hear)
-    swept = create_sweep_results(found)
-    if folder is None:
-        swept = replace(swept, table=swept.table.drop(columns=TRAJECTORY))
-    else:
-        swept.to_csv(found.folder / TABLE_FILE)
-    for sentence in list_warnings(swept):
-        warnings.warn(sentence, BeamdaeWarning, stacklevel=4)
-    return swept
-
-
-def _require_folder(part: str, given: Any) -> Path:
-    if (
-        not isinstance(given, (str, Path))
-        or not is_valid_path(str(given))
-        or not str(given).strip()
-    ):
-        raise BeamdaeError(
-            f"{part}: folder must be the path of a folder of results, got {short_repr(given)}."
-        )
-    return Path(given)
-
-
-def create_sweep_results(found: study_run.StudyResults) -> SweepResults:
+def create_sweep_results(results: StudyResults) -> SweepResults:
     """Return the results of a sweep from those of its study run."""
-    assert isinstance(found.study, Sweep)
-    return SweepResults(found.study, found, tabulate_responses(found, found.study))
+    assert isinstance(results.study, ParameterStudy)
+    return SweepResults(results.study, results, tabulate_responses(results, results.study))
 
 
 def list_warnings(swept: SweepResults) -> Iterator[str]:
-    """On the runs that did not reach their end, and on those that are to be read with warnings."""
-    failed, doubted = swept.table[STATUS] != "ok", swept.table[WARNINGS] != ""
-    for which, why, said in (
+    """Yield a sentence on failed runs and one on runs with warnings, if there are any."""
+    failed = swept.table[STATUS] != "ok"
+    with_warnings = (swept.table[WARNINGS] != "") & ~failed
+    for selection, column, problem in (
         (failed, REASON, "did not reach their end"),
-        (doubted & ~failed, WARNINGS, "have warnings"),
+        (with_warnings, WARNINGS, "have warnings"),
     ):
-        rows = swept.table[which]
+        rows = swept.table[selection]
         if len(rows):
-            first = swept.sweep.tag(swept.sweep.cases[int(rows.index[0])])
+            tag = swept.sweep.tag(swept.sweep.cases[int(rows.index[0])])
+            reason = str(rows[column].iloc[0]).removesuffix(".")
             yield (
-                f"{swept.sweep.name}: {len(rows)} of {len(swept.table)} runs {said}, the first of "
-                f"them {first}: {str(rows[why].iloc[0]).removesuffix('.')}; the table has all."
+                f"{swept.sweep.name}: {len(rows)} of {len(swept.table)} runs {problem}, "
+                f"the first is {tag}: {reason}; see the table for all."
             )
 
 
-def create_sweep_page(swept: SweepResults) -> dict[str, Any]:
-    """The page of a sweep; see `beamdae.report.page.page_file.write_page`.
+def _matches(setting: Mapping[str, Any], parameters: Mapping[str, Any]) -> bool:
+    return all(_is_same_value(setting[x], unbox_scalar(value)) for x, value in parameters.items())
 
-    What is told of its runs is drawn over a parameter; each choice of the others is a family.
+
+def _is_same_value(displayed: Any, value: Any) -> bool:
+    number, requested = as_real(displayed), as_real(value)
+    if number is not None and requested is not None:
+        return bool(np.isclose(number, requested, rtol=_PARAMETER_TOLERANCE, atol=0.0))
+    plain = isinstance(value, (bool, str))
+    return bool(displayed == (value if plain else format_parameter(value)))
+
+
+def create_sweep_page(swept: SweepResults) -> dict[str, Any]:
+    """Return the content of the page of a sweep as plain data, for `write_page`.
+
+    Responses are drawn over one parameter; each choice of the others is a family of runs.
     """
-    made = create_study_page(swept.results, swept.table[[*swept.parameters, *swept.told]])
-    made["columns"][0] |= {"label": "case"}
+    columns = [*swept.parameters, *swept.response_columns]
+    content = create_study_page(swept.results, swept.table[columns])
+    content["columns"][0] |= {"label": "case"}
     if not swept.sweep.varied:
-        return made
-    x = choose_axis(swept, None)
-    for family, rows in group_rows(swept, x).items():
+        return content
+    x = choose_axis(swept.sweep, swept.table)
+    for family, rows in group_rows(swept.sweep, x).items():
         for row in rows:
-            case, at = made["cases"][row], swept.sweep.settings[row][x]
+            case, value = content["cases"][row], swept.sweep.settings[row][x]
             case |= {"family": family or case["family"], "series": family}
-            case["rank"] = at if isinstance(at, (int, float)) else row
-    numbers = {column["key"] for column in made["columns"] if column["kind"] == "number"}
-    told = [key for key in map(extra_column_key, swept.told) if key in numbers]
-    made["axes"] = {
-        "x": extra_column_key(parameter_column(swept.sweep, x)),
-        "y": next(iter(told), None),
+            case["rank"] = value if isinstance(value, (int, float)) else row
+    numeric = {column["key"] for column in content["columns"] if column["kind"] == "number"}
+    responses = [key for key in map(extra_column_key, swept.response_columns) if key in numeric]
+    content["axes"] = {
+        "x": extra_column_key(parameter_column(x)),
+        "y": next(iter(responses), None),
     }
-    return made
+    return content
