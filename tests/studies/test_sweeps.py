@@ -248,7 +248,9 @@ def test_the_page_of_a_sweep_has_one_group_and_the_curves_of_the_first_cases(
 
 
 def test_references_are_two_or_none():
-    with pytest.raises(bd.BeamdaeError, match=r"two integrators with different methods, or \(\) for"):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"two integrators with different methods, or \(\) for"
+    ):
         replace(sweep({}), references=3)
     assert replace(sweep({}), references=[]).references == ()
 
