@@ -29,30 +29,25 @@ T, Q, V = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
 LAM = ca.SX.sym("lam")
 
 
-def mechanism():
+def disk_mechanism():
     mech = bd.Mechanism()
     mech.add(DISK)
     return mech
 
 
-SWINGING = bd.equations_of_motion(mechanism())
+EQUATIONS = bd.equations_of_motion(disk_mechanism())
 
 
-def welded(**given):
-    return bd.welded_beams(**({"mechanism": bd.Mechanism()} | given))
+def weld_beams(**arguments):
+    return bd.welded_beams(**({"mechanism": bd.Mechanism()} | arguments))
 
 
-JOINED = {"name": "j", "a": GROUND.at(0.0, 0.0), "b": DISK.at(0.0, 0.0)}
-APART = {"name": "j", "a": GROUND.at(1.0, 0.0), "b": DISK.at(0.0, 0.0)}
-BETWEEN = {"name": "s", "a": GROUND.at(0.0, 0.0), "b": DISK.at(1.0, 0.0)}
+COINCIDENT_POINTS = {"name": "j", "a": GROUND.at(0.0, 0.0), "b": DISK.at(0.0, 0.0)}
+DISTANT_POINTS = {"name": "s", "a": GROUND.at(0.0, 0.0), "b": DISK.at(1.0, 0.0)}
 FLOOR = bd.LineSurface(GROUND.at(0.0, 0.0))
 
 
-def pushing(disk, t):
-    return (1.0, 0.0)
-
-
-RIGID = {"name": "b", "mass": 1.0, "inertia": 0.1}
+RIGID_BODY = {"name": "b", "mass": 1.0, "inertia": 0.1}
 # Working calls: each argument in turn is replaced by every value of `awkward_values`.
 CALLS = {
     name: (getattr(bd, name), public.sample(SampleMechanism()))
@@ -72,7 +67,7 @@ CALLS = {
     "Beam.at": (BEAM.at, {"s": 0.5}),
     "Beam.deformation": (BEAM.deformation, {"s": 0.5, "axes": "local"}),
     "Beam.section_forces": (BEAM.section_forces, {"s": 0.5}),
-    "Beam free": (
+    "Beam with a free curve": (
         bd.Beam,
         {"name": "b", "curve": ARC, "section": STRIP, "elements": 1, "free_curve": ARC},
     ),
@@ -89,13 +84,13 @@ CALLS = {
     "Mechanism": (bd.Mechanism, {"gravity": (0.0, -9.81)}),
     "Mechanism.add": (lambda part: bd.Mechanism().add(part), {"part": DISK}),
     "Mechanism.observe": (
-        lambda name, what: mechanism().observe(name, what),
+        lambda name, what: disk_mechanism().observe(name, what),
         {"name": "o", "what": DISK.at(0.0, 0.0)},
     ),
-    "Mechanism.part": (lambda name: mechanism().part(name), {"name": "disk"}),
+    "Mechanism.part": (lambda name: disk_mechanism().part(name), {"name": "disk"}),
     "PointMass on": (bd.PointMass, {"name": "p", "mass": 1.0, "on": DISK.at(0.0, 0.0)}),
-    "RigidBody turning": (bd.RigidBody, RIGID | {"angular_velocity": 0.0}),
-    "RigidBody drawn": (bd.RigidBody, RIGID | {"shape": POINTS}),
+    "RigidBody with a velocity": (bd.RigidBody, RIGID_BODY | {"angular_velocity": 0.0}),
+    "RigidBody with a shape": (bd.RigidBody, RIGID_BODY | {"shape": POINTS}),
     "RigidBody.rod": (bd.RigidBody.rod, {"name": "r", "a": (0, 0), "b": (1, 0), "mass": 1.0}),
     "RigidBody.rod of": (
         bd.RigidBody.rod,
@@ -135,9 +130,9 @@ CALLS = {
     ),
     "impact": (bd.impact, {"on": FLOOR.gap(DISK.at(0.0, 0.0)), "restitution": 0.5}),
     "LineSurface.gap": (FLOOR.gap, {"point": DISK.at(0.0, 0.0)}),
-    "equations_of_motion": (bd.equations_of_motion, {"mechanism": mechanism()}),
+    "equations_of_motion": (bd.equations_of_motion, {"mechanism": disk_mechanism()}),
     "frame": (
-        lambda **given: bd.frame(bd.Mechanism(), **given),
+        lambda **arguments: bd.frame(bd.Mechanism(), **arguments),
         {
             "name": "f",
             "points": {"A": (0, 0), "B": (1, 0), "C": (1, 1)},
@@ -147,26 +142,32 @@ CALLS = {
     ),
     "campbell": (
         bd.campbell,
-        {"model": mechanism(), "speeds": [0.0, 1.0], "n": 1, "center": (0.0, 0.0), "damping": True},
+        {
+            "model": disk_mechanism(),
+            "speeds": [0.0, 1.0],
+            "n": 1,
+            "center": (0.0, 0.0),
+            "damping": True,
+        },
     ),
     "modes": (
         bd.modes,
-        {"model": SWINGING, "about": "reference", "n": 1, "damping": True, "t": 0.0},
+        {"model": EQUATIONS, "about": "reference", "n": 1, "damping": True, "t": 0.0},
     ),
     "rotation": (bd.rotation, {"speed": 1.0, "center": (0.0, 0.0)}),
     "load_model": (bd.load_model, {"path": "models/pendulum.py"}),
     "model": (bd.model, {"t_end": 1.0}),
-    "model of": (lambda function: bd.model(t_end=1.0)(function), {"function": mechanism}),
+    "model of": (lambda function: bd.model(t_end=1.0)(function), {"function": disk_mechanism}),
     "piecewise": (lambda end, law: bd.piecewise((end, law), 0.0), {"end": 1.0, "law": 5.0}),
     "piecewise of": (lambda piece, last: bd.piecewise(piece, last), {"piece": (1, 2), "last": 3}),
-    "welded_beams": (welded, {"name": "w", "curve": ARC, "section": STRIP, "bodies": 1}),
+    "welded_beams": (weld_beams, {"name": "w", "curve": ARC, "section": STRIP, "bodies": 1}),
     "welded_beams of": (
-        welded,
+        weld_beams,
         {"mechanism": bd.Mechanism(), "name": "w", "curve": ARC, "section": STRIP, "bodies": 1},
     ),
 }
-# Integrators, studies, models and results: tested in other files.
-ELSEWHERE = {
+# Integrators, studies, models and results have tests in other files.
+TESTED_ELSEWHERE = {
     "Joint",
     "Animation",
     "Auto",
@@ -217,12 +218,12 @@ ELSEWHERE = {
     "study",
     "sweep",
     "verify",
-    # Of formulas alone.
+    # Formulas that accept any value.
     *("positive_part", "smooth_sign"),
 }
 
 
-def failing(*values, **named):
+def failing(*args, **kwargs):
     raise ZeroDivisionError
 
 
@@ -240,9 +241,9 @@ def awkward_values():
     return numbers + others + arrays + wrong + symbols + points + lists + functions + names
 
 
-def arguments_of(name):
-    call, given = CALLS[name]
-    return list(inspect.signature(call).parameters) if inspect.isclass(call) else list(given)
+def list_arguments(name):
+    call, arguments = CALLS[name]
+    return list(inspect.signature(call).parameters) if inspect.isclass(call) else list(arguments)
 
 
 def require_sentence(text):
@@ -253,25 +254,25 @@ def require_sentence(text):
     assert not re.search(r"0x[0-9a-f]{4}|SXFunction|casadi|\.cpp|overloaded|prototype", text)
 
 
-def test_every_public_name_is_tried():
+def test_every_public_name_is_tested():
     assert {name.split(".")[0].split(" ")[0] for name in CALLS} - {"Ground"} == (
-        set(bd.__all__) - ELSEWHERE
+        set(bd.__all__) - TESTED_ELSEWHERE
     )
 
 
 @pytest.mark.parametrize("name", CALLS)
-def test_every_value_in_every_place_is_taken_or_refused_in_a_sentence(name):
-    call, given = CALLS[name]
-    call(**given)
-    refused = 0
-    for argument in arguments_of(name):
+def test_every_value_of_every_argument_is_accepted_or_rejected_with_one_sentence(name):
+    call, arguments = CALLS[name]
+    call(**arguments)
+    rejections = 0
+    for argument in list_arguments(name):
         for value in awkward_values():
             try:
-                call(**(given | {argument: value}))
+                call(**(arguments | {argument: value}))
             except bd.BeamdaeError as problem:
-                refused += 1
+                rejections += 1
                 require_sentence(str(problem))
-    assert refused > 20
+    assert rejections > 20
 
 
 # Numbers, points and names ----------------------------------------------------------------------
@@ -287,25 +288,25 @@ def test_every_value_in_every_place_is_taken_or_refused_in_a_sentence(name):
         *((ca.SX.sym("x"), None), (ca.DM(1.0), None)),
     ],
 )
-def test_what_is_a_number(value, expected):
+def test_as_real_accepts_numbers_only(value, expected):
     assert as_real(value) == expected
 
 
 @pytest.mark.parametrize(
-    ("value", "told"),
+    ("value", "message"),
     [
         (10**400, "mass must be finite, got 1000"),
         (1e300, "mass must lie within 1e+75 in absolute value, got 1e+300."),
         pytest.param(10**5000, "mass must be finite, got a value of type int.", id="5000"),
     ],
 )
-def test_regression_numbers_too_large_are_told(value, told):
+def test_regression_too_large_numbers_are_rejected_with_their_value(value, message):
     with pytest.raises(bd.BeamdaeError) as problem:
         require_finite("bob", "mass", value)
-    assert str(problem.value).startswith(f"bob: {told}")
+    assert str(problem.value).startswith(f"bob: {message}")
 
 
-def test_a_count_has_a_most():
+def test_counts_above_their_maximum_are_rejected():
     with pytest.raises(bd.BeamdaeError, match="elements must be at most 5, got 1e"):
         require_count("b", "elements", 10**9, most=5)
     assert require_count("b", "elements", np.int64(3)) == 3
@@ -314,13 +315,13 @@ def test_a_count_has_a_most():
 @pytest.mark.parametrize(
     "value", [{1, 2}, {1: 0, 2: 0}, "12", (x for x in (1, 2)), (1, 2, 3), ((1, 2), (3, 4)), b"12"]
 )
-def test_regression_what_has_no_order_is_no_point(value):
+def test_regression_unordered_values_are_rejected_as_points(value):
     with pytest.raises(bd.BeamdaeError, match="disk: center"):
         bd.RigidBody("disk", 1.0, 1.0, center=value)
 
 
 @pytest.mark.parametrize("value", [(1, 2), [1, 2], np.array([1, 2]), range(1, 3)])
-def test_points_are_kept_as_plain_numbers(value):
+def test_points_are_stored_as_floats(value):
     assert require_point("disk", "center", value) == (1.0, 2.0)
     body = bd.RigidBody("disk", np.array(2.0), Fraction(1, 2), center=value)
     assert (body.mass, body.inertia, body.center) == (2.0, 0.5, (1.0, 2.0))
@@ -344,10 +345,10 @@ def test_points_are_kept_as_plain_numbers(value):
         "a\u202e",
     ],
 )
-def test_names_that_spoil_a_table_are_refused(name):
+def test_names_that_break_a_table_are_rejected(name):
     for make in (
         lambda: bd.RigidBody(name, 1.0, 1.0),
-        lambda: mechanism().observe(name, DISK.at(0.0, 0.0)),
+        lambda: disk_mechanism().observe(name, DISK.at(0.0, 0.0)),
         lambda: bd.ConstrainedSystem(**CALLS["ConstrainedSystem"][1], names=("x", name)),
         lambda: bd.ConstrainedSystem(**CALLS["ConstrainedSystem"][1], observe={f"{name} [m]": T}),
     ):
@@ -356,7 +357,7 @@ def test_names_that_spoil_a_table_are_refused(name):
 
 
 @pytest.mark.parametrize("name", ["a" * 100, "gauge 1", "mid-point", "at 0.5", "Ventil ä", "a=b"])
-def test_names_people_use_are_taken(name):
+def test_ordinary_names_are_accepted(name):
     assert bd.RigidBody(name, 1.0, 1.0).name == name
 
 
@@ -370,15 +371,15 @@ def test_names_people_use_are_taken(name):
         ("x" * 200, "'" + "x" * 76 + "..."),
     ],
 )
-def test_values_are_shown_on_one_short_line(value, text):
+def test_short_repr_fits_on_one_line(value, text):
     assert short_repr(value) == text
 
 
-# Mechanics that cannot be meant ------------------------------------------------------------------
+# Meaningless mechanics -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("make", "told"),
+    ("make", "message"),
     [
         (lambda: bd.Force("push", GROUND.at(0, 0), (1.0, 0.0)), "push: ground at .* does not move"),
         (lambda: bd.Moment("push", GROUND.at(0, 0), 1.0), "push: ground at .* does not move"),
@@ -397,26 +398,26 @@ def test_values_are_shown_on_one_short_line(value, text):
         (lambda: bd.Beam("b", ARC, STRIP, kinematics=str), "kinematics must be a function of"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(make, told):
-    if told is None:
+def test_meaningless_mechanics_is_rejected(make, message):
+    if message is None:
         make()
         return
-    with pytest.raises(bd.BeamdaeError, match=told) as problem:
+    with pytest.raises(bd.BeamdaeError, match=message) as problem:
         make()
     require_sentence(str(problem.value))
 
 
 @pytest.mark.parametrize("f", [np.sin, lambda x: x * abs(x), lambda x: 0.05 * np.sin(30 * x)])
-def test_curves_with_a_tangent_everywhere_are_taken(f):
+def test_curves_with_a_tangent_everywhere_are_accepted(f):
     assert bd.Curve(f, x=(-1.0, 1.0)).length > 2.0
 
 
-def test_a_driver_tells_by_how_much_it_leaves_the_drawing():
-    driver = bd.Driver(**(JOINED | {"law": lambda t: 0.5 + t}))
+def test_a_driver_reports_its_initial_angle_from_the_drawing():
+    driver = bd.Driver(**(COINCIDENT_POINTS | {"law": lambda t: 0.5 + t}))
     assert driver.facts == {"angle at the start, from the drawing [rad]": 0.5}
 
 
-def test_a_joint_of_a_removed_body_is_told():
+def test_a_joint_of_a_removed_body_is_rejected_with_the_name_of_the_body():
     mech = bd.Mechanism()
     disk, bob = mech.add(DISK), mech.add(bd.PointMass("bob", 1.0, at=(0.0, 0.0)))
     mech.add(bd.Revolute("pin", disk.at(0.0, 0.0), bob.point))
@@ -425,32 +426,32 @@ def test_a_joint_of_a_removed_body_is_told():
         bd.equations_of_motion(mech)
 
 
-class Broken(bd.Part):
+class FailingPart(bd.Part):
     name = "own"
 
     def forces(self, gravity):
         return ca.SX.sym("x", 2) + ca.SX.sym("y", 3)
 
 
-def test_a_part_of_ones_own_that_fails_is_named():
-    mech = mechanism()
-    mech.add(Broken())
+def test_the_error_of_a_failing_user_part_names_the_part():
+    mech = disk_mechanism()
+    mech.add(FailingPart())
     with pytest.raises(bd.BeamdaeError, match=r"own: its forces\(\) failed, RuntimeError: sha"):
         bd.equations_of_motion(mech)
 
 
 @pytest.mark.parametrize("kinematics", [failing, lambda q: q, lambda: 1])
-def test_an_attachment_whose_kinematics_fails_is_named(kinematics):
+def test_the_error_of_failing_kinematics_names_the_attachment(kinematics):
     place = DISK.at(1.0, 0.0)
-    own = bd.Attachment(DISK, (1.0, 0.0), 0.0, place.operator, kinematics)
-    mech = mechanism()
-    mech.add(bd.Force("push", own, (1.0, 0.0)))
+    attachment = bd.Attachment(DISK, (1.0, 0.0), 0.0, place.operator, kinematics)
+    mech = disk_mechanism()
+    mech.add(bd.Force("push", attachment, (1.0, 0.0)))
     with pytest.raises(bd.BeamdaeError, match=r"disk at \(1, 0\): its kinematics must") as problem:
         bd.equations_of_motion(mech)
     require_sentence(str(problem.value))
 
 
-def test_a_mistyped_public_name_is_still_an_attribute_error():
+def test_a_misspelled_public_name_raises_an_attribute_error():
     assert not hasattr(bd, "Beem")
     with pytest.raises(AttributeError, match="no attribute 'Beem'") as problem:
         _ = bd.Beem
@@ -461,7 +462,7 @@ def test_a_mistyped_public_name_is_still_an_attribute_error():
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({"q0": "x"}, "q0 must have 2 entries, finite numbers, got 'x'"),
         ({"q0": {1, 2}}, r"q0 must have 2 entries, finite numbers, got \{1, 2\}"),
@@ -511,61 +512,61 @@ def test_a_mistyped_public_name_is_still_an_attribute_error():
         ({"dissipated_power": "x"}, "dissipated_power must be made of numbers"),
     ],
 )
-def test_a_wrong_system_is_told_in_our_words(change, told):
-    with pytest.raises(bd.BeamdaeError, match=f"^ConstrainedSystem: {told}") as problem:
+def test_errors_in_constrained_systems_are_reported_by_beamdae_and_not_by_casadi(change, message):
+    with pytest.raises(bd.BeamdaeError, match=f"^ConstrainedSystem: {message}") as problem:
         _ = bd.ConstrainedSystem(**(CALLS["ConstrainedSystem"][1] | change)).equations
     require_sentence(str(problem.value))
     assert problem.value.__cause__ is None
 
 
-def test_a_system_may_be_given_an_empty_list_of_constraints():
+def test_an_empty_list_of_constraints_is_accepted():
     system = bd.ConstrainedSystem(**CALLS["ConstrainedSystem"][1], constraints=[])
     assert system.equations.m == 0
 
 
-def test_expressions_without_a_formula_are_told():
+def test_expressions_that_sx_cannot_expand_are_rejected():
     t, q, v = ca.MX.sym("t"), ca.MX.sym("q", 1), ca.MX.sym("v", 1)
     matrix = ca.vertcat(ca.horzcat(2.0 + t, 1.0), ca.horzcat(1.0, 3.0))
-    solved = ca.solve(matrix, ca.vertcat(1.0, t))[0]
-    given = {"t": t, "q": q, "v": v, "mass": [1.0], "q0": [0.0], "v0": [0.0]}
+    solution = ca.solve(matrix, ca.vertcat(1.0, t))[0]
+    arguments = {"t": t, "q": q, "v": v, "mass": [1.0], "q0": [0.0], "v0": [0.0]}
     with pytest.raises(bd.BeamdaeError, match="force uses a function that SX cannot expand"):
-        _ = bd.ConstrainedSystem(**given, force=solved).equations
+        _ = bd.ConstrainedSystem(**arguments, force=solution).equations
 
 
 # Laws --------------------------------------------------------------------------------------------
 
 
-def switched(t):
+def jump(t):
     if t > 1.0:
         return 1.0
     return 0.0
 
 
-def thrown(t):
+def raises_key_error(t):
     raise KeyError("x")
 
 
-def by_number(t):
+def converts_to_float(t):
     return 1.0 if float(t) > 0.2 else 0.0
 
 
-DECIDES = r"decides by the value of t \(if, while, and, or, min, max\).* bd.piecewise"
-OF_NUMBERS = "needs t as a number, as float, int, random numbers .* numpy functions"
+BRANCHES_MESSAGE = r"decides by the value of t \(if, while, and, or, min, max\).* bd.piecewise"
+NEEDS_NUMBER_MESSAGE = "needs t as a number, as float, int, random numbers .* numpy functions"
 
 
 @pytest.mark.parametrize(
-    ("law", "told"),
+    ("law", "message"),
     [
-        (switched, f"the law switched must be a formula in t, but it {DECIDES}"),
-        (lambda t: t > 1 and 3.0, DECIDES),
-        (lambda t: max(t, 1.0), DECIDES),
-        (math.sin, f"the law sin .*{OF_NUMBERS}"),
-        (lambda t: math.sin(t), OF_NUMBERS),
-        (int, OF_NUMBERS),
-        (by_number, f"the law by_number .*{OF_NUMBERS}"),
-        (lambda t: np.random.default_rng().random(), OF_NUMBERS),
-        (lambda t: np.polyval([1.0, 2.0], t), OF_NUMBERS),
-        (thrown, "the law thrown must .* failed at t = 0 .KeyError: 'x'"),
+        (jump, f"the law jump must be a formula in t, but it {BRANCHES_MESSAGE}"),
+        (lambda t: t > 1 and 3.0, BRANCHES_MESSAGE),
+        (lambda t: max(t, 1.0), BRANCHES_MESSAGE),
+        (math.sin, f"the law sin .*{NEEDS_NUMBER_MESSAGE}"),
+        (lambda t: math.sin(t), NEEDS_NUMBER_MESSAGE),
+        (int, NEEDS_NUMBER_MESSAGE),
+        (converts_to_float, f"the law converts_to_float .*{NEEDS_NUMBER_MESSAGE}"),
+        (lambda t: np.random.default_rng().random(), NEEDS_NUMBER_MESSAGE),
+        (lambda t: np.polyval([1.0, 2.0], t), NEEDS_NUMBER_MESSAGE),
+        (raises_key_error, "the law raises_key_error must .* failed at t = 0 .KeyError: 'x'"),
         (lambda t: t[3], "failed at t = 0 .TypeError"),
         (lambda t: ca.SX.sym("x", 2) + ca.SX.sym("y", 3), "of CasADi expressions do not match"),
         (lambda t: [t], r"the law must return one number, got \[SX"),
@@ -577,8 +578,8 @@ OF_NUMBERS = "needs t as a number, as float, int, random numbers .* numpy functi
         (lambda t: round(t), "the law must be smooth, but it uses"),
     ],
 )
-def test_a_law_that_is_no_formula_is_explained(law, told):
-    with pytest.raises(bd.BeamdaeError, match=f"^twist: .*{told}") as problem:
+def test_the_error_of_a_law_that_is_not_a_formula_gives_the_reason(law, message):
+    with pytest.raises(bd.BeamdaeError, match=f"^twist: .*{message}") as problem:
         bd.Moment("twist", DISK.at(0.0, 0.0), law)
     require_sentence(str(problem.value))
 
@@ -597,7 +598,7 @@ def test_a_law_that_is_no_formula_is_explained(law, told):
         ca.Function("f", [T], [T**2]),
     ],
 )
-def test_formulas_and_numbers_are_laws(law):
+def test_formulas_and_numbers_are_accepted_as_laws(law):
     assert len(bd.Moment("twist", DISK.at(0.0, 0.0), law).laws) == 1
 
 
@@ -617,7 +618,7 @@ def test_formulas_and_numbers_are_laws(law):
         (lambda s: bd.Model(3, 1.0, {}), "model: build must be a function, got 3."),
     ],
 )
-def test_what_is_asked_of_runs_with_something_else_is_told(call, words):
+def test_wrong_arguments_of_functions_of_runs_are_rejected(call, words):
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
     solution = bd.simulate(mech, bd.GeneralizedAlpha(step=0.01), 0.02)
