@@ -1,4 +1,4 @@
-"""Compare a few cases here and now: no files, no other processes."""
+"""Comparison of a few cases in this process, without files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,11 @@ from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.studies.case import Case
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
-from beamdae.studies.deviations import require_column_names, select_error_columns
+from beamdae.studies.deviations import (
+    RELATIVE_TIME_TOLERANCE,
+    require_column_names,
+    select_error_columns,
+)
 from beamdae.studies.execution.case_run import NOT_RUN, Outcome, describe_exception
 from beamdae.studies.references import Reference
 from beamdae.studies.run_values import collect_event_values, collect_run_values, tabulate_trajectory
@@ -30,35 +34,35 @@ def compare(
     output_step: float | None = None,
     progress: CaseProgress | None = None,
 ) -> pd.DataFrame:
-    """Run cases one after the other and tabulate cost and quality, a failed run is a row as well.
+    """Run cases one after the other and tabulate their cost and quality, failed runs included.
 
-    For more than a few cases write a study (`bd.study`) and run it with `beamdae compare`: in
-    parallel, resumable, and with references that two methods agree on.
+    For more than a few cases write a study (`bd.study`) and run it with `beamdae compare`: it runs
+    in parallel, can be resumed, and computes its references by two methods.
 
     Parameters
     ----------
     cases
-        What to run.
+        Cases to run.
     reference
-        What errors are measured against: a case to run, or a solution.
+        Solution that errors are measured against, or a case to run for it.
     columns
-        Observed columns the error is taken over; default: all positions and angles that move.
+        Observed columns that errors are taken over; default: all positions and angles that move.
     t_end, output_step
-        As in `simulate`, for all cases.
+        End time and time between rows [s] of all cases, as in `simulate`.
     progress
-        Called now and then with the label of a case and the time it has reached.
+        Function called repeatedly with the label of a case and the time it has reached [s].
 
     Returns
     -------
     DataFrame
-        "error [-]" is the largest difference to the reference over the run (as far as it got) and
-        the columns, relative to half the range of each; further columns tell it by column, at the
-        end and as root mean square.
+        One row per case. "error [-]" is the largest difference to the reference over the columns
+        and over the run, up to the time it has reached, relative to half the range of each column.
+        Further columns contain it by column: at the end, the maximum, and the root mean square.
 
     Raises
     ------
     BeamdaeError
-        If the reference fails, a column is unknown, or what is given is of another kind.
+        If the reference fails, a column is unknown, or an argument has the wrong type.
 
     Examples
     --------
@@ -73,10 +77,12 @@ def compare(
     >>> list(bd.compare(cases)["mass"])
     [1.0, 2.0]
     """
-    listed = [cases] if isinstance(cases, Case) else cases
-    cases = require_iterable("compare", "cases", listed, "a list of at least one Case")
+    allowed = "a list of at least one Case"
+    if isinstance(cases, Case):
+        cases = [cases]
+    cases = require_iterable("compare", "cases", cases, allowed)
     if not cases or not all(isinstance(case, Case) for case in cases):
-        raise BeamdaeError(f"compare: give a list of at least one Case, got {short_repr(cases)}.")
+        raise BeamdaeError(f"compare: cases must be {allowed}, got {short_repr(cases)}.")
     if reference is not None and not isinstance(reference, (Case, Solution)):
         raise BeamdaeError(
             f"compare: reference must be a Case or a Solution, got {short_repr(reference)}."
@@ -95,11 +101,11 @@ def compare(
         if not interrupted:
             outcome = _run_case(case, t_end, output_step, progress)
             interrupted = outcome.status.kind == "interrupted"
-        truth = None
+        sampled = None
         if reference is not None:
             end = case.model.t_end if t_end is None else t_end
-            truth = _sample_reference(reference, outcome, columns, end)
-        rows.append(tabulate_case(case, case.group, outcome, truth))
+            sampled = _sample_reference(reference, outcome, columns, end)
+        rows.append(tabulate_case(case, case.group, outcome, sampled))
     return assemble_case_table(rows)
 
 
@@ -112,7 +118,7 @@ def _run_case(
         return Outcome(Status("interrupted", "interrupted before its start"))
     except BeamdaeError as problem:
         return Outcome.failed(str(problem))
-    except BaseException as problem:  # Whatever a model does, sys.exit included, ends its row.
+    except BaseException as problem:  # SystemExit included.
         return Outcome.failed(describe_exception(problem))
     return Outcome(solution.status, collect_run_values(solution), tabulate_trajectory(solution))
 
@@ -120,19 +126,19 @@ def _run_case(
 def _sample_reference(
     solution: Solution, outcome: Outcome, columns: Sequence[str], end: float
 ) -> Reference:
-    """The reference at the times of an outcome, and at its own where the outcome ends early."""
-    chosen = tuple(select_error_columns(solution.observed, columns))
+    """Evaluate the reference at the times of an outcome; after its end, at its own times."""
+    error_columns = tuple(select_error_columns(solution.observed, columns))
     table = outcome.table
     if table is not None:
         times = table.index.to_numpy()
-        later = solution.t[solution.t > times[-1] * (1.0 + 1e-12)]
-        common = times[times <= solution.trajectory.end * (1.0 + 1e-12)]
+        later = solution.t[solution.t > times[-1] * (1.0 + RELATIVE_TIME_TOLERANCE)]
+        common = times[times <= solution.trajectory.end * (1.0 + RELATIVE_TIME_TOLERANCE)]
         solution = replace(solution, t=np.concatenate([common, later]))
-    # Of a shorter one it is not known what would happen later.
+    # A shorter reference lacks the events after its end.
     events = collect_event_values(solution, end) if solution.model["t_end"] >= end else {}
     method = str(solution.integrator.get("integrator", ""))
     return Reference(
-        (method, ""), tabulate_trajectory(solution), chosen, np.nan, "as given", events
+        (method, ""), tabulate_trajectory(solution), error_columns, np.nan, "as given", events
     )
 
 
@@ -144,7 +150,7 @@ def _solve_reference(
         solution = case.solve(t_end, output_step, _label_progress(progress, f"reference {label}"))
     except (BeamdaeError, KeyboardInterrupt):
         raise
-    except BaseException as problem:  # Whatever a model does, sys.exit included.
+    except BaseException as problem:  # SystemExit included.
         raise BeamdaeError(
             f"{case.model.name}: the reference failed, {label}: {describe_exception(problem)}."
         ) from problem

@@ -11,41 +11,54 @@ import pandas as pd
 from beamdae.errors import BeamdaeError, require_iterable, short_repr, suggest
 from beamdae.results.columns import Header, observed_columns, select_columns
 
-# Columns that move less than this share of the largest motion in their unit are held by a joint.
-_AT_REST = 1e-6
-_SAME_TIME = 1e-12
-_POSITIONS, _REACTIONS = ("m", "rad"), ("N", "N m")
+RELATIVE_TIME_TOLERANCE = 1e-12  # output times this close are the same time
+# Smaller motions, relative to the largest one in the same unit, are those of points at joints.
+_MIN_RELATIVE_MOTION = 1e-6
+_POSITION_UNITS = ("m", "rad")
+_REACTION_UNITS = ("N", "N m")
 
 
 def require_column_names(part: str, value: Any) -> tuple[str, ...]:
-    """Return names of columns as a tuple, or say that they are none."""
-    what = "a list of names of observed columns"
-    found = require_iterable(part, "columns", value, what)
-    if isinstance(value, (str, bytes)) or not all(isinstance(name, str) for name in found):
-        raise BeamdaeError(f"{part}: columns must be {what}, got {short_repr(value)}.")
-    return tuple(found)
+    """Return names of columns as a tuple.
+
+    Raises
+    ------
+    BeamdaeError
+        If `value` is not a list of strings.
+    """
+    allowed = "a list of names of observed columns"
+    names = require_iterable(part, "columns", value, allowed)
+    if isinstance(value, (str, bytes)) or not all(isinstance(name, str) for name in names):
+        raise BeamdaeError(f"{part}: columns must be {allowed}, got {short_repr(value)}.")
+    return tuple(names)
 
 
 def select_observed_columns(part: str, names: Sequence[str], present: Sequence[str]) -> list[str]:
-    """The observed columns of such names, see `select_columns`; refuses what is not observed."""
-    found: dict[str, None] = {}
+    """Return the observed columns with these names, in their order; see `select_columns`.
+
+    Raises
+    ------
+    BeamdaeError
+        If a name matches no column.
+    """
+    selected: dict[str, None] = {}
     for name in names:
         try:
-            found |= dict.fromkeys(select_columns(present, name))
+            selected |= dict.fromkeys(select_columns(present, name))
         except BeamdaeError:
-            known = [*present, *(header.rpartition(" [")[0] for header in present)]
+            allowed = [*present, *(header.rpartition(" [")[0] for header in present)]
             raise BeamdaeError(
-                f"{part}: no observed column {short_repr(name)}{suggest(name, known)}, "
+                f"{part}: no observed column {short_repr(name)}{suggest(name, allowed)}, "
                 f"the columns are {', '.join(present) or 'none'}."
             ) from None
-    return list(found)
+    return list(selected)
 
 
 def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -> list[str]:
-    """The observed columns errors are taken over.
+    """Return the observed columns that errors are taken over.
 
-    `columns` if given; otherwise all in m and rad, or all there are if none has such a unit, that
-    move by more than 1e-6 of the largest motion in the same unit.
+    They are `columns` if given. Otherwise they are those in m and rad (or all, if there are none)
+    that move by more than 1e-6 of the largest motion in the same unit.
 
     Raises
     ------
@@ -55,52 +68,55 @@ def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -
     present = observed_columns(reference)
     candidates = (
         select_observed_columns("compare", columns, present)
-        or [c for c in present if Header.of(c).unit in _POSITIONS]
+        or [c for c in present if Header.of(c).unit in _POSITION_UNITS]
         or present
     )
     if not candidates:
         raise BeamdaeError("compare: the model must observe something, see Mechanism.observe.")
-    moving = _select_moving_columns(reference, candidates, 0.0 if columns else _AT_REST)
-    still = [c for c in candidates if c not in moving]
-    if not moving or (columns and still):
+    moving = _select_moving_columns(reference, candidates, 0.0 if columns else _MIN_RELATIVE_MOTION)
+    constant = [c for c in candidates if c not in moving]
+    if not moving or (columns and constant):
         raise BeamdaeError(
-            f"compare: {', '.join(still)} must move in the reference to measure errors by."
+            f"compare: {', '.join(constant)} must move in the reference, because errors are "
+            "relative to the range of a column."
         )
     return moving
 
 
 def select_reaction_columns(reference: pd.DataFrame) -> list[str]:
-    """The forces and moments that are not zero throughout."""
-    forces = [c for c in observed_columns(reference) if Header.of(c).unit in _REACTIONS]
-    return _select_moving_columns(reference, forces, _AT_REST)
+    """Return the columns of forces and moments that vary."""
+    forces = [c for c in observed_columns(reference) if Header.of(c).unit in _REACTION_UNITS]
+    return _select_moving_columns(reference, forces, _MIN_RELATIVE_MOTION)
 
 
-def _select_moving_columns(table: pd.DataFrame, columns: Sequence[str], least: float) -> list[str]:
-    amplitude = pd.Series(np.ptp(table[list(columns)].to_numpy(), axis=0), list(columns))
-    largest = amplitude.groupby(lambda name: Header.of(name).unit).transform("max")
-    return [str(c) for c in amplitude.index[amplitude > least * largest]]
+def _select_moving_columns(
+    table: pd.DataFrame, columns: Sequence[str], min_relative_motion: float
+) -> list[str]:
+    ranges = pd.Series(np.ptp(table[list(columns)].to_numpy(), axis=0), list(columns))
+    largest = ranges.groupby(lambda name: Header.of(name).unit).transform("max")
+    return [str(c) for c in ranges.index[ranges > min_relative_motion * largest]]
 
 
 def compute_amplitudes(reference: pd.DataFrame, columns: Sequence[str]) -> np.ndarray:
-    """Half the range of each column."""
+    """Return half the range of each column."""
     return 0.5 * np.ptp(reference[list(columns)].to_numpy(), axis=0)
 
 
 def count_common_rows(table: pd.DataFrame, other: pd.DataFrame) -> int:
-    """How many rows, from the start on, are of the same times."""
+    """Return the number of leading rows with the same times."""
     rows = min(len(table), len(other))
-    t, others = (x.index.to_numpy()[:rows] for x in (table, other))
-    differs = np.abs(t - others) > _SAME_TIME * np.abs(others)
+    times, other_times = (x.index.to_numpy()[:rows] for x in (table, other))
+    differs = np.abs(times - other_times) > RELATIVE_TIME_TOLERANCE * np.abs(other_times)
     return int(np.argmax(differs)) if differs.any() else rows
 
 
 def compute_deviations(
     table: pd.DataFrame, reference: pd.DataFrame, columns: Sequence[str]
 ) -> pd.DataFrame:
-    """|x - x_ref| over half the range of x_ref by time, as far as both have got.
+    """Return |x - x_ref| / (half the range of x_ref) over time, for the times of both tables.
 
-    Both have rows of the same output times from the start on; a row of where an event ended one of
-    them has no other to be compared with.
+    Both tables start with the same output times. They differ from the row at which an event, or a
+    failure, ended one of the runs; rows from there on are left out.
 
     Raises
     ------
@@ -111,7 +127,7 @@ def compute_deviations(
     if missing:
         raise BeamdaeError(f"compare: {missing[0]} of the reference is not observed in a case.")
     rows = count_common_rows(table, reference)
-    found = table[list(columns)].to_numpy()[:rows]
-    truth = reference[list(columns)].to_numpy()[:rows]
-    error = np.abs(found - truth) / compute_amplitudes(reference, columns)
+    values = table[list(columns)].to_numpy()[:rows]
+    reference_values = reference[list(columns)].to_numpy()[:rows]
+    error = np.abs(values - reference_values) / compute_amplitudes(reference, columns)
     return pd.DataFrame(error, columns=list(columns), index=table.index[:rows])

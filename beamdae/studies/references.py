@@ -1,4 +1,4 @@
-"""What errors are measured against: two methods that agree, and how well they do."""
+"""References of studies: results of two methods that agree, and the difference between them."""
 
 from __future__ import annotations
 
@@ -18,32 +18,30 @@ from beamdae.studies.execution.case_run import Outcome, Task
 from beamdae.studies.run_values import extrapolate_events
 from beamdae.studies.unique_names import number_duplicates
 
-# Two methods of different kind; what they agree on is what both mean.
+# Different methods, so that a common error is unlikely.
 DEFAULT_REFERENCES = (Radau(rtol=1e-7), GeneralizedAlpha(step=1e-4, newton_tolerance=1e-9))
-# Errors within this factor of the reference's uncertainty say more about it than about the case.
-RESOLUTION_FACTOR = 10.0
-# Two methods that differ by more than this share of a column's amplitude make no reference.
-_MAX_UNCERTAINTY = 1e-2
+RESOLUTION_FACTOR = 10.0  # smallest error that is reported, relative to the uncertainty
+_MAX_UNCERTAINTY = 1e-2  # largest accepted difference of the methods, relative to amplitudes
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Rows to measure others against, and how well they are known.
+    """Trajectory that errors are measured against, and its uncertainty.
 
     Attributes
     ----------
     methods
-        The two methods, in words.
+        Labels of the two methods.
     table
-        Observed columns by time; None where there is no reference.
+        Observed columns by time; None if there is no reference.
     columns
-        The columns errors are taken over.
+        Columns that errors are taken over.
     uncertainty
-        Largest difference between the two methods, relative to the amplitude of each column.
+        Largest difference between the two methods, relative to the amplitude of each column [-].
     sentence
-        What there is to say about it.
+        Description of the reference, or the reason why there is none.
     events
-        What happened, see `event_values`.
+        Counts and first times of events, see `collect_event_values`.
     """
 
     methods: tuple[str, str]
@@ -55,28 +53,30 @@ class Reference:
 
     @property
     def resolution(self) -> float:
-        """Smallest error that can be told from the reference's own."""
+        """Smallest error that the reference can resolve: ten times its uncertainty."""
         return RESOLUTION_FACTOR * self.uncertainty
 
 
 def group_cases(
-    study: Study, of_cases: Mapping[int, Task], digests: DigestCache | None = None
+    study: Study, task_by_case: Mapping[int, Task], digests: DigestCache | None = None
 ) -> dict[str, list[Case]]:
-    """Cases that can be measured against the same reference, by what they have in common.
+    """Return the cases that share a reference, by the label of their group.
 
-    That is the mechanism; in a study of meshes all of it but the mesh, and the integrator.
+    They have the same mechanism and end time; in a mesh study, the same mechanism except for the
+    refined parameter, and the same integrator. `task_by_case` maps the identity of a case to its
+    task.
     """
-    found: dict[tuple[Any, ...], list[Case]] = {}
+    groups: dict[tuple[Any, ...], list[Case]] = {}
     for case in study.cases:
         method = "" if study.over is None else case.label
         key = (
             _drop_refined_parameter(study, case).mechanism_fingerprint(digests),
-            of_cases[id(case)].t_end,
+            task_by_case[id(case)].t_end,
             method,
         )
-        found.setdefault(key, []).append(case)
-    labels = number_duplicates(_group_label(study, cases[0]) for cases in found.values())
-    return dict(zip(labels, found.values(), strict=True))
+        groups.setdefault(key, []).append(case)
+    labels = number_duplicates(_group_label(study, cases[0]) for cases in groups.values())
+    return dict(zip(labels, groups.values(), strict=True))
 
 
 def _drop_refined_parameter(study: Study, case: Case) -> Case:
@@ -86,26 +86,28 @@ def _drop_refined_parameter(study: Study, case: Case) -> Case:
 
 
 def _group_label(study: Study, case: Case) -> str:
-    common = _drop_refined_parameter(study, case).group
-    return common if study.over is None else f"{common}, {case.label}"
+    label = _drop_refined_parameter(study, case).group
+    return label if study.over is None else f"{label}, {case.label}"
 
 
 def create_reference_tasks(
     study: Study, cases: Sequence[Case], digests: DigestCache | None = None
 ) -> list[list[Task]]:
-    """The runs of the two methods of a group: one, or two to be extrapolated, each."""
+    """Return the tasks of the two methods of a group: one run each, or two to extrapolate.
+
+    In a mesh study the methods are the two finest meshes.
+    """
     over = study.over
     if over is not None:
-        # The finest mesh, and the next to it.
         meshes = {case.parameters[over]: case for case in cases}
         return [[study.task(meshes[n], digests=digests)] for n in sorted(meshes, reverse=True)[:2]]
     methods = []
     for integrator in study.references or DEFAULT_REFERENCES:
-        steps = [integrator]
+        integrators = [integrator]
         name, value = integrator.accuracy
         if name == "step":
-            steps.append(replace(integrator, step=0.5 * value))  # type: ignore[type-var]
-        runs = [replace(cases[0], integrator=x) for x in steps]
+            integrators.append(replace(integrator, step=0.5 * value))  # type: ignore[type-var]
+        runs = [replace(cases[0], integrator=x) for x in integrators]
         methods.append([study.task(case, reference=True, digests=digests) for case in runs])
     return methods
 
@@ -113,21 +115,23 @@ def create_reference_tasks(
 def build_reference(
     study: Study, methods: list[list[Task]], outcomes: Mapping[str, Outcome]
 ) -> Reference:
-    """The reference of a group from the outcomes of its methods."""
-    names = tuple(_label_method(tasks, study) for tasks in methods)
-    if len(names) == 1:
-        return _missing_reference((names[0], ""), "there is one mesh only, errors need a finer one")
-    labels = (names[0], names[1])
+    """Return the reference of a group from the outcomes of its two methods."""
+    if len(methods) == 1:
+        return _missing_reference(
+            (_label_method(methods[0], study), ""),
+            "no reference, there is only one mesh; add a finer one",
+        )
+    labels = (_label_method(methods[0], study), _label_method(methods[1], study))
     for tasks in methods:
         for task in tasks:
             outcome = outcomes[task.key]
             if not outcome.status.success:
                 reason = outcome.status.sentence
                 return _missing_reference(labels, f"no reference, {task.case.label}: {reason}")
-    truth, witness = (_tabulate_method(tasks, outcomes) for tasks in methods)
+    table, second_table = (_tabulate_method(tasks, outcomes) for tasks in methods)
     try:
-        columns = select_error_columns(truth, study.columns)
-        uncertainty = float(compute_deviations(witness, truth, columns).to_numpy().max())
+        columns = select_error_columns(table, study.columns)
+        uncertainty = float(compute_deviations(second_table, table, columns).to_numpy().max())
     except BeamdaeError as problem:
         return _missing_reference(labels, str(problem))
     if not uncertainty <= _MAX_UNCERTAINTY:
@@ -136,20 +140,20 @@ def build_reference(
         )
     if study.over is not None and uncertainty == 0.0:
         return _missing_reference(
-            labels, f"{study.over} changes nothing, the two finest meshes are the same"
+            labels, f"no reference, {study.over} has no effect on the two finest meshes"
         )
     sentence = (
         f"Reference: {labels[0]}; {labels[1]} differs from it by {uncertainty:.2g} of the amplitude"
     )
     events = _collect_method_events(methods[0], outcomes)
-    return Reference(labels, truth, tuple(columns), uncertainty, sentence, events)
+    return Reference(labels, table, tuple(columns), uncertainty, sentence, events)
 
 
 def _missing_reference(methods: tuple[str, str], sentence: str) -> Reference:
     return Reference(methods, None, (), np.nan, sentence)
 
 
-REFERENCE_NOT_RUN = _missing_reference(("", ""), "its reference was not run")
+REFERENCE_NOT_RUN = _missing_reference(("", ""), "no reference, it was not run")
 
 
 def _label_method(tasks: list[Task], study: Study) -> str:
@@ -160,9 +164,9 @@ def _label_method(tasks: list[Task], study: Study) -> str:
 
 
 def _tabulate_method(tasks: list[Task], outcomes: Mapping[str, Outcome]) -> pd.DataFrame:
-    """Rows of one run, or of two with steps h and h/2 extrapolated (Richardson)."""
-    found = [outcomes[task.key].table for task in tasks]
-    tables = [table for table in found if table is not None]
+    """Return the table of one run, or of two with steps h and h/2 extrapolated (Richardson)."""
+    outcome_tables = [outcomes[task.key].table for task in tasks]
+    tables = [table for table in outcome_tables if table is not None]
     if len(tables) == 1:
         return tables[0]
     coarse, fine = (table.iloc[: count_common_rows(*tables)] for table in tables)
@@ -170,6 +174,5 @@ def _tabulate_method(tasks: list[Task], outcomes: Mapping[str, Outcome]) -> pd.D
 
 
 def _collect_method_events(tasks: list[Task], outcomes: Mapping[str, Outcome]) -> dict[str, Any]:
-    """Events of the same."""
-    found = [outcomes[task.key].values for task in tasks]
-    return extrapolate_events(found[0], found[-1], tasks[0].case.integrator.order)
+    values = [outcomes[task.key].values for task in tasks]
+    return extrapolate_events(values[0], values[-1], tasks[0].case.integrator.order)
