@@ -337,9 +337,11 @@ def _predict_run(equations: EquationsOfMotion, end: float) -> RunPrediction | No
         solution = simulate(equations, Auto(time_limit=_PILOT_TIME_LIMIT), end, output_step=end)
         if not solution.status.success:
             solution = simulate(equations, Auto(time_limit=_PILOT_TIME_LIMIT), end, output_step=end)
-    reached = solution.trajectory.end / end
-    if not reached > 0.0 or solution.status.kind == "failed":
+    fraction_reached = solution.trajectory.end / end
+    if not fraction_reached > 0.0 or solution.status.kind == "failed":
         return None
     cost, integrator = solution.statistics, solution.integrator
     method = f"{integrator.get('method', '')}, {integrator.get('auto', '')}".rstrip(", ")
-    return RunPrediction(cost.steps / reached, cost.wall_time / reached, method, reached)
+    return RunPrediction(
+        cost.steps / fraction_reached, cost.wall_time / fraction_reached, method, fraction_reached
+    )

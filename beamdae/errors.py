@@ -187,22 +187,21 @@ def require_point(part: str, name: str, value: Any) -> tuple[float, float]:
     return require_finite(part, f"{name} x", x), require_finite(part, f"{name} y", y)
 
 
-def require_choice(part: str, name: str, value: Any, allowed: Sequence[Any]) -> Any:
-    """Return `value` if it is one of `allowed`."""
+def require_choice(part: str, name: str, value: Any, choices: Sequence[Any]) -> Any:
+    """Return `value` if it is one of `choices`."""
     value = unbox_scalar(value)
-    if not any(type(value) is type(a) and value == a for a in allowed):
-        choices = ", ".join(repr(a) for a in allowed)
+    if not any(type(value) is type(choice) and value == choice for choice in choices):
         raise BeamdaeError(
-            f"{part}: {name} must be one of {choices}, got {short_repr(value)}"
-            f"{suggest(value, allowed)}."
+            f"{part}: {name} must be one of {', '.join(map(repr, choices))}, "
+            f"got {short_repr(value)}{suggest(value, choices)}."
         )
     return value
 
 
-def suggest(value: Any, allowed: Iterable[Any]) -> str:
-    """Return the hint ' (did you mean ...?)' with the closest allowed name, or an empty string."""
+def suggest(value: Any, choices: Iterable[Any]) -> str:
+    """Return the hint ' (did you mean ...?)' with the closest choice, or an empty string."""
     text = value[:_MAX_REPR_LENGTH] if isinstance(value, str) else short_repr(value)
-    closest = difflib.get_close_matches(text, [str(a) for a in allowed], n=1, cutoff=0.5)
+    closest = difflib.get_close_matches(text, [str(choice) for choice in choices], n=1, cutoff=0.5)
     return f" (did you mean {closest[0]!r}?)" if closest else ""
 
 

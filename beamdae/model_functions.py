@@ -142,13 +142,13 @@ class Model:
         """
         parameters = self.complete(values)
         with extend_import_path(self.home):
-            built = self.build(**parameters)
-        if built is None or isinstance(built, Model):
-            what = "None" if built is None else f"the model {built.name}"
+            mechanism = self.build(**parameters)
+        if mechanism is None or isinstance(mechanism, Model):
+            what = "None" if mechanism is None else f"the model {mechanism.name}"
             raise BeamdaeError(f"{self.name}: the function must return the mechanism, got {what}.")
-        if isinstance(built, HasOrigin):
-            set_fields(built, origin=Origin(self.name, parameters, self.t_end))
-        return built
+        if isinstance(mechanism, HasOrigin):
+            set_fields(mechanism, origin=Origin(self.name, parameters, self.t_end))
+        return mechanism
 
     @property
     def origin(self) -> Origin:
@@ -169,10 +169,10 @@ class Model:
         """
         for name in values:
             if name not in self.parameters:
-                allowed = ", ".join(self.parameters) or "none"
+                parameter_names = ", ".join(self.parameters) or "none"
                 raise BeamdaeError(
                     f"{self.name}: no parameter {short_repr(name)}"
-                    f"{suggest(name, self.parameters)}, the parameters are {allowed}."
+                    f"{suggest(name, self.parameters)}, the parameters are {parameter_names}."
                 )
         checked = {name: self._convert(name, value) for name, value in values.items()}
         return self.parameters | checked

@@ -259,9 +259,9 @@ def _resume_equations(
     accept_changes: bool,
 ) -> tuple[EquationsOfMotion, list[str]]:
     """Return the equations that start from a checkpoint, and warnings about the earlier run."""
-    drawn = as_equations("simulate", model, AS_DRAWN)
-    equations = checkpoint.start_equations(drawn)
-    changes = checkpoint.describe_changes(drawn, parameters)
+    drawn_equations = as_equations("simulate", model, AS_DRAWN)
+    equations = checkpoint.start_equations(drawn_equations)
+    changes = checkpoint.describe_changes(drawn_equations, parameters)
     if changes and not require_choice("simulate", "accept_changes", accept_changes, (True, False)):
         raise BeamdaeError(
             f"{name}: start is the end of a run with {changes}; use the same model, or pass "

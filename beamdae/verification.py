@@ -192,31 +192,31 @@ def compare_methods(
     """
     name, value = _require_own_integrator("verify", solution).accuracy
     has_rtol = name == "rtol"
-    allowed = _ALLOWED_ERROR * value if has_rtol else _ALLOWED_ERROR_WITHOUT_RTOL
+    allowed_error = _ALLOWED_ERROR * value if has_rtol else _ALLOWED_ERROR_WITHOUT_RTOL
     if by is None:
         rtol = max(_TIGHTER * value, _MIN_RTOL) if has_rtol else _RTOL_FOR_FIXED_STEPS
         is_radau = solution.integrator.get("method") == "Radau"
         by = GeneralizedAlpha(rtol=rtol) if is_radau else Radau(rtol)
     other_name, other_value = require_integrator("verify", by).accuracy
     if other_name == "rtol":
-        allowed = max(allowed, _ALLOWED_ERROR * other_value)
+        allowed_error = max(allowed_error, _ALLOWED_ERROR * other_value)
     columns = _compare(solution, _run_again(solution, by, progress), 1.0)
     # The allowed difference refers to half the range of a whole run.
     is_whole = solution.status.success
     is_judged = [is_whole and _is_controlled(column) for column in solution.columns]
-    limits = np.where(is_judged, allowed, np.nan)
+    limits = np.where(is_judged, allowed_error, np.nan)
     verdicts = [
         _judge(error, limit) for error, limit in zip(columns[RELATIVE_ERROR], limits, strict=True)
     ]
     return {**columns, "allowed": limits, "verdict": verdicts}
 
 
-def _judge(error: float, allowed: float) -> str:
+def _judge(error: float, allowed_error: float) -> str:
     if np.isnan(error):
         return "not verified"
-    if np.isnan(allowed):
+    if np.isnan(allowed_error):
         return f"known to {error:.1%}"
-    return "agrees" if error <= allowed else "differs"
+    return "agrees" if error <= allowed_error else "differs"
 
 
 def _is_controlled(column: str) -> bool:

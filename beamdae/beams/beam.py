@@ -37,10 +37,10 @@ from beamdae.symbolic.formulas import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import (
     SX,
     ForceStatement,
-    Named,
     Piece,
     Quantity,
     RangeStatement,
+    Variable,
 )
 
 Array = np.ndarray
@@ -232,7 +232,7 @@ class Beam(Part):
         }
 
     @property
-    def coordinates(self) -> tuple[Named, ...]:
+    def coordinates(self) -> tuple[Variable, ...]:
         """Name and unit of each coordinate."""
         return self.kinematics.coordinates
 
@@ -320,7 +320,7 @@ class Beam(Part):
         """
         require_choice(self.name, "axes", axes, ("inertial", "frame", "local"))
         deformation = self.kinematics.deformation(self._require_arc_length(s), axes)
-        columns = (Named("u", "m"), Named("v", "m"), Named("phi", "rad"))
+        columns = (Variable("u", "m"), Variable("v", "m"), Variable("phi", "rad"))
         values, data = FormulaExpression.of(identity, (deformation.values,))
         return Quantity(columns, (Piece(self, deformation.operator),), values, data)
 
@@ -339,7 +339,7 @@ class Beam(Part):
             section has a height, "top" (left surface) or "bottom" (right surface).
         """
         offset = self._section_at(s).fiber_offset(self.name, offset)
-        return self._evaluate_strains(s, (Named("", "-"),), fiber_strain, offset)
+        return self._evaluate_strains(s, (Variable("", "-"),), fiber_strain, offset)
 
     def stress(self, s: float, offset: float | str) -> Quantity:
         """Return the longitudinal stress E eps11 [Pa] of a fiber, including material damping.
@@ -348,7 +348,7 @@ class Beam(Part):
         """
         x = self._section_at(s)
         numbers = (x.fiber_offset(self.name, offset), x.material.E, x.damping)
-        return self._evaluate_strains(s, (Named("", "Pa"),), fiber_stress, *numbers)
+        return self._evaluate_strains(s, (Variable("", "Pa"),), fiber_stress, *numbers)
 
     def section_forces(self, s: float) -> Quantity:
         """Return axial force N, shear force Q [N] and bending moment M [N m] at arc length `s`.
@@ -357,14 +357,14 @@ class Beam(Part):
         damping. M has the sign of kappa11 = -phi': a positive M lengthens the left side.
         """
         x = self._section_at(s)
-        columns = (Named("N", "N"), Named("Q", "N"), Named("M", "N m"))
+        columns = (Variable("N", "N"), Variable("Q", "N"), Variable("M", "N m"))
         return self._evaluate_strains(s, columns, section_forces, x.EA, x.GA, x.EI, x.damping)
 
     def _section_at(self, s: float) -> Section:
         return self.section.at(self._require_arc_length(s))
 
     def _evaluate_strains(
-        self, s: float, columns: tuple[Named, ...], kind: Callable[..., SX], *numbers: float
+        self, s: float, columns: tuple[Variable, ...], kind: Callable[..., SX], *numbers: float
     ) -> Quantity:
         """Return the quantity that the formula `kind` computes from the strains at `s`."""
         strains = self.kinematics.strains(self._require_arc_length(s))
@@ -471,8 +471,8 @@ def _require_valid_slenderness(part: str, section: Section | VaryingSection, len
 def _require_mesh_memory(part: str, mesh: Mesh) -> None:
     """Refuse a mesh whose run needs more than the available memory, before allocating any."""
     bytes_per_element = _BYTES_PER_ELEMENT_INTERVAL * (mesh.nodes - 1)
-    needed, available = bytes_per_element * mesh.elements, available_memory()
-    if needed <= available:
+    needed_bytes, available = bytes_per_element * mesh.elements, available_memory()
+    if needed_bytes <= available:
         return
     remedy = f"take at most elements={int(available / bytes_per_element)}"
-    require_memory(part, f"a run of elements={mesh.elements}", needed, remedy)
+    require_memory(part, f"a run of elements={mesh.elements}", needed_bytes, remedy)

@@ -28,7 +28,7 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
-from beamdae.symbolic.statements import SX, ForceKernel, Local, Named, RangeKernel
+from beamdae.symbolic.statements import SX, ForceKernel, Local, RangeKernel, Variable
 
 Array = np.ndarray
 
@@ -185,7 +185,7 @@ class Kinematics(ABC):
 
     @property
     @abstractmethod
-    def coordinates(self) -> tuple[Named, ...]:
+    def coordinates(self) -> tuple[Variable, ...]:
         """Name and unit of each coordinate of the beam."""
 
     @property

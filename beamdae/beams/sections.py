@@ -255,9 +255,9 @@ class Section:
         return self.material.rho * self.second_moment
 
 
-def _require_less(part: str, name: str, value: float, what: str, bound: float) -> None:
-    if not value < bound:
-        raise BeamdaeError(f"{part}: {name} must be less than {what}, {bound:g} m, got {value:g}.")
+def _require_less(part: str, name: str, value: float, what: str, limit: float) -> None:
+    if not value < limit:
+        raise BeamdaeError(f"{part}: {name} must be less than {what}, {limit:g} m, got {value:g}.")
 
 
 def _shear_coefficient_of_thin_i(

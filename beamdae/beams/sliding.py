@@ -33,9 +33,9 @@ from beamdae.symbolic.statements import (
     ConstraintKernel,
     ConstraintStatement,
     Local,
-    Named,
     Piece,
     Quantity,
+    Variable,
 )
 
 Array = np.ndarray
@@ -280,9 +280,9 @@ class SlidingOnBeam(Part):
         return nearest_arc_length(self.beam.curve, self.a.point)
 
     @property
-    def coordinates(self) -> tuple[Named, ...]:
+    def coordinates(self) -> tuple[Variable, ...]:
         """Arc length of the point."""
-        return (Named("s", "m"),)
+        return (Variable("s", "m"),)
 
     @property
     def initial_position(self) -> Array:
@@ -302,14 +302,14 @@ class SlidingOnBeam(Part):
     @property
     def s(self) -> Quantity:
         """Arc length s [m] of the point and its rate [m/s]."""
-        columns = (Named("", "m"), Named("rate", "m/s"))
+        columns = (Variable("", "m"), Variable("rate", "m/s"))
         values, _ = FormulaExpression.of(_arc_length_and_rate, ())
         return Quantity(columns, (Piece(self, _SLIDER_OPERATOR),), values)
 
     @property
     def reaction(self) -> Quantity:
         """Force (Fx, Fy) [N] of the beam on the body of `a`, inertial components."""
-        columns = (Named("Fx", "N"), Named("Fy", "N"))
+        columns = (Variable("Fx", "N"), Variable("Fy", "N"))
         values, _ = FormulaExpression.of(_reaction, ())
         return Quantity(columns, (), values, joint=self.name)
 
@@ -342,7 +342,7 @@ class SlidingOnBeam(Part):
     def events(self) -> tuple[Event, ...]:
         """Events of passing the ends of the beam."""
         values, _ = FormulaExpression.of(_slider_arc_length, ())
-        s = Quantity((Named("", "m"),), (Piece(self, _SLIDER_OPERATOR),), values)
+        s = Quantity((Variable("", "m"),), (Piece(self, _SLIDER_OPERATOR),), values)
         ends = {"start": 0.0, "end": self.beam.length}
         return tuple(
             Event(s, crosses, "both", self.ends, f"{self.name} at the {end} of {self.beam.name}")
@@ -379,5 +379,5 @@ class SlidingOnBeam(Part):
         kernel, data = build_formula_kernel(
             _TrackConstraint(sizes), self._functions, sum(sizes) + 1, 2
         )
-        multipliers = (Named("x", "N"), Named("y", "N"))
+        multipliers = (Variable("x", "N"), Variable("y", "N"))
         return [ConstraintStatement(self.name, kernel, self._pieces, multipliers, data)]

@@ -19,7 +19,7 @@ from beamdae.parts.events import Impact
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.parts.mechanism import Mechanism
 from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.statements import Named, RangeStatement
+from beamdae.symbolic.statements import RangeStatement, Variable
 
 Array = np.ndarray
 FrozenGaps = Mapping[str, FrozenGap]
@@ -71,7 +71,7 @@ class Observable:
     """
 
     name: str
-    columns: tuple[Named, ...]
+    columns: tuple[Variable, ...]
     function: RowFunction
     operator: sp.csr_array
     data: slice
@@ -81,7 +81,7 @@ class Observable:
     def headers(self) -> list[str]:
         """CSV headers 'name.suffix [unit]'."""
         return [
-            Named(".".join(filter(None, (self.name, column.name))), column.unit).header
+            Variable(".".join(filter(None, (self.name, column.name))), column.unit).header
             for column in self.columns
         ]
 
@@ -218,8 +218,8 @@ class EquationsOfMotion:
         constrained system.
     """
 
-    coordinates: tuple[Named, ...]
-    multipliers: tuple[Named, ...]
+    coordinates: tuple[Variable, ...]
+    multipliers: tuple[Variable, ...]
     q0: Array
     v0: Array
     p: Array

@@ -22,8 +22,8 @@ def hash_model(equations: EquationsOfMotion) -> str:
     """
     e = equations
     digest = hashlib.sha256()
-    for named in (*e.coordinates, *e.multipliers):
-        digest.update(f"{named.header}\n".encode())
+    for quantity in (*e.coordinates, *e.multipliers):
+        digest.update(f"{quantity.header}\n".encode())
     digest.update(_number_bytes(e.breakpoints))
     functions: dict[int, bytes] = {}
     terms: list[ForceTerm | ConstraintTerm] = [*e.forces, *e.joints]

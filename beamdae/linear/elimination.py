@@ -105,15 +105,17 @@ def refactorize(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> boo
 def solve(plan: EliminationPlan, factors: Factors, right: Array) -> None:
     """Replace a right-hand side by the solution."""
     rows, columns, scale = plan.rows, plan.columns, plan.scale
-    x, scaled = factors.x, factors.right
+    x, scaled_right = factors.x, factors.right
     for k in range(len(x)):
-        scaled[k] = x[k] = scale[k] * right[rows[k]]
+        scaled_right[k] = x[k] = scale[k] * right[rows[k]]
     lower_starts, lower_rows, lower = plan.lower_starts, plan.lower_rows, factors.lower
     upper_starts, upper_rows, upper = plan.upper_starts, plan.upper_rows, factors.upper
     inverse, residual, terms = factors.inverse, factors.residual, factors.terms
     _substitute(lower_starts, lower_rows, lower, upper_starts, upper_rows, upper, inverse, x)
     for _ in range(factors.refinements[0]):
-        _update_residual(plan.starts, plan.positions, factors.matrix, x, scaled, residual, terms)
+        _update_residual(
+            plan.starts, plan.positions, factors.matrix, x, scaled_right, residual, terms
+        )
         _substitute(
             lower_starts, lower_rows, lower, upper_starts, upper_rows, upper, inverse, residual
         )

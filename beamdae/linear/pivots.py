@@ -216,19 +216,19 @@ def compute_fill(starts: list[int], indices: list[int]) -> tuple[list[list[int]]
     last_visit = [-1] * size
     for j in range(size):
         last_visit[j] = j
-        reached = []
+        reached_rows = []
         stack = indices[starts[j] : starts[j + 1]]
         while stack:
             row = stack.pop()
             if last_visit[row] != j:
                 last_visit[row] = j
-                reached.append(row)
+                reached_rows.append(row)
                 if row < j:
                     stack.extend(followed_rows[row])
-        reached.sort()
-        split = bisect_left(reached, j)
-        above.append(reached[:split])
-        below.append(reached[split:])
+        reached_rows.sort()
+        diagonal_position = bisect_left(reached_rows, j)
+        above.append(reached_rows[:diagonal_position])
+        below.append(reached_rows[diagonal_position:])
         followed_rows.append(below[j])
         for k in above[j]:
             if not is_pruned[k]:

@@ -44,8 +44,8 @@ def max_norm(vector: Array, weights: Array) -> float:
 
 def euclidean_norm(vector: Array, weights: Array) -> float:
     """Return the Euclidean norm of vector * weights."""
-    scaled = vector * weights
-    return math.sqrt(scaled @ scaled)
+    weighted = vector * weights
+    return math.sqrt(weighted @ weighted)
 
 
 def locate_largest(vector: Array, weights: Array) -> int:

@@ -227,16 +227,16 @@ def _load_entries(entries: _EntryPoints, kind: Any) -> dict[str, int]:
     key = (entries, kind)
     with _loading_lock:
         if key not in _loaded_objects:
-            called: dict[FunctionType, None] = {}
+            called_functions: dict[FunctionType, None] = {}
             text = [repr(kind), _describe_compiler()]
             for symbol, (function, arguments) in entries:
-                text += [symbol, arguments, *_iterate_code(function, called)]
+                text += [symbol, arguments, *_iterate_code(function, called_functions)]
             source = ObjectSource(
                 name,
                 "\n".join(text),
                 tuple(symbol for symbol, _ in entries),
                 level=_OPTIMIZATION_LEVEL,
-                ir=lambda: _compile_entries(entries, tuple(called), kind),
+                ir=lambda: _compile_entries(entries, tuple(called_functions), kind),
             )
             _loaded_objects[key] = load_object(source, lambda code: True)
         code = _loaded_objects[key]

@@ -166,9 +166,9 @@ def compile_loops(
 def _define_entry_point(function: Callable[..., int], arguments: str, kind: Any) -> tuple[Any, Any]:
     """Return a C function that calls a loop, and its signature."""
     names = ["table" if argument == "@" else f"a{k}" for k, argument in enumerate(arguments)]
-    passed = ", ".join(["object_at(table)", *(name for name in names if name != "table")])
+    call_arguments = ", ".join(["object_at(table)", *(name for name in names if name != "table")])
     namespace = {"function": function, "object_at": structs.object_at_table(_numba_type(kind))}
-    exec(f"def entry({', '.join(names)}):\n    return function({passed})\n", namespace)
+    exec(f"def entry({', '.join(names)}):\n    return function({call_arguments})\n", namespace)
     return namespace["entry"], numba.int32(*(_ARGUMENT_TYPES[argument] for argument in arguments))
 
 

@@ -132,15 +132,15 @@ def _translate_errors(folder: Path) -> Iterator[None]:
 
 def _read_private_file(file: Path) -> bytes | None:
     """Return the content of a regular file that only this user can write to, else None."""
-    with os.fdopen(os.open(file, _OPEN_FLAGS), "rb") as opened:
-        status = os.fstat(opened.fileno())
+    with os.fdopen(os.open(file, _OPEN_FLAGS), "rb") as stream:
+        status = os.fstat(stream.fileno())
         if not stat.S_ISREG(status.st_mode):
             return None
         if hasattr(os, "geteuid") and (
             status.st_uid != os.geteuid() or status.st_mode & _OTHERS_WRITE
         ):
             return None
-        return opened.read()
+        return stream.read()
 
 
 def _require_private(folder: Path) -> None:

@@ -56,9 +56,9 @@ def _fill(out, value):
 def _minimum(out, vector, factor, other):
     def loop(out, vector, factor, other):
         for i in range(out.size):
-            value, bound = vector[i], factor * other[i]
+            value, limit = vector[i], factor * other[i]
             # NaN is kept.
-            out[i] = value if value < bound or value != value else bound
+            out[i] = value if value < limit or value != value else limit
 
     return loop
 
@@ -92,8 +92,8 @@ def _norm(vector, weights):
     def loop(vector, weights):
         total = 0.0
         for i in range(vector.size):
-            scaled = vector[i] * weights[i]
-            total += scaled * scaled
+            weighted = vector[i] * weights[i]
+            total += weighted * weighted
         return math.sqrt(total)
 
     return loop

@@ -18,7 +18,7 @@ from beamdae.symbolic.formulas import (
     FormulaExpression,
     constant_formula,
 )
-from beamdae.symbolic.statements import SX, Local, Named, Quantity
+from beamdae.symbolic.statements import SX, Local, Quantity, Variable
 
 
 def motion_quantity(attachment: Attachment) -> Quantity:
@@ -27,7 +27,7 @@ def motion_quantity(attachment: Attachment) -> Quantity:
     There is no angle if the rotation is constant, as that of a particle.
     """
     has_rotation = _has_rotation(attachment)
-    columns = [Named("x", "m"), Named("y", "m"), *([Named("angle", "rad")] * has_rotation)]
+    columns = [Variable("x", "m"), Variable("y", "m"), *([Variable("angle", "rad")] * has_rotation)]
     functions: list[Callable[..., Any]] = [attachment.checked_kinematics]
     if has_rotation:
         functions.append(constant_formula(attachment.inclination))
@@ -116,7 +116,7 @@ def relative_displacement(of: Attachment, on: Attachment) -> Quantity:
     require_angle("relative_displacement", of)
     require_angle("relative_displacement", on)
     arm = constant_formula(*np.subtract(of.point, on.point).tolist())
-    columns = (Named("u", "m"), Named("v", "m"), Named("phi", "rad"))
+    columns = (Variable("u", "m"), Variable("v", "m"), Variable("phi", "rad"))
     values, data = FormulaExpression.of(
         _RelativeDisplacement(of.size), (of.checked_kinematics, on.checked_kinematics, arm)
     )

@@ -14,8 +14,8 @@ from beamdae.parts.laws import Law
 from beamdae.symbolic.statements import (
     ConstraintStatement,
     ForceStatement,
-    Named,
     RangeStatement,
+    Variable,
 )
 
 Array = np.ndarray
@@ -68,7 +68,7 @@ class Part:
         return _flatten({x.name: getattr(self, x.name) for x in dataclass_fields} | vars(self))
 
     @property
-    def coordinates(self) -> tuple[Named, ...]:
+    def coordinates(self) -> tuple[Variable, ...]:
         """Name and unit of each generalized coordinate of a body; angles are in "rad"."""
         return ()
 
@@ -93,7 +93,7 @@ class Part:
         return ()
 
     @property
-    def inputs(self) -> tuple[Named, ...]:
+    def inputs(self) -> tuple[Variable, ...]:
         """Name and unit of each law as an input of linear models; empty if it has no inputs."""
         return ()
 

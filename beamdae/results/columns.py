@@ -69,11 +69,15 @@ def select_columns(
     without_unit = [header.rpartition(" [")[0] for header in headers]
     observables = [Header.of(header).name for header in headers]
     for names in (headers, without_unit, observables) if isinstance(name, str) else ():
-        matches = [header for header, own in zip(headers, names, strict=True) if own == name]
+        matches = [
+            header
+            for header, column_name in zip(headers, names, strict=True)
+            if column_name == name
+        ]
         if matches:
             return [header for header in matches if header in preferred] or matches
-    known = list(dict.fromkeys([*without_unit, *observables]))
+    known_names = list(dict.fromkeys([*without_unit, *observables]))
     raise BeamdaeError(
-        f"{of}: no column has the name {short_repr(name)}{suggest(name, known)}; see "
+        f"{of}: no column has the name {short_repr(name)}{suggest(name, known_names)}; see "
         f"`{of.lower()}.table()` and `{of.lower()}.coordinates()` for all columns."
     )

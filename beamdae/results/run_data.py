@@ -27,7 +27,7 @@ from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.provenance import describe_provenance, state_hash
 from beamdae.results.trajectory import Trajectory
-from beamdae.symbolic.statements import Named
+from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
 
@@ -100,7 +100,7 @@ class RunData:
         columns = [
             *e.coordinates,
             *(coordinate.rate for coordinate in e.coordinates),
-            *(Named(f"lam.{multiplier.name}", multiplier.unit) for multiplier in e.multipliers),
+            *(Variable(f"lam.{multiplier.name}", multiplier.unit) for multiplier in e.multipliers),
         ]
         headers = [measures.TIME, *(column.header for column in columns)]
         return headers, np.hstack([self.t[:, None], self.q, self.v, self.lam])
@@ -178,7 +178,7 @@ class RunData:
             "integrator": self.integrator,
             "result": self.summary(),
             "start": {
-                "asked": self.start.asked,
+                "asked": self.start.request,
                 "changed by the joints": [asdict(change) for change in self.start.changes],
             },
             "validity": [asdict(beam) for beam in self.validity],

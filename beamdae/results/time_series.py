@@ -192,5 +192,7 @@ class TimeSeries:
         import pandas as pd
 
         columns, index = self._all_columns_by_header(), pd.Index(self.times, name=measures.TIME)
-        selected = {header: np.asarray(columns[header]) for header in dict.fromkeys(headers)}
-        return pd.DataFrame(selected).set_index(index)
+        selected_columns = {
+            header: np.asarray(columns[header]) for header in dict.fromkeys(headers)
+        }
+        return pd.DataFrame(selected_columns).set_index(index)

@@ -127,8 +127,8 @@ def describe_column_error(name: str, value: Any, rows: int, *symbols: SX) -> str
         return f"its {name} must be a CasADi SX column, got {type(value).__name__}"
     if value.shape != (rows, 1):
         return f"its {name} must have shape {(rows, 1)}, got {value.shape}"
-    allowed = {symbol.element_hash() for symbol in ca.symvar(ca.vertcat(*symbols))}
-    others = [x.name() for x in ca.symvar(value) if x.element_hash() not in allowed]
+    allowed_hashes = {symbol.element_hash() for symbol in ca.symvar(ca.vertcat(*symbols))}
+    others = [x.name() for x in ca.symvar(value) if x.element_hash() not in allowed_hashes]
     if others:
         return f"its {name} must not depend on {', '.join(others[:3])}"
     return ""

@@ -140,9 +140,9 @@ def _build_rotated_kernel(
     n_data = function.numel_in(1) - vectors * size
     shared, data = SX.sym("shared", function.numel_in(0)), SX.sym("data", n_data)
     numbers = SX.sym("rotation", len(rotation.others))
-    selected = [SX.sym("selected", n_selected) for _ in range(vectors)]
+    selected_vectors = [SX.sym("selected", n_selected) for _ in range(vectors)]
     matrix = rotation.matrix(numbers)
-    entries = function(shared, ca.vertcat(*(matrix @ x for x in selected), data))
+    entries = function(shared, ca.vertcat(*(matrix @ x for x in selected_vectors), data))
     ends = np.cumsum([0, *(pattern.nnz() for pattern in kernel.outputs)]).tolist()
     values = [
         SX(pattern, entries[begin:end])
@@ -154,5 +154,5 @@ def _build_rotated_kernel(
         for value in values[:n_rotated]
     ]
     outputs += values[n_rotated:]
-    local = ca.vertcat(*selected, data, numbers)
+    local = ca.vertcat(*selected_vectors, data, numbers)
     return Kernel.of(function.name(), shared, local, outputs)

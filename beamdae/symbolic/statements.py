@@ -38,8 +38,8 @@ __all__ = [
 ]
 
 
-class Named(NamedTuple):
-    """A name and its unit: of a coordinate, a multiplier or an observed column."""
+class Variable(NamedTuple):
+    """Name and unit of a coordinate, a multiplier or an observed column."""
 
     name: str
     unit: str
@@ -50,9 +50,9 @@ class Named(NamedTuple):
         return f"{self.name} [{self.unit}]"
 
     @property
-    def rate(self) -> Named:
+    def rate(self) -> Variable:
         """Name and unit of the rate of change."""
-        return Named(f"{self.name}_dot", "1/s" if self.unit == "-" else f"{self.unit}/s")
+        return Variable(f"{self.name}_dot", "1/s" if self.unit == "-" else f"{self.unit}/s")
 
 
 class Piece(NamedTuple):
@@ -94,7 +94,7 @@ class ConstraintStatement:
     part: str
     kernel: ConstraintKernel
     pieces: tuple[Piece, ...]
-    multipliers: tuple[Named, ...]
+    multipliers: tuple[Variable, ...]
     data: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
 
 
@@ -175,7 +175,7 @@ class Quantity:
         Name of the part whose multipliers are local.lam, or None.
     """
 
-    columns: tuple[Named, ...]
+    columns: tuple[Variable, ...]
     pieces: tuple[Piece, ...]
     expression: Callable[[Local], SX]
     data: np.ndarray = field(default_factory=lambda: np.zeros(0))

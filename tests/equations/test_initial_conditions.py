@@ -34,7 +34,7 @@ def test_prescribed_positions_and_velocities_are_kept_and_others_follow():
         # Joints are closed to 1e-11 of 3 m.
         assert_allclose((q["crank.angle"], q["rod.angle"]), (angle, rod), atol=1e-10)
         assert_allclose(v[[2, 5]], (rate, rod_rate), atol=1e-8)
-        assert solution.start.asked == "crank.angle = 0.7, crank.angle_dot = 5"
+        assert solution.start.request == "crank.angle = 0.7, crank.angle_dot = 5"
         assert not solution.start.warning
 
 

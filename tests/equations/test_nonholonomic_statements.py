@@ -16,8 +16,8 @@ from beamdae.symbolic.statements import (
     ForceKernel,
     ForceStatement,
     Local,
-    Named,
     NonholonomicKernel,
+    Variable,
 )
 
 MASS, INERTIA, RADIUS, GRAVITY = 1.3, 0.4, 0.3, 9.81
@@ -32,7 +32,7 @@ class Row(Part):
     def constraints(self):
         point = self.body.at(*self.body.center)
         local = Local(3, 0, 1)
-        multipliers = (Named("row", "N"),)
+        multipliers = (Variable("row", "N"),)
         kernel = NonholonomicKernel(local, SX(self.row(local)))
         return [ConstraintStatement(self.name, kernel, (point.piece,), multipliers)]
 

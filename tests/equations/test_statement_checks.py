@@ -19,8 +19,8 @@ from beamdae.symbolic.statements import (
     ForceKernel,
     ForceStatement,
     Local,
-    Named,
     Piece,
+    Variable,
 )
 
 
@@ -38,7 +38,7 @@ class Pin(bd.Part):
     def constraints(self):
         local = Local(self.anchor.size, 0, 1)
         kernel = ConstraintKernel(local, self.anchor.position(local.q)[0])
-        multipliers = (Named("x", "N"),)
+        multipliers = (Variable("x", "N"),)
         return [ConstraintStatement(self.name, kernel, (self.anchor.piece,), multipliers)]
 
 
@@ -151,7 +151,7 @@ def test_statements_that_do_not_fit_are_refused(settings, message):
 
 
 LOCAL = Local(3, 1, 1)
-MULTIPLIERS = (Named("x", "N"),)
+MULTIPLIERS = (Variable("x", "N"),)
 FORCE = ca.SX.zeros(3)
 POINT = disk("disk")
 PIECE = Piece(POINT, sp.eye_array(3, format="csr"))
@@ -251,7 +251,7 @@ def test_regression_ambiguous_headers_are_refused():
     mech.observe(
         "c.x",
         replace(
-            motion_quantity(place), columns=(Named("", "m"), *motion_quantity(place).columns[1:])
+            motion_quantity(place), columns=(Variable("", "m"), *motion_quantity(place).columns[1:])
         ),
     )
     with pytest.raises(bd.BeamdaeError, match=r"its headers must differ, c.x \[m\] comes twice"):
@@ -260,7 +260,7 @@ def test_regression_ambiguous_headers_are_refused():
 
 def test_a_body_alone_needs_no_outline():
     mech = bd.Mechanism()
-    mech.add(Body((Named("x", "m"),)))
+    mech.add(Body((Variable("x", "m"),)))
     assert bd.equations_of_motion(mech).length == 1.0
 
 
@@ -326,10 +326,13 @@ class Body(bd.Part):
         ),
         (Body(("x",)), "body: coordinates must contain only Named, got 'x'"),
         (Body(lambda: ()), "body: coordinates must be a list of Named, got <function"),
-        (Body((Named("x", "deg"),)), "body: angles must be in 'rad', got 'deg'"),
-        (Body((Named("x", " m"),)), "body: units must be strings such as 'm' and 'rad', got ' m'"),
-        (Body((Named("x", "m"),) * 2), "body: its coordinates must differ, x comes twice"),
-        (Body((Named("x", "m"),), (0.0, 1.0)), r"body: initial_position must have shape \(1,\)"),
+        (Body((Variable("x", "deg"),)), "body: angles must be in 'rad', got 'deg'"),
+        (
+            Body((Variable("x", " m"),)),
+            "body: units must be strings such as 'm' and 'rad', got ' m'",
+        ),
+        (Body((Variable("x", "m"),) * 2), "body: its coordinates must differ, x comes twice"),
+        (Body((Variable("x", "m"),), (0.0, 1.0)), r"body: initial_position must have shape \(1,\)"),
     ],
 )
 def test_parts_that_do_not_fit_are_refused(part, message):
@@ -346,7 +349,7 @@ def test_regression_scales_come_from_units_and_not_from_names():
     scales = []
     for name, unit in (("psi", "rad"), ("phi_length", "m")):
         mech = bd.Mechanism()
-        mech.add(Body((Named(name, unit),)))
+        mech.add(Body((Variable(name, unit),)))
         mech.add(disk("far", center=(7.0, 0.0)))
         mech.add(disk("near"))
         scales.append(bd.equations_of_motion(mech).position_scales[0])

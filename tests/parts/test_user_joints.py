@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from support import NumericEquations
 
 import beamdae as bd
-from beamdae.symbolic.statements import Named
+from beamdae.symbolic.statements import Variable
 
 GRAVITY = 9.81
 
@@ -22,7 +22,7 @@ class Rod(bd.Joint):
     """Massless rod: g = length - |r_b - r_a|, tension positive."""
 
     symbol = "link"
-    multipliers = (Named("length", "N"),)
+    multipliers = (Variable("length", "N"),)
     reactions = ("F",)
 
     @property
@@ -39,7 +39,7 @@ class Clamp(bd.Joint):
     """Weld with an angle between the bodies, read from `self`."""
 
     angle: float = 0.0
-    multipliers = (Named("x", "N"), Named("y", "N"), Named("angle", "N m"))
+    multipliers = (Variable("x", "N"), Variable("y", "N"), Variable("angle", "N m"))
     reactions = ("Fx", "Fy", "M")
 
     def gap(self, t, a, b):
@@ -50,7 +50,7 @@ class Clamp(bd.Joint):
 class Slot(bd.Joint):
     """Horizontal slot in the body of a, with friction."""
 
-    multipliers = (Named("y", "N"),)
+    multipliers = (Variable("y", "N"),)
     reactions = ("F",)
     slide_direction = (1.0, 0.0)
 
@@ -63,7 +63,7 @@ class Slot(bd.Joint):
 class Axle(bd.Joint):
     """Nonholonomic joint: b does not move across the body of a."""
 
-    multipliers = (Named("side", "N"),)
+    multipliers = (Variable("side", "N"),)
     reactions = ("F",)
 
     @staticmethod
@@ -77,7 +77,7 @@ class Lift(bd.Joint):
     """Height of b over a as a law of time."""
 
     law: object = None
-    multipliers = (Named("height", "N"),)
+    multipliers = (Variable("height", "N"),)
     reactions = ("F",)
 
     @property
@@ -94,7 +94,7 @@ class Midpoint(bd.Joint):
     """Point b stays halfway between a and c."""
 
     c: bd.Attachment = None
-    multipliers = (Named("x", "N"), Named("y", "N"))
+    multipliers = (Variable("x", "N"), Variable("y", "N"))
     reactions = ("Fx", "Fy")
 
     @property
@@ -237,7 +237,7 @@ def test_a_user_joint_is_drawn_with_its_symbol():
 
 def test_incomplete_joints_are_rejected_with_what_they_lack():
     class Gapless(bd.Joint):
-        multipliers = (Named("x", "N"),)
+        multipliers = (Variable("x", "N"),)
         reactions = ("F",)
 
     class Nameless(Rod):

@@ -97,7 +97,7 @@ def test_a_saved_run_keeps_its_requested_start(tmp_path):
     run = bd.simulate(mech, bd.Radau(1e-3), t_end=0.01)
     loaded = bd.load(run.save(tmp_path / "a.run"), mech)
     assert loaded.start == run.start
-    assert "0.3" in loaded.start.asked
+    assert "0.3" in loaded.start.request
 
 
 def test_a_run_of_equations_is_saved_but_not_pickled(tmp_path):

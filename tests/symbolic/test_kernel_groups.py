@@ -11,7 +11,7 @@ import beamdae as bd
 from beamdae.equations.assembly import building
 from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.symbolic.kernel_groups import KernelGroup
-from beamdae.symbolic.statements import Named, Quantity
+from beamdae.symbolic.statements import Quantity, Variable
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -153,7 +153,7 @@ def observe_scaled_point(factor):
     def scale_position(local):
         return factor * on.position(local.q) + local.data[0]
 
-    columns = (Named("x", "m"), Named("y", "m"))
+    columns = (Variable("x", "m"), Variable("y", "m"))
     mech.observe("own", Quantity(columns, (on.piece,), scale_position, np.array([0.5])))
     mech.observe("point", on)
     equations = bd.equations_of_motion(mech)

@@ -23,7 +23,7 @@ from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
-from beamdae.symbolic.statements import Named
+from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
 
@@ -61,9 +61,9 @@ class LinearModel:
     B: Array
     C: Array
     D: Array
-    states: tuple[Named, ...]
-    inputs: tuple[Named, ...]
-    outputs: tuple[Named, ...]
+    states: tuple[Variable, ...]
+    inputs: tuple[Variable, ...]
+    outputs: tuple[Variable, ...]
     state_values: Array = field(repr=False)
     output_values: Array = field(repr=False)
     about: str
@@ -200,7 +200,7 @@ class ModelInput(NamedTuple):
         Change of the constraints by one unit of it, by name; empty for loads.
     """
 
-    quantity: Named
+    quantity: Variable
     force: Array
     constraints: dict[str, float]
 
@@ -242,9 +242,9 @@ def _part_inputs(mechanism: Mechanism, part: Part, lin: Linearization) -> list[M
             for name, x in zip(equations.lam_names, by_constraint, strict=True)
             if x != 0.0
         }
-        quantity = Named(f"{part.name}.{law_quantity.name}", law_quantity.unit)
+        quantity = Variable(f"{part.name}.{law_quantity.name}", law_quantity.unit)
         if constraints:
-            quantity = Named(f"{part.name}.{law_quantity.name}_ddot", f"{law_quantity.unit}/s^2")
+            quantity = Variable(f"{part.name}.{law_quantity.name}_ddot", f"{law_quantity.unit}/s^2")
         inputs.append(ModelInput(quantity, force, constraints))
     return inputs
 
@@ -368,7 +368,7 @@ class _StateReduction:
 
     def _differentiate_outputs(
         self, observables: Sequence[Observable], dq: Array, dv: Array, dlam: Array
-    ) -> tuple[Array, Array, tuple[Named, ...]]:
+    ) -> tuple[Array, Array, tuple[Variable, ...]]:
         """Return the derivatives of the outputs by (x, w, u), their values and their names."""
         lin, full = self.lin, self.lin.full_equations
         # Multipliers of inactive or redundant constraints are zero: the entry appended last.
@@ -391,7 +391,7 @@ class _StateReduction:
             values.append(o.function(lin.time[None], q[None], v[None], data, lam[None, o.rows])[0])
             for column in o.columns:
                 name = ".".join(filter(None, (o.name, column.name)))
-                names.append(Named(name, column.unit))
+                names.append(Variable(name, column.unit))
         return np.vstack(derivatives), np.concatenate(values), tuple(names)
 
 

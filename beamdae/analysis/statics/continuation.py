@@ -152,14 +152,16 @@ def follow_path(
     """
     path.step, initial_count = np.inf, len(path.branch_points)
     for target in targets:
-        reached = settings.target_control.value(path.end.x, path.end.mu) == target
-        while not reached:
+        is_target_reached = settings.target_control.value(path.end.x, path.end.mu) == target
+        while not is_target_reached:
             if len(path.points) >= settings.max_points:
                 path.status = Status("limited", f"ended after {len(path.points)} points")
                 return
             before = len(path.branch_points)
             try:
-                direction, reached = _take_step(corrector, path, settings, target, direction)
+                direction, is_target_reached = _take_step(
+                    corrector, path, settings, target, direction
+                )
             except CorrectorError as error:
                 path.status, path.is_stuck = Status("failed", str(error)), True
                 return

@@ -288,8 +288,8 @@ def build_loading(model: Any, full_equations: EquationsOfMotion, loads: Any, t: 
 def _remove_loads(mechanism: Mechanism, names: set[str]) -> Mechanism:
     """Return the mechanism without some loads and without parts inactive at the start."""
     rest = copy(mechanism)
-    removed = names | mechanism.inactive
-    rest.parts = {name: part for name, part in rest.parts.items() if name not in removed}
+    excluded_names = names | mechanism.inactive
+    rest.parts = {name: part for name, part in rest.parts.items() if name not in excluded_names}
     rest.observables, rest.events, rest.inactive, rest.start = {}, [], set(), AS_DRAWN
     if GRAVITY in names:
         rest.gravity, rest.gravity_laws = np.zeros(2), None

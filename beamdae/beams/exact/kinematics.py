@@ -23,7 +23,7 @@ from beamdae.beams.sections import VaryingSection
 from beamdae.beams.shape_functions import gauss_points, lagrange_weights, shape_functions
 from beamdae.beams.strains import InterpolatedStrains
 from beamdae.symbolic.formulas import Formula
-from beamdae.symbolic.statements import Named
+from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
 
@@ -62,11 +62,13 @@ class GeometricallyExact(FormulationKinematics):
         return np.asarray(self.mesh.tangent_angle(self.mesh.node_arc_lengths), float)
 
     @cached_property
-    def coordinates(self) -> tuple[Named, ...]:
+    def coordinates(self) -> tuple[Variable, ...]:
         """Position and section angle of each node."""
         units = (("x", "m"), ("y", "m"), ("psi", "rad"))
         return tuple(
-            Named(f"{name}{i}", unit) for i in range(self.mesh.node_count) for name, unit in units
+            Variable(f"{name}{i}", unit)
+            for i in range(self.mesh.node_count)
+            for name, unit in units
         )
 
     @cached_property

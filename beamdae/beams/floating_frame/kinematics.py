@@ -33,7 +33,7 @@ from beamdae.curves.plane_curves import rotate_points
 from beamdae.errors import BeamdaeError, require_choice
 from beamdae.symbolic.formulas import Formula
 from beamdae.symbolic.sparse_operators import select_rows
-from beamdae.symbolic.statements import Named
+from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
 
@@ -87,17 +87,17 @@ class FloatingFrame(FormulationKinematics):
         return self.mesh.in_axes(self.origin, self.frame_angle)
 
     @cached_property
-    def coordinates(self) -> tuple[Named, ...]:
+    def coordinates(self) -> tuple[Variable, ...]:
         """Coordinates of the frame, then the free nodal ones."""
-        frame = (Named("x0", "m"), Named("y0", "m"), Named("theta", "rad"))
+        frame = (Variable("x0", "m"), Variable("y0", "m"), Variable("theta", "rad"))
         nodal = [
-            Named(f"{name}{i}", unit)
+            Variable(f"{name}{i}", unit)
             for i in range(self.mesh.node_count)
             for name, unit in (("u", "m"), ("v", "m"), ("phi", "rad"))
         ]
         if self.frame == "tangent":
             return (*frame, *nodal[NODE_SIZE:])
-        return (*frame, *nodal[2:-3], Named("chord", "m"), nodal[-1])
+        return (*frame, *nodal[2:-3], Variable("chord", "m"), nodal[-1])
 
     @property
     def initial_position(self) -> Array:

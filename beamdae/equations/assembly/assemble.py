@@ -35,8 +35,8 @@ from beamdae.parts.part import Part
 from beamdae.symbolic.statements import (
     ConstraintStatement,
     ForceStatement,
-    Named,
     RangeStatement,
+    Variable,
 )
 
 Array = np.ndarray
@@ -109,7 +109,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]
     equations = build_equations(
         coordinates=tuple(
-            Named(f"{part.name}.{c.name}", c.unit) for part in parts for c in part.coordinates
+            Variable(f"{part.name}.{c.name}", c.unit) for part in parts for c in part.coordinates
         ),
         q0=q0,
         v0=np.concatenate([part.initial_velocity for part in parts]),

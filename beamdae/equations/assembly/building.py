@@ -48,10 +48,10 @@ from beamdae.symbolic.statements import (
     ConstraintStatement,
     ForceStatement,
     Local,
-    Named,
     Quantity,
     QuantityKernel,
     RangeStatement,
+    Variable,
 )
 
 Array = np.ndarray
@@ -59,7 +59,7 @@ Array = np.ndarray
 
 def build_equations(
     *,
-    coordinates: tuple[Named, ...],
+    coordinates: tuple[Variable, ...],
     q0: Array,
     v0: Array,
     length: float,
@@ -83,7 +83,9 @@ def build_equations(
     `EquationsOfMotion` for the other arguments.
     """
     numbers = NumberStore()
-    multipliers = [Named(f"{s.part}.{x.name}", x.unit) for s in constraints for x in s.multipliers]
+    multipliers = [
+        Variable(f"{s.part}.{x.name}", x.unit) for s in constraints for x in s.multipliers
+    ]
     ends = np.cumsum([0, *(len(statement.multipliers) for statement in constraints)])
     multiplier_rows = [np.arange(first, last) for first, last in pairwise(ends)]
     rows: dict[str, slice] = {}
@@ -211,8 +213,8 @@ def add_observable(
     for row, multiplier in enumerate(e.lam_names):
         part = multiplier.rpartition(".")[0]
         rows[part] = slice(rows.get(part, slice(row, row)).start, row + 1)
-    added = build_observable(name, quantity, coordinate_map, numbers, rows)
-    observables = (*e.observables, added)
+    new_observable = build_observable(name, quantity, coordinate_map, numbers, rows)
+    observables = (*e.observables, new_observable)
     require_unique_headers(e.coordinates, e.multipliers, observables)
     observed = copy(mechanism)
     observed.observables = {**mechanism.observables, name: quantity}
@@ -261,13 +263,13 @@ def _build_event_terms(
 
 
 def require_unique_headers(
-    coordinates: Sequence[Named], multipliers: Sequence[Named], observed: Sequence[Observable]
+    coordinates: Sequence[Variable], multipliers: Sequence[Variable], observed: Sequence[Observable]
 ) -> None:
     """Refuse two columns of a table with one header."""
     observed_headers = [header for observable in observed for header in observable.headers]
     require_unique("observed columns", "headers", [*observed_headers, *LEDGER_COLUMNS, TIME])
     rates = [coordinate.rate for coordinate in coordinates]
-    lam = [Named(f"lam.{multiplier.name}", multiplier.unit) for multiplier in multipliers]
+    lam = [Variable(f"lam.{multiplier.name}", multiplier.unit) for multiplier in multipliers]
     headers = [column.header for column in (*coordinates, *rates, *lam)]
     require_unique("coordinates and multipliers", "headers", [*headers, TIME])
 
@@ -275,8 +277,8 @@ def require_unique_headers(
 class NumberStore:
     """Collects the numbers p of a model."""
 
-    def __init__(self, stored: Array | None = None) -> None:
-        self._stored: list[Array] = [] if stored is None else [stored]
+    def __init__(self, initial_numbers: Array | None = None) -> None:
+        self._stored: list[Array] = [] if initial_numbers is None else [initial_numbers]
         self._end = sum(map(len, self._stored))
 
     @property

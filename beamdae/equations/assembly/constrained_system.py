@@ -42,10 +42,10 @@ from beamdae.symbolic.statements import (
     ForceKernel,
     ForceStatement,
     Local,
-    Named,
     NonholonomicKernel,
     Piece,
     Quantity,
+    Variable,
 )
 
 _CONSTRAINTS = "constraint"  # name under which all constraints are stated
@@ -188,7 +188,7 @@ class ConstrainedSystem(HasOrigin):
         """Equations of motion, of the same type as those of a mechanism."""
         n = self.q.numel()
         coordinates = tuple(
-            Named(name, unit) for name, unit in zip(self.names, self.units, strict=True)
+            Variable(name, unit) for name, unit in zip(self.names, self.units, strict=True)
         )
         # Size of the coordinates that are not angles: the largest at the start, or 1.
         sizes = [
@@ -225,7 +225,7 @@ class ConstrainedSystem(HasOrigin):
         return Expressions.of(self.t, self.q, self.v, self.lam, self.parameters)
 
     @cached_property
-    def _observed(self) -> dict[Named, Any]:
+    def _observed(self) -> dict[Variable, Any]:
         """Expressions of the further columns."""
         if not isinstance(self.observe, dict):
             raise BeamdaeError(
@@ -298,7 +298,10 @@ class ConstrainedSystem(HasOrigin):
         return statements
 
     def _observables(
-        self, coordinates: tuple[Named, ...], piece: Piece, constraints: list[ConstraintStatement]
+        self,
+        coordinates: tuple[Variable, ...],
+        piece: Piece,
+        constraints: list[ConstraintStatement],
     ) -> dict[str, Quantity]:
         """Return the coordinates and the further columns as quantities."""
         expressions, m = self._expressions, sum(len(x.multipliers) for x in constraints)
@@ -314,7 +317,7 @@ class ConstrainedSystem(HasOrigin):
 
         def quantity(name: str, unit: str, expression: Any) -> Quantity:
             return Quantity(
-                (Named("", unit),),
+                (Variable("", unit),),
                 (piece,),
                 lambda local: expressions.substitute(local, expression, name, on, observed=True),
                 expressions.numbers,
@@ -327,7 +330,7 @@ class ConstrainedSystem(HasOrigin):
 
 def _stack_constraints(
     expressions: Expressions, constraints: Any, what: str, letter: str
-) -> tuple[Local, SX, tuple[Named, ...]]:
+) -> tuple[Local, SX, tuple[Variable, ...]]:
     """Return symbols, rows in them and multipliers of one kind of constraints.
 
     `constraints` are an expression, a dict of expressions by header, or None; `letter` names
@@ -338,7 +341,7 @@ def _stack_constraints(
         by_header = {parse_header(header): x for header, x in constraints.items()}
         descriptions = [f"the {what} {x.name}" for x in by_header]
     else:
-        by_header = {} if constraints is None else {Named(letter, "-"): constraints}
+        by_header = {} if constraints is None else {Variable(letter, "-"): constraints}
         descriptions = [f"{what.replace(' ', '_')}s"]
     symbols = expressions.local()
     blocks = [
@@ -346,7 +349,7 @@ def _stack_constraints(
         for x, description in zip(by_header.values(), descriptions, strict=False)
     ]
     multipliers = tuple(
-        Named(x.name if by_name and block.numel() == 1 else f"{x.name}{i}", x.unit)
+        Variable(x.name if by_name and block.numel() == 1 else f"{x.name}{i}", x.unit)
         for x, block in zip(by_header, blocks, strict=True)
         for i in range(block.numel())
     )

@@ -20,7 +20,7 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.parts.laws import Law, as_law
-from beamdae.symbolic.statements import SX, Local, Named
+from beamdae.symbolic.statements import SX, Local, Variable
 
 Array = np.ndarray
 MX = ca.MX
@@ -130,8 +130,8 @@ class Expressions:
                 f"{allowed_names}, in rows of one length, got {short_repr(expression)}."
             ) from None
         symbols = [*(getattr(self, symbol) for symbol in on), *self.parameters]
-        allowed = {_symbol_key(x) for symbol in symbols for x in ca.symvar(symbol)}
-        others = [x.name() for x in ca.symvar(stacked) if _symbol_key(x) not in allowed]
+        allowed_keys = {_symbol_key(x) for symbol in symbols for x in ca.symvar(symbol)}
+        others = [x.name() for x in ca.symvar(stacked) if _symbol_key(x) not in allowed_keys]
         if others:
             raise BeamdaeError(
                 f"{KIND}: {name} must depend on {allowed_names} alone, not on "
@@ -219,7 +219,7 @@ def _join_names(names: Any) -> str:
     return f"{', '.join(first)} and {last}"
 
 
-def parse_header(header: Any) -> Named:
+def parse_header(header: Any) -> Variable:
     """Return name and unit of a header such as 'tip.x [m]'; the unit defaults to '-'.
 
     Raises
@@ -231,7 +231,7 @@ def parse_header(header: Any) -> Named:
     if isinstance(header, str) and header.endswith("]") and " [" in header:
         name, _, unit = header[:-1].rpartition(" [")
     require_unit(KIND, unit)
-    return Named(require_name(KIND, name), unit)
+    return Variable(require_name(KIND, name), unit)
 
 
 def parse_numbers(name: str, values: Any, n: int) -> Array:

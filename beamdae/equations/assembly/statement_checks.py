@@ -14,9 +14,9 @@ from beamdae.parts.part import Part
 from beamdae.symbolic.statements import (
     ConstraintStatement,
     ForceStatement,
-    Named,
     Piece,
     RangeStatement,
+    Variable,
 )
 
 T = TypeVar("T")
@@ -26,7 +26,7 @@ Statement = ForceStatement | ConstraintStatement | RangeStatement
 
 def require_body_fits(part: Part) -> None:
     """Refuse coordinates, start values, laws or an outline that do not conform to `Part`."""
-    coordinates = _require_list(part.name, "coordinates", part.coordinates, Named)
+    coordinates = _require_list(part.name, "coordinates", part.coordinates, Variable)
     for coordinate in coordinates:
         require_unit(part.name, coordinate.unit)
     require_unique(part.name, "coordinates", [coordinate.name for coordinate in coordinates])
@@ -78,8 +78,8 @@ def require_unique(part: str, what: str, names: Iterable[str]) -> None:
 
 
 def require_columns_fit(part: str, columns: Any) -> None:
-    """Refuse columns of a quantity that are not `Named`, each with a unit."""
-    for column in _require_list(part, "columns", columns, Named):
+    """Refuse columns of a quantity that are not `Variable`, each with a unit."""
+    for column in _require_list(part, "columns", columns, Variable):
         require_unit(part, column.unit)
 
 
@@ -117,7 +117,7 @@ def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[l
         _require_statement_fits(part, statement, np.shape(statement.data)[-1:], sizes)
     for constraint in constraints:
         _require_statement_fits(part, constraint, (1,), sizes)
-        multipliers = _require_list(part.name, "multipliers", constraint.multipliers, Named)
+        multipliers = _require_list(part.name, "multipliers", constraint.multipliers, Variable)
         if len(multipliers) != constraint.kernel.local.n_multipliers:
             raise BeamdaeError(
                 f"{part.name}: it names {len(multipliers)} multipliers for "
@@ -166,7 +166,7 @@ def select_multipliers(
 def _require_list(part: str, what: str, value: Any, kind: type[T]) -> list[T]:
     """Return `value` as a list; refuse anything but a list or tuple of `kind`."""
     # Pieces and names are tuples themselves.
-    if not isinstance(value, (tuple, list)) or isinstance(value, (Piece, Named)):
+    if not isinstance(value, (tuple, list)) or isinstance(value, (Piece, Variable)):
         raise BeamdaeError(
             f"{part}: {what} must be a list of {kind.__name__}, got {short_repr(value)}."
         )

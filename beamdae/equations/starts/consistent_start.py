@@ -165,14 +165,14 @@ class ConsistencySolver(StateEvaluator):
             )
 
     def _close_positions(self, time: Array, q: Array) -> Array:
-        closed = self._close_joints(time, q)
-        if closed is q:
+        closed_q = self._close_joints(time, q)
+        if closed_q is q:
             return q
 
         def constraints(positions: Array) -> tuple[Array, sp.csc_array]:
             return self.position_gaps(time, positions), self.constraint_matrix(time, positions)
 
-        return minimize_strain(self, time, q, closed, q, constraints, _RIGID_TIME**2)
+        return minimize_strain(self, time, q, closed_q, q, constraints, _RIGID_TIME**2)
 
     def _close_joints(self, time: Array, q: Array) -> Array:
         e = self.equations

@@ -55,9 +55,9 @@ def apply_initial_conditions(
     time = time_on_branch(equations, t)
     # Redundant constraints make the closing problem singular.
     reduction = remove_redundant_constraints(equations, time) if equations.redundant else None
-    solved = equations if reduction is None else reduction.equations
+    independent = equations if reduction is None else reduction.equations
     if start == EQUILIBRIUM:
-        q, _ = relax_to_equilibrium(StaticEquations(solved, time), solved.q0)
+        q, _ = relax_to_equilibrium(StaticEquations(independent, time), independent.q0)
         v = np.zeros(equations.n)
         request = Start(EQUILIBRIUM, q, v, True)
     else:
@@ -65,8 +65,8 @@ def apply_initial_conditions(
         requested_q, requested_v = np.array(equations.q0), np.array(equations.v0)
         requested_q[list(positions)] = list(positions.values())
         requested_v[list(velocities)] = list(velocities.values())
-        q = _close_with_positions(solved, time, positions)
-        v = _project_velocities(solved, time, q, requested_v, list(velocities))
+        q = _close_with_positions(independent, time, positions)
+        v = _project_velocities(independent, time, q, requested_v, list(velocities))
         description = ", ".join(f"{name} = {value:g}" for name, value in start.items())
         request = Start(description or AS_DRAWN, requested_q, requested_v, bool(positions))
     for values in (q, v):

@@ -62,11 +62,11 @@ class ReducedEquations:
         evaluator = StateEvaluator(self.full)
         constraint_rank = analyze_constraint_rank(evaluator, time, state.q)
         sets = find_dependent_sets(evaluator, time, state.q, state.v, constraint_rank)
-        needed = next((x for x in sets if max(x.contradiction) > 0.0 or not x.everywhere), None)
-        if needed is not None:
+        needed_set = next((x for x in sets if max(x.contradiction) > 0.0 or not x.everywhere), None)
+        if needed_set is not None:
             raise BeamdaeError(
-                f"{', '.join(needed.constraints)}: none of these constraints is redundant, "
-                f"{needed}."
+                f"{', '.join(needed_set.constraints)}: none of these constraints is redundant, "
+                f"{needed_set}."
             )
         for gaps in evaluator.constraint_levels(time, state.q, state.v)[:2]:
             worst = int(np.argmax(np.abs(gaps)))

@@ -26,7 +26,12 @@ class Shape(NamedTuple):
 
 
 def resolve_mass(
-    part: str, mass: Any, density: Any, thickness: Any, area: float, needed: str = "thickness"
+    part: str,
+    mass: Any,
+    density: Any,
+    thickness: Any,
+    area: float,
+    dimension_name: str = "thickness",
 ) -> float:
     """Return `mass`, or density times volume.
 
@@ -38,7 +43,7 @@ def resolve_mass(
         Arguments of the user; None if not given.
     area
         Factor of the volume besides the thickness [m^2], or the length of a rod [m].
-    needed
+    dimension_name
         Name of the argument `thickness` in messages.
 
     Raises
@@ -47,12 +52,12 @@ def resolve_mass(
         If neither or both of mass and density are given.
     """
     if (mass is None) == (density is None) or (density is None) != (thickness is None):
-        raise BeamdaeError(f"{part}: give either mass= or density= with {needed}=.")
+        raise BeamdaeError(f"{part}: give either mass= or density= with {dimension_name}=.")
     if mass is not None:
         return require_positive(part, "mass", mass)
     return (
         require_positive(part, "density", density)
-        * require_positive(part, needed, thickness)
+        * require_positive(part, dimension_name, thickness)
         * area
     )
 

@@ -21,7 +21,7 @@ from beamdae.errors import (
 from beamdae.parts.attachments import Attachment, require_attachment, require_movable
 from beamdae.parts.part import Drawing, Part
 from beamdae.symbolic.formulas import Formula, build_formula_kernel, constant_formula
-from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Named
+from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Variable
 
 Array = np.ndarray
 
@@ -91,9 +91,9 @@ class PointMass(Part):
             require_positive(self.name, "mass", self.mass)
 
     @property
-    def coordinates(self) -> tuple[Named, ...]:
+    def coordinates(self) -> tuple[Variable, ...]:
         """Position of a free particle."""
-        return () if self.at is None else (Named("x", "m"), Named("y", "m"))
+        return () if self.at is None else (Variable("x", "m"), Variable("y", "m"))
 
     @property
     def initial_position(self) -> Array:

@@ -24,7 +24,7 @@ from beamdae.parts.attachments import Attachment, rotate
 from beamdae.parts.bodies import plane_shapes
 from beamdae.parts.part import Drawing, Part
 from beamdae.symbolic.formulas import Formula
-from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Named, Piece
+from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Piece, Variable
 
 Array = np.ndarray
 
@@ -278,9 +278,9 @@ class RigidBody(Part):
         return cls(name, mass, inertia, center, shape=outline, **start)
 
     @property
-    def coordinates(self) -> tuple[Named, ...]:
+    def coordinates(self) -> tuple[Variable, ...]:
         """Position of the center of mass, and angle."""
-        return (Named("x", "m"), Named("y", "m"), Named("angle", "rad"))
+        return (Variable("x", "m"), Variable("y", "m"), Variable("angle", "rad"))
 
     @property
     def initial_position(self) -> Array:

@@ -18,7 +18,7 @@ from beamdae.parts.forces.force_element import (
     LinearLaw,
     UserLaw,
 )
-from beamdae.symbolic.statements import SX, Named, Quantity
+from beamdae.symbolic.statements import SX, Quantity, Variable
 
 # Size of deformations at which energy and law of a user are compared [m], [rad].
 _TYPICAL_DEFORMATION = 1e-2
@@ -88,7 +88,7 @@ class Bushing(ForceElement):
     law: Callable[..., Any] | None = None
     energy: Callable[..., Any] | None = None
 
-    _force_columns = (Named("Fx", "N"), Named("Fy", "N"), Named("M", "N m"))
+    _force_columns = (Variable("Fx", "N"), Variable("Fy", "N"), Variable("M", "N m"))
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -129,5 +129,5 @@ class Bushing(ForceElement):
     @property
     def displacement(self) -> Quantity:
         """Displacement (x, y) [m] in the axes of `a`, and relative rotation [rad]."""
-        columns = (Named("x", "m"), Named("y", "m"), Named("turn", "rad"))
+        columns = (Variable("x", "m"), Variable("y", "m"), Variable("turn", "rad"))
         return self.observe(DeformationValues, columns)

@@ -30,8 +30,8 @@ from beamdae.symbolic.statements import (
     ForceKernel,
     ForceStatement,
     Local,
-    Named,
     Quantity,
+    Variable,
 )
 
 # Allowed range of the coefficient of restitution is [_MIN_RESTITUTION, 1].
@@ -283,7 +283,7 @@ class Contact(Part):
         """Normal force N and friction T [N] on the point; T points right of the outward normal."""
         kind = _ContactForces(*self._law_arguments)
         values, data = FormulaExpression.of(kind, self._functions)
-        return Quantity((Named("N", "N"), Named("T", "N")), self._pieces, values, data)
+        return Quantity((Variable("N", "N"), Variable("T", "N")), self._pieces, values, data)
 
     @property
     def gap(self) -> Quantity:

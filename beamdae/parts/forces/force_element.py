@@ -30,8 +30,8 @@ from beamdae.symbolic.statements import (
     ForceKernel,
     ForceStatement,
     Local,
-    Named,
     Quantity,
+    Variable,
 )
 
 # Deformations, relative to their typical size, at which energy and law of a user are compared.
@@ -237,7 +237,7 @@ class ForceElement(Part):
     a: Attachment
     b: Attachment
 
-    _force_columns: ClassVar[tuple[Named, ...]]
+    _force_columns: ClassVar[tuple[Variable, ...]]
 
     def __post_init__(self) -> None:
         set_fields(self, name=require_name(type(self).__name__, self.name))
@@ -284,7 +284,7 @@ class ForceElement(Part):
         return [ForceStatement(self.name, kernel, (self.a.piece, self.b.piece), data)]
 
     def observe(
-        self, kind: type[DeformationValues] | type[ForceValues], columns: tuple[Named, ...]
+        self, kind: type[DeformationValues] | type[ForceValues], columns: tuple[Variable, ...]
     ) -> Quantity:
         """Return the deformation or the force as a quantity."""
         arguments, functions = self._expression

@@ -27,8 +27,8 @@ from beamdae.symbolic.statements import (
     ForceKernel,
     ForceStatement,
     Local,
-    Named,
     Quantity,
+    Variable,
 )
 
 
@@ -248,7 +248,7 @@ class ForceLaw(Part):
         """Forces [N] and moment [N m] on each attachment, numbered from 1 if there are several."""
         count = len(self.on)
         columns = tuple(
-            Named(f"{what}{k + 1}" if count > 1 else what, unit)
+            Variable(f"{what}{k + 1}" if count > 1 else what, unit)
             for k in range(count)
             for what, unit in (("Fx", "N"), ("Fy", "N"), ("M", "N m"))
         )

@@ -26,7 +26,7 @@ from beamdae.symbolic.formulas import (
     build_formula_kernel,
     constant_formula,
 )
-from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Named, Quantity
+from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Quantity, Variable
 
 
 def _rim_travel(a: Any, b: Any, numbers: Any) -> SX:
@@ -240,11 +240,11 @@ class Friction(Part):
     @property
     def reaction(self) -> Quantity:
         """Friction F [N] on the body of the joint's b (M [N m] in a bearing), and velocity v."""
-        first = Named("M", "N m") if self._is_bearing else Named("F", "N")
+        first = Variable("M", "N m") if self._is_bearing else Variable("F", "N")
         kind = _FrictionReaction(self._law, self._is_bearing)
         values, data = FormulaExpression.of(kind, self._functions)
         pieces = (self.joint.a.piece, self.joint.b.piece)
-        return Quantity((first, Named("v", "m/s")), pieces, values, data, self.joint.name)
+        return Quantity((first, Variable("v", "m/s")), pieces, values, data, self.joint.name)
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the friction force."""

@@ -21,7 +21,7 @@ from beamdae.parts.attachments import (
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part
 from beamdae.symbolic.formulas import build_formula_kernel
-from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Named
+from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Variable
 
 
 def load_kernel(local: Local, placement: SX, load: SX) -> ForceKernel:
@@ -102,9 +102,9 @@ class Force(Part):
         return tuple(as_law(self.name, component) for component in self.law)
 
     @property
-    def inputs(self) -> tuple[Named, ...]:
+    def inputs(self) -> tuple[Variable, ...]:
         """Both components."""
-        return (Named("Fx", "N"), Named("Fy", "N"))
+        return (Variable("Fx", "N"), Variable("Fy", "N"))
 
     def with_constant_laws(self, values: Sequence[float]) -> Force:
         """Return the same force with constant components [N]."""
@@ -148,9 +148,9 @@ class Moment(Part):
         return (as_law(self.name, self.law),)
 
     @property
-    def inputs(self) -> tuple[Named, ...]:
+    def inputs(self) -> tuple[Variable, ...]:
         """The moment."""
-        return (Named("M", "N m"),)
+        return (Variable("M", "N m"),)
 
     def with_constant_laws(self, values: Sequence[float]) -> Moment:
         """Return the same load with a constant moment [N m]."""

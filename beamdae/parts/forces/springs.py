@@ -18,7 +18,7 @@ from beamdae.parts.forces.force_element import (
     LinearLaw,
     UserLaw,
 )
-from beamdae.symbolic.statements import SX, Named, Quantity
+from beamdae.symbolic.statements import SX, Quantity, Variable
 
 # Length added under the root of the distance, relative to the drawn length: the distance then has a
 # slope where the points coincide; elsewhere the change is below rounding.
@@ -126,7 +126,7 @@ class SpringDamper(_SpringLaw):
     law: Callable[..., Any] | None = None
     energy: Callable[..., Any] | None = None
 
-    _force_columns = (Named("", "N"),)
+    _force_columns = (Variable("", "N"),)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -165,7 +165,7 @@ class SpringDamper(_SpringLaw):
     @property
     def elongation(self) -> Quantity:
         """Elongation beyond the free length [m]."""
-        return self.observe(DeformationValues, (Named("", "m"),))
+        return self.observe(DeformationValues, (Variable("", "m"),))
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,7 +230,7 @@ class TorsionSpring(_SpringLaw):
     law: Callable[..., Any] | None = None
     energy: Callable[..., Any] | None = None
 
-    _force_columns = (Named("", "N m"),)
+    _force_columns = (Variable("", "N m"),)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -250,7 +250,7 @@ class TorsionSpring(_SpringLaw):
     @property
     def angle(self) -> Quantity:
         """Relative rotation beyond the free angle [rad]."""
-        return self.observe(DeformationValues, (Named("", "rad"),))
+        return self.observe(DeformationValues, (Variable("", "rad"),))
 
 
 @dataclass(frozen=True, eq=False)

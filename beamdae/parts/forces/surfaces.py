@@ -12,7 +12,7 @@ import casadi as ca
 from beamdae.errors import BeamdaeError, require_choice, require_point, require_positive, set_fields
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
 from beamdae.symbolic.formulas import FormulaExpression, constant_formula
-from beamdae.symbolic.statements import SX, Local, Named, Quantity
+from beamdae.symbolic.statements import SX, Local, Quantity, Variable
 
 # Length added under the root of the distance from the center, relative to the radius: the distance
 # then has a slope at the center.
@@ -69,7 +69,7 @@ class _Surface:
             constant_formula(*self.numbers),
         )
         values, data = FormulaExpression.of(_SurfaceGap(point.size, type(self).kind), functions)
-        return Quantity((Named("", "m"),), (point.piece, self.on.piece), values, data)
+        return Quantity((Variable("", "m"),), (point.piece, self.on.piece), values, data)
 
 
 @dataclass(frozen=True, eq=False)

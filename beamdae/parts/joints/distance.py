@@ -14,7 +14,7 @@ from beamdae.parts.joints.drivers import DrivenJoint
 from beamdae.parts.joints.joint import meeting_tolerance
 from beamdae.parts.joints.kinematic_constraint import PlacedPoint
 from beamdae.parts.laws import Law
-from beamdae.symbolic.statements import SX, Named
+from beamdae.symbolic.statements import SX, Variable
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Distance(DrivenJoint):
     is_relative = False
     length: Any = None
     symbol = "link"
-    multipliers = (Named("length", "N"),)
+    multipliers = (Variable("length", "N"),)
     reactions = ("F",)
 
     def __post_init__(self) -> None:

@@ -15,7 +15,7 @@ from beamdae.parts.joints.guides import project_along, require_direction
 from beamdae.parts.joints.joint import Joint
 from beamdae.parts.joints.kinematic_constraint import PlacedPoint, PointFunction
 from beamdae.parts.laws import Law, as_law
-from beamdae.symbolic.statements import SX, Local, Named, Quantity
+from beamdae.symbolic.statements import SX, Local, Quantity, Variable
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class DrivenJoint(Joint):
         assert self.gap is not None
         gap = self._point_function(self.gap)
         build = _ReactionAndPower(gap.sizes, gap.n_parameters, gap.function, self.is_relative)
-        return self.observe(build, (*self.reaction.columns, Named("power", "W")))
+        return self.observe(build, (*self.reaction.columns, Variable("power", "W")))
 
     @property
     def _initial_value(self) -> float:
@@ -89,7 +89,7 @@ class Driver(DrivenJoint):
 
     law: Any = None
     symbol = "driver"
-    multipliers = (Named("angle", "N m"),)
+    multipliers = (Variable("angle", "N m"),)
     reactions = ("M",)
 
     def __post_init__(self) -> None:
@@ -111,9 +111,9 @@ class Driver(DrivenJoint):
         return self.law
 
     @property
-    def inputs(self) -> tuple[Named, ...]:
+    def inputs(self) -> tuple[Variable, ...]:
         """The angle."""
-        return (Named("angle", "rad"),)
+        return (Variable("angle", "rad"),)
 
     def with_constant_laws(self, values: Sequence[float]) -> Driver:
         """Return the same driver with a constant angle [rad]."""
@@ -137,7 +137,7 @@ class TranslationalDriver(DrivenJoint):
     law: Any = None
     direction: tuple[float, float] = (1.0, 0.0)
     symbol = "translational driver"
-    multipliers = (Named("travel", "N"),)
+    multipliers = (Variable("travel", "N"),)
     reactions = ("F",)
 
     def __post_init__(self) -> None:
@@ -167,9 +167,9 @@ class TranslationalDriver(DrivenJoint):
         return self.law
 
     @property
-    def inputs(self) -> tuple[Named, ...]:
+    def inputs(self) -> tuple[Variable, ...]:
         """The travel."""
-        return (Named("travel", "m"),)
+        return (Variable("travel", "m"),)
 
     def with_constant_laws(self, values: Sequence[float]) -> TranslationalDriver:
         """Return the same driver with a constant travel [m]."""

@@ -20,8 +20,8 @@ from beamdae.symbolic.statements import (
     ConstraintKernel,
     ConstraintStatement,
     Local,
-    Named,
     Quantity,
+    Variable,
 )
 
 Array = np.ndarray
@@ -162,7 +162,7 @@ class FrozenConstraint(Part):
         return self.joint.laws if self.law is None else (self.law,)
 
     @property
-    def multipliers(self) -> tuple[Named, ...]:
+    def multipliers(self) -> tuple[Variable, ...]:
         """Multipliers of the joint."""
         return self.joint.multipliers
 
@@ -197,7 +197,7 @@ class ClosedGap(Part):
                 self.name,
                 ConstraintKernel(local, -self.gap.expression(local)),
                 self.gap.pieces,
-                (Named("gap", unit),),
+                (Variable("gap", unit),),
                 self.gap.data[:, None],
             )
         ]

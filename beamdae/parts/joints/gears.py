@@ -12,7 +12,7 @@ from beamdae.parts.attachments import Attachment, require_angle, require_attachm
 from beamdae.parts.joints.guides import project_along, require_direction
 from beamdae.parts.joints.joint import Joint
 from beamdae.parts.joints.kinematic_constraint import PlacedPoint
-from beamdae.symbolic.statements import SX, Named
+from beamdae.symbolic.statements import SX, Variable
 
 
 def _require_nonzero(part: str, name: str, value: Any) -> float:
@@ -55,7 +55,7 @@ class Gear(Joint):
     ratio: float = -1.0
     carrier: Attachment | None = None
     symbol = "gear"
-    multipliers = (Named("angle", "N m"),)
+    multipliers = (Variable("angle", "N m"),)
     reactions = ("M",)
 
     def __post_init__(self) -> None:
@@ -115,7 +115,7 @@ class RackAndPinion(Joint):
     radius: float = 1.0
     direction: tuple[float, float] = (1.0, 0.0)
     symbol = "rack and pinion"
-    multipliers = (Named("travel", "N"),)
+    multipliers = (Variable("travel", "N"),)
     reactions = ("F",)
 
     def __post_init__(self) -> None:

@@ -12,7 +12,7 @@ from beamdae.errors import BeamdaeError, require_point, set_fields
 from beamdae.parts.attachments import Attachment, require_angle, rotate
 from beamdae.parts.joints.joint import Joint, meeting_tolerance
 from beamdae.parts.joints.kinematic_constraint import PlacedPoint
-from beamdae.symbolic.statements import SX, Named
+from beamdae.symbolic.statements import SX, Variable
 
 
 def require_direction(part: str, value: Any) -> tuple[float, float]:
@@ -55,7 +55,7 @@ class PointOnLine(Joint):
 
     direction: tuple[float, float] = (1.0, 0.0)
     symbol = "slot"
-    multipliers = (Named("normal", "N"),)
+    multipliers = (Variable("normal", "N"),)
     reactions = ("F",)
 
     def __post_init__(self) -> None:
@@ -104,7 +104,7 @@ class Prismatic(Joint):
 
     direction: tuple[float, float] = (1.0, 0.0)
     symbol = "slider"
-    multipliers = (Named("normal", "N"), Named("angle", "N m"))
+    multipliers = (Variable("normal", "N"), Variable("angle", "N m"))
     reactions = ("F", "M")
 
     def __post_init__(self) -> None:

@@ -15,7 +15,7 @@ from beamdae.parts.attachments import (
     require_attachment,
 )
 from beamdae.parts.joints.kinematic_constraint import KinematicConstraint, PlacedPoint
-from beamdae.symbolic.statements import SX, Named
+from beamdae.symbolic.statements import SX, Variable
 
 # Relative to the size of the bodies: error of coordinates rounded by hand in a drawing.
 _MEETING_TOLERANCE = 1e-6
@@ -50,7 +50,7 @@ class Joint(KinematicConstraint):
       SX with one row for each constraint. `a` and `b` are the attachments in the current
       configuration: `position` (x, y) in the inertial frame [m] and `rotation` since the reference
       drawing [rad].
-    - `multipliers`, a `Named` for each row of g: its name and "N" or "N m", the unit of its
+    - `multipliers`, a `Variable` for each row of g: its name and "N" or "N m", the unit of its
       multiplier.
     - `reactions`, the name of each multiplier as a column of `reaction`.
     - `gap_parameters`, if g depends on numbers: kernels are shared between joints that differ in
@@ -128,7 +128,7 @@ class Revolute(Joint):
     """Hinge: a common point of two bodies that rotate freely, g = r_b - r_a."""
 
     symbol = "hinge"
-    multipliers = (Named("x", "N"), Named("y", "N"))
+    multipliers = (Variable("x", "N"), Variable("y", "N"))
     reactions = ("Fx", "Fy")
 
     def __post_init__(self) -> None:
@@ -151,7 +151,7 @@ class Weld(Joint):
     """Rigid connection of two bodies, g = (r_b - r_a, rotation_b - rotation_a)."""
 
     symbol = "weld"
-    multipliers = (Named("x", "N"), Named("y", "N"), Named("angle", "N m"))
+    multipliers = (Variable("x", "N"), Variable("y", "N"), Variable("angle", "N m"))
     reactions = ("Fx", "Fy", "M")
 
     def __post_init__(self) -> None:

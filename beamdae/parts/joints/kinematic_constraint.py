@@ -22,10 +22,10 @@ from beamdae.symbolic.statements import (
     ConstraintKernel,
     ConstraintStatement,
     Local,
-    Named,
     NonholonomicKernel,
     Piece,
     Quantity,
+    Variable,
 )
 
 
@@ -63,9 +63,11 @@ class MovingPoint(NamedTuple):
     angular_velocity: SX
 
 
-def load_columns(at: Attachment) -> tuple[Named, ...]:
+def load_columns(at: Attachment) -> tuple[Variable, ...]:
     """Return the columns of a load on an attachment: Fx, Fy and, unless it is a particle, M."""
-    return (Named("Fx", "N"), Named("Fy", "N"), Named("M", "N m"))[: 3 if at.has_angle else 2]
+    return (Variable("Fx", "N"), Variable("Fy", "N"), Variable("M", "N m"))[
+        : 3 if at.has_angle else 2
+    ]
 
 
 def resolve_load(axes: str, rotation: SX, force: SX, moment: Any = None) -> SX:
@@ -207,7 +209,7 @@ class KinematicConstraint(Part):
         return ()
 
     @property
-    def multipliers(self) -> tuple[Named, ...]:
+    def multipliers(self) -> tuple[Variable, ...]:
         """Name of each constraint and unit of its multiplier, "N" or "N m"."""
         raise BeamdaeError(
             f"{self.name}: {type(self).__name__} has no multipliers; define a Named for each row "
@@ -244,7 +246,7 @@ class KinematicConstraint(Part):
                 f"{len(self.reactions)} for {len(self.multipliers)}."
             )
         columns = tuple(
-            Named(name, multiplier.unit)
+            Variable(name, multiplier.unit)
             for name, multiplier in zip(self.reactions, self.multipliers, strict=True)
         )
         values, _ = FormulaExpression.of(_negative_multipliers, ())
@@ -298,7 +300,7 @@ class KinematicConstraint(Part):
             statements.append(self._statement(slip, functions, self.multipliers[rows:]))
         return statements
 
-    def observe(self, build: Callable[..., SX], columns: tuple[Named, ...]) -> Quantity:
+    def observe(self, build: Callable[..., SX], columns: tuple[Variable, ...]) -> Quantity:
         """Return a quantity of its points and multipliers, built as a `PointFunction` is."""
         values, data = FormulaExpression.of(
             build, self.argument_functions(self.gap_parameters, self.laws)
@@ -314,7 +316,7 @@ class KinematicConstraint(Part):
         self,
         build: Callable[..., Any],
         functions: Sequence[Callable[..., Any]],
-        multipliers: tuple[Named, ...],
+        multipliers: tuple[Variable, ...],
     ) -> ConstraintStatement:
         kernel, data = build_formula_kernel(
             build, functions, sum(self._sizes), len(multipliers), shared=not self._reads_self

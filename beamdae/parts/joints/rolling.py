@@ -18,7 +18,7 @@ from beamdae.parts.attachments import (
 from beamdae.parts.joints.guides import left_normal
 from beamdae.parts.joints.joint import Joint
 from beamdae.parts.joints.kinematic_constraint import KinematicConstraint, MovingPoint, PlacedPoint
-from beamdae.symbolic.statements import SX, Named, Quantity
+from beamdae.symbolic.statements import SX, Quantity, Variable
 
 # Relative to the radius: error of coordinates rounded by hand in a drawing.
 _CONTACT_TOLERANCE = 1e-6
@@ -28,7 +28,7 @@ _CONTACT_TOLERANCE = 1e-6
 class _RollingJoint(Joint):
     """Joint of a rolling disk with center `b`: normal and tangential reaction at the contact."""
 
-    multipliers = (Named("normal", "N"), Named("rolling", "N"))
+    multipliers = (Variable("normal", "N"), Variable("rolling", "N"))
     reactions = ("Fn", "Ft")
 
     def __post_init__(self) -> None:
@@ -173,7 +173,7 @@ class Skate(KinematicConstraint):
     on: Attachment
     direction: tuple[float, float] = (1.0, 0.0)
     symbol = "skate"
-    multipliers = (Named("side", "N"),)
+    multipliers = (Variable("side", "N"),)
     reactions = ("F",)
 
     def __post_init__(self) -> None:

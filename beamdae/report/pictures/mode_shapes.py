@@ -188,12 +188,12 @@ def _describe_mode(modes: Modes, k: int) -> str:
     return f"{k + 1}: {kind}{damping}"
 
 
-def draw_campbell(found: Campbell) -> Plot:
+def draw_campbell(diagram: Campbell) -> Plot:
     """Plot natural frequencies over the speed of rotation, with multiples of the speed.
 
     Parameters
     ----------
-    found
+    diagram
         Result of `beamdae.campbell`.
 
     Returns
@@ -206,14 +206,14 @@ def draw_campbell(found: Campbell) -> Plot:
     BeamdaeError
         If the argument is anything else.
     """
-    return Plot(create_campbell_figure(found))
+    return Plot(create_campbell_figure(diagram))
 
 
 def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -> Figure:
     """Return a Campbell diagram as a figure."""
     if not isinstance(diagram, Campbell):
         raise BeamdaeError(
-            f"draw_campbell: found must be a result of beamdae.campbell, got {short_repr(diagram)}."
+            f"draw_campbell: diagram must be a result of beamdae.campbell, got {short_repr(diagram)}."
         )
     figure = _create_figure((6.4, 4.8), f"{title}; dashed: multiples of the speed")
     axis = figure.add_subplot()

@@ -88,8 +88,8 @@ def draw_distributed_force(part: DistributedForce, builder: SceneBuilder) -> Non
     tails = []
     for row, section in zip(rows, sections, strict=True):
         rotated = _rotate_to_inertial(load, row, builder, section.inclination)
-        own = rotated if part.axes == "section" else load
-        tails.append(_draw_force_arrow(builder, row, own, 0.5))
+        arrow_load = rotated if part.axes == "section" else load
+        tails.append(_draw_force_arrow(builder, row, arrow_load, 0.5))
     tail_positions = np.stack([builder.pose(tail)[:, :2] for tail in tails], axis=1)
     builder.add_curve("load", tail_positions)
     builder.add_name(tails[middle])

@@ -123,8 +123,8 @@ def _draw_rigid_body(attachments: Sequence[Attachment], builder: SceneBuilder) -
     row, points = builder.add_attachment(attachments[0]), np.array([a.point for a in attachments])
     points = points - points[0]
     if len(points) > 1:
-        closed = points[[*range(len(points)), *([0] if len(points) > 2 else [])]]
-        builder.add_rigid("rigid", row, closed)
+        polygon = points[[*range(len(points)), *([0] if len(points) > 2 else [])]]
+        builder.add_rigid("rigid", row, polygon)
     else:
         builder.add_rigid("joint", row, circle(_SINGLE_POINT_RADIUS * builder.size))
     arm, center = points.mean(axis=0), builder.pose(row).copy()

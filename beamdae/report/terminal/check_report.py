@@ -74,7 +74,7 @@ def _describe_start(check: Any) -> str:
         text = f"closing the joints moves {change.part} by {distance}"
     else:
         text = "the joints are closed"
-    return f"{check.start.asked}; {text}"
+    return f"{check.start.request}; {text}"
 
 
 def _describe_frequencies(frequencies: FrequencyRange) -> dict[str, str]:

@@ -193,8 +193,8 @@ def comparison_table(table: pd.DataFrame) -> ResponsiveTable:
     for _, row in table.iterrows():
         cells = {name: format_number(row[name]) for name in names}
         if row.get("below resolution", False):
-            bound = _RESOLUTION_FACTOR * row["reference uncertainty [-]"]
-            cells["error [-]"] = f"< {format_number(bound)}"
+            resolution = _RESOLUTION_FACTOR * row["reference uncertainty [-]"]
+            cells["error [-]"] = f"< {format_number(resolution)}"
         if "wall time max [s]" in cells:
             cells["wall time max [s]"] = _format_range(
                 row["wall time min [s]"], row["wall time max [s]"]
@@ -240,9 +240,9 @@ def sweep_table(
 
 def failure_sentences(table: pd.DataFrame) -> list[str]:
     """Return a sentence for each run of a study that did not reach its end."""
-    failed = table[table["status"] != "ok"]
-    labels = failed["group"] + ", " + failed["label"]
-    reasons = zip(labels, failed["reason"], strict=True)
+    failed_runs = table[table["status"] != "ok"]
+    labels = failed_runs["group"] + ", " + failed_runs["label"]
+    reasons = zip(labels, failed_runs["reason"], strict=True)
     return [make_printable(f"{label}: {reason}") for label, reason in reasons]
 
 

@@ -184,16 +184,16 @@ def singularity_warnings(positions: tuple[SingularPosition, ...]) -> tuple[str, 
     later = ""
     if count > 1:
         later = f" and at {count - 1} later time{'s' if count > 2 else ''}"
-    passed = (
+    warning = (
         f"{', '.join(first.joints)}: these joints lose rank near t = {first.t:.5g} s{later}, where "
         "the motion branches; the result is one of two possible motions."
     )
     jumps = [position for position in positions if position.jump]
     if not jumps:
-        return (passed,)
+        return (warning,)
     jumped = (
         f"{', '.join(jumps[0].joints)}: the velocity jumps near t = {jumps[0].t:.5g} s, where "
         "these joints lose rank, and the run continues on another branch; use a formulation that "
         "enforces positions and velocities, such as 'stabilized-index1', or smaller steps."
     )
-    return (passed, jumped)
+    return (warning, jumped)

@@ -41,7 +41,7 @@ class StartSummary:
 
     Attributes
     ----------
-    asked
+    request
         Requested start: "as drawn", "equilibrium", or the given values as text.
     changes
         Difference between the requested and the consistent start, one entry per part that has
@@ -51,7 +51,7 @@ class StartSummary:
         length; otherwise empty.
     """
 
-    asked: str
+    request: str
     changes: tuple[StartChange, ...]
     warning: str
 
@@ -63,7 +63,7 @@ class StartSummary:
 
 def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
     """Compare the requested start of these equations with the state at which a run starts."""
-    asked, q, v, is_moved = (_AS_DRAWN, e.q0, e.v0, False) if e.start is None else e.start
+    request, q, v, is_moved = (_AS_DRAWN, e.q0, e.v0, False) if e.start is None else e.start
     is_angle = np.array([coordinate.unit == "rad" for coordinate in e.coordinates], bool)
     changes = []
     for part in e.parts:
@@ -74,7 +74,7 @@ def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
         changes.append(
             StartChange(part.name, float(displacement.max()), float(velocity.max()), largest)
         )
-    summary = StartSummary(asked, tuple(changes), "")
+    summary = StartSummary(request, tuple(changes), "")
     change = summary.largest
     if (
         is_moved
@@ -87,4 +87,4 @@ def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
         f"{change.displacement:.3g} m (mostly {change.coordinate}) to close them, in a mechanism "
         f"of {e.length:.3g} m; draw the parts as they start, or pass start= by name."
     )
-    return StartSummary(asked, summary.changes, warning)
+    return StartSummary(request, summary.changes, warning)

@@ -133,8 +133,8 @@ class _LoadCollector:
     def __init__(self, beam: Beam, mechanism: Mechanism, times: Array, state: State) -> None:
         self._beam, self._times, self._state = beam, times, state
         self._coordinates = map_coordinates(mechanism)
-        own = self._coordinates.slice_of(beam)
-        self._beam_state = tuple(x[:, own] for x in state[:3])
+        rows_of_beam = self._coordinates.slice_of(beam)
+        self._beam_state = tuple(x[:, rows_of_beam] for x in state[:3])
         self._rows, mesh = len(times), beam.mesh
         self._line_loads = np.zeros((self._rows, mesh.elements, mesh.nodes, 3))
         self._arc_lengths: list[Array] = []

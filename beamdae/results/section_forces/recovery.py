@@ -202,8 +202,8 @@ class _BeamSections:
 
     def __init__(self, beam: Beam, equations: EquationsOfMotion, state: State) -> None:
         assert equations.mechanism is not None
-        own = map_coordinates(equations.mechanism).slice_of(beam)
-        self._beam, self._beam_state = beam, tuple(x[:, own] for x in state[:3])
+        rows_of_beam = map_coordinates(equations.mechanism).slice_of(beam)
+        self._beam, self._beam_state = beam, tuple(x[:, rows_of_beam] for x in state[:3])
         self._start = self._locate(np.zeros(1))[0]
 
     def _locate(self, s: Array) -> tuple[Array, Array]:

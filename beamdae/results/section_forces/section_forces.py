@@ -200,7 +200,9 @@ class SectionForces:
         """
         name = self.beam.name
         if yield_stress is not None:
-            allowed = np.full(len(self.s), require_positive(name, "yield_stress", yield_stress))
+            yield_stresses = np.full(
+                len(self.s), require_positive(name, "yield_stress", yield_stress)
+            )
         else:
             of_materials = [section.material.yield_stress for section in self._sections]
             if None in of_materials:
@@ -208,17 +210,17 @@ class SectionForces:
                     f"{name}: its material has no yield_stress; set Material(yield_stress=) or "
                     "pass safety(yield_stress=)."
                 )
-            allowed = np.array(of_materials, float)
+            yield_stresses = np.array(of_materials, float)
         axis = np.hypot(self._sigma(0.0)[0], np.sqrt(3.0) * self._tau)
         equivalent = {x: np.abs(self._sigma(x)[0]) for x in ("top", "bottom")} | {"axis": axis}
-        utilization = np.stack([stress / allowed for stress in equivalent.values()])
+        utilization = np.stack([stress / yield_stresses for stress in equivalent.values()])
         largest = np.unravel_index(np.argmax(utilization), utilization.shape)
         point, row, section = map(int, largest)
         where, ratio = list(equivalent)[point], float(utilization[largest])
         return Safety(
             factor=1.0 / ratio if ratio > 0.0 else np.inf,
             stress=float(equivalent[where][row, section]),
-            yield_stress=float(allowed[section]),
+            yield_stress=float(yield_stresses[section]),
             t=float(self.t[row]),
             s=float(self.s[section]),
             where=where,

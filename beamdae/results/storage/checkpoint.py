@@ -195,9 +195,9 @@ class Checkpoint:
             If the equations have other coordinates (the first one that differs is named), or events
             of the run switched parts and no event of these equations does.
         """
-        own, required = list(self.q), list(equations.q_names)
-        for k in range(max(len(own), len(required))):
-            name, other = (x[k] if k < len(x) else None for x in (own, required))
+        names, required = list(self.q), list(equations.q_names)
+        for k in range(max(len(names), len(required))):
+            name, other = (x[k] if k < len(x) else None for x in (names, required))
             if name != other:
                 raise BeamdaeError(
                     f"start: coordinate {k + 1} is {short_repr(name)} in the start and "
@@ -214,14 +214,14 @@ class Checkpoint:
         )
         q, v = (np.array([x[name] for name in required]) for x in (self.q, self.v))
         configurations = equations.configurations
-        switched = sorted({*self.inactive, *self.frozen_gaps})
+        switched_parts = sorted({*self.inactive, *self.frozen_gaps})
         if configurations is not None:
             configurations = configurations.starting_with(
                 frozenset(self.inactive), self.frozen_gaps
             )
-        elif switched:
+        elif switched_parts:
             raise BeamdaeError(
-                f"start: events of the run had switched {', '.join(switched)}, but no event of "
+                f"start: events of the run had switched {', '.join(switched_parts)}, but no event of "
                 "this model switches parts; define the same events."
             )
         return replace(equations, q0=q, v0=v, events=events, configurations=configurations)

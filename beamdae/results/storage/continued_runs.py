@@ -100,11 +100,11 @@ class RunParts:
         parts = [*before, latest]
         metadata = [_read_metadata(part) for part in parts]
         columns = _join_columns([_read_columns(part) for part in parts], metadata)
-        joined = _join_metadata([part.name for part in parts], metadata)
-        written = dict(columns)
-        if joined["status"] != "ok":
-            written[_STATUS] = [joined["status"]] * len(columns[TIME])
-        write_table(self.table, written, joined)
+        joined_metadata = _join_metadata([part.name for part in parts], metadata)
+        table_columns = dict(columns)
+        if joined_metadata["status"] != "ok":
+            table_columns[_STATUS] = [joined_metadata["status"]] * len(columns[TIME])
+        write_table(self.table, table_columns, joined_metadata)
         tables = dict.fromkeys([*parts, self.table])
         return columns, [file for table in tables for file in (table, table.with_suffix(".json"))]
 

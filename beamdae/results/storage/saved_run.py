@@ -140,8 +140,8 @@ def save_run(run: RunData, path: str | Path) -> Path:
         _COORDINATES: coordinates.T,
         _CONTENT: np.frombuffer(json.dumps(content).encode(), np.uint8),
     }
-    with atomic_write(file) as scratch, open(scratch, "wb") as opened:
-        np.savez_compressed(opened, **arrays)
+    with atomic_write(file) as scratch, open(scratch, "wb") as stream:
+        np.savez_compressed(stream, **arrays)
     return file
 
 
