@@ -1,4 +1,4 @@
-"""Sphinx makes the site, without a network: `sphinx-build -W -n .docs results/docs`."""
+"""Configuration of the site, which builds offline: `sphinx-build -W -n .docs results/docs`."""
 
 import importlib.util
 import os
@@ -41,8 +41,8 @@ templates_path = ["_templates"]
 
 html_theme = "furo"
 html_title = "beamdae"
-# MathJax comes from a package: pages are read without a network as well. That package as an
-# extension would not let pages be made in parallel.
+# MathJax comes from a package, so that pages can be read offline. The package is not listed as an
+# extension, because that would prevent parallel builds.
 _mathjax = Path(importlib.util.find_spec("sphinx-mathjax-offline").origin).parent
 html_static_path = ["_static", str(_mathjax / "static")]
 mathjax_path = "mathjax/tex-chtml.js"
@@ -52,21 +52,21 @@ html_show_sphinx = False
 # A name in single backticks links to its page where it has one.
 default_role = "autolink"
 nitpicky = True
-# Types are named for the eye: those of other packages, and of beamdae's inside, have no page here.
+# Types of other packages and internal types of beamdae have no page here.
 nitpick_ignore_regex = [("py:class", r"(?!beamdae\.[A-Z]).*"), ("py:obj", r"(?!beamdae\.).*")]
 suppress_warnings = ["toc.empty_glob"]
 
-# What parts and integrators answer to equations and drives is told where it is asked of one's own.
+# Members of these protocols are documented once, on the page of the protocol.
 _PROTOCOLS = {bd.Part: ["multipliers", "reactions", "constraint", "observed"], bd.Integrator: []}
 autosummary_generate = True
 autosummary_context = {
     "hidden": {
-        name: ", ".join([*further, *(word for word in vars(protocol) if word[0] != "_")])
+        name: ", ".join([*other_members, *(word for word in vars(protocol) if word[0] != "_")])
         for name in bd.__all__
-        for protocol, further in _PROTOCOLS.items()
-        if isinstance(found := getattr(bd, name), type)
-        and issubclass(found, protocol)
-        and found is not protocol
+        for protocol, other_members in _PROTOCOLS.items()
+        if isinstance(value := getattr(bd, name), type)
+        and issubclass(value, protocol)
+        and value is not protocol
     }
 }
 autodoc_inherit_docstrings = False
@@ -79,7 +79,7 @@ napoleon_use_ivar = True
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 nb_execution_mode = "force"
-# What cells write is not left among the pages.
+# Files written by cells do not end up among the pages.
 nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
@@ -91,7 +91,7 @@ sphinx_gallery_conf = {
     "examples_dirs": "scripts",
     "gallery_dirs": "gallery",
     "filename_pattern": "",
-    "image_scrapers": ("model_gallery.pictures",),
+    "image_scrapers": ("model_gallery.save_picture",),
     "capture_repr": ("_repr_html_",),
     "reset_modules": (),
     "backreferences_dir": "gallery/names",
@@ -109,19 +109,19 @@ sphinx_gallery_conf = {
 }
 
 
-def collect(app):
-    """Write the generated pages, and copy the notebooks of `models/tutorials` among the pages."""
+def write_pages(app):
+    """Write the generated pages, and copy the notebooks of `models/tutorials`."""
     generated_pages.write_reference(HERE / "api")
     generated_pages.write_map(HERE / "develop" / "map.md")
     model_gallery.write_scripts(HERE / "scripts")
-    kept = HERE / "tutorials"
-    shutil.rmtree(kept, ignore_errors=True)
+    tutorials = HERE / "tutorials"
+    shutil.rmtree(tutorials, ignore_errors=True)
     if (notebooks := HERE.parent / "models" / "tutorials").is_dir():
-        shutil.copytree(notebooks, kept, ignore=shutil.ignore_patterns("*.py", "__pycache__"))
+        shutil.copytree(notebooks, tutorials, ignore=shutil.ignore_patterns("*.py", "__pycache__"))
 
 
-def public_name(app, env, node, contnode):
-    """Lead references to where a public name is defined to its page."""
+def resolve_public_name(app, env, node, contnode):
+    """Resolve references to the defining module of a public name to the page of the name."""
     name = node.get("reftarget", "").rpartition(".")[2]
     if node.get("refdomain") != "py" or name not in bd.__all__:
         return None
@@ -132,41 +132,41 @@ def public_name(app, env, node, contnode):
 
 
 def link_code(app, doctree):
-    """Lead code of prose such as `bd.Beam(...)` to the page of its name."""
+    """Link inline code such as `bd.Beam(...)` to the page of its name."""
     for code in list(doctree.findall(nodes.literal)):
-        found = re.match(r"bd\.(\w+)", code.astext())
-        if not found or found[1] not in bd.__all__ or isinstance(code.parent, nodes.reference):
+        name = re.match(r"bd\.(\w+)", code.astext())
+        if not name or name[1] not in bd.__all__ or isinstance(code.parent, nodes.reference):
             continue
-        target = f"beamdae.{found[1]}"
+        target = f"beamdae.{name[1]}"
         link = pending_xref("", refdomain="py", reftype="obj", reftarget=target, refwarn=True)
         link["refdoc"] = app.env.docname
         code.replace_self(link)
         link.append(code)
 
 
-# No letter of any text.
+# Stands for a colon while napoleon reads a docstring; from the private use area of Unicode.
 _COLON = "\ue000"
 
 
-def lead_napoleon(app, what, name, found, options, lines):
-    """Have napoleon read attributes that are explained together, and properties, as meant."""
-    made, section = [], ""
+def adapt_to_napoleon(app, what, name, value, options, lines):
+    """Split attributes that share a description, and hide colons in summaries of properties."""
+    adapted, section = [], ""
     for k, line in enumerate(lines):
         if set(line) == {"-"}:
             section = lines[k - 1]
-        made.append(line)
+        adapted.append(line)
         if section == "Attributes" and re.fullmatch(r"\w+(, \w+)+", line):
-            *others, made[-1] = line.split(", ")
+            *others, adapted[-1] = line.split(", ")
             body = list(takewhile(lambda text: text.startswith(" "), lines[k + 1 :]))
-            made[-1:-1] = [entry for other in others for entry in (other, *body)]
-    # What is before a colon in the first line of a property it takes for a type.
+            adapted[-1:-1] = [entry for other in others for entry in (other, *body)]
+    # In the first line of a property, napoleon takes text before a colon for a type.
     if what == "property":
-        made[:1] = [line.replace(":", _COLON) for line in made[:1]]
-    lines[:] = made
+        adapted[:1] = [line.replace(":", _COLON) for line in adapted[:1]]
+    lines[:] = adapted
 
 
-def read_plainly(app, what, name, found, options, lines):
-    """Docstrings write |x|, a . b and `Law`s as they are read, not as reStructuredText has them."""
+def escape_markup(app, what, name, value, options, lines):
+    """Convert |x|, a . b and `Law`s, which are markup or errors in reStructuredText."""
     for k, line in enumerate(lines):
         if not line.lstrip().startswith((">>>", "...")):
             line = line.replace(_COLON, ":")
@@ -176,10 +176,10 @@ def read_plainly(app, what, name, found, options, lines):
 
 
 def setup(app):
-    """Connect what is done before pages are read and when names are looked up."""
-    app.connect("builder-inited", collect, priority=100)
+    """Connect the steps before pages are read and the look-up of names."""
+    app.connect("builder-inited", write_pages, priority=100)
     app.connect("builder-inited", model_gallery.shrink_thumbnails, priority=900)
-    app.connect("autodoc-process-docstring", lead_napoleon, priority=400)
-    app.connect("autodoc-process-docstring", read_plainly)
+    app.connect("autodoc-process-docstring", adapt_to_napoleon, priority=400)
+    app.connect("autodoc-process-docstring", escape_markup)
     app.connect("doctree-read", link_code)
-    app.connect("missing-reference", public_name)
+    app.connect("missing-reference", resolve_public_name)

@@ -1,4 +1,4 @@
-"""The gallery: of each model a script that sphinx-gallery runs and shows."""
+"""Scripts of the gallery, one per model, which sphinx-gallery runs and displays."""
 
 import ast
 import logging
@@ -14,7 +14,7 @@ MODELS = Path(__file__).parents[1] / "models"
 HEADER = """Gallery
 =======
 
-The models of ``models/``, which travel with the package: ``beamdae examples`` lists them,
+The models of ``models/``, which are installed with the package: ``beamdae examples`` lists them,
 ``beamdae run example:NAME`` runs one, ``beamdae new my_model.py --like NAME`` copies it.
 """
 SCRIPT = '''"""
@@ -27,7 +27,7 @@ SCRIPT = '''"""
 {source}
 
 # %%
-# As it is stated, before anything is run:
+# The mechanism as drawn:
 
 {name}().draw()
 
@@ -38,7 +38,7 @@ solution = bd.simulate({name})
 solution.animate("{name}.gif", speed={speed:.2g})
 
 # %%
-# What it cost, and how far it is to be trusted:
+# Cost and accuracy of the run:
 
 solution
 
@@ -49,16 +49,15 @@ solution.plot()
 
 # sphinx_gallery_thumbnail_number = 2
 '''
-# It says of every file which writer it takes.
+# Suppresses a message about the writer of each file.
 logging.getLogger("matplotlib.animation").setLevel(logging.WARNING)
-# Every motion takes so long to look at [s].
-SHOWN = 3.0
-# Of a thumbnail [px], on screens of two pixels a point.
-SIZE, COLORS = (320, 224), 16
+ANIMATION_DURATION = 3.0  # of every model [s]
+THUMBNAIL_SIZE = (320, 224)  # [px], for screens with two pixels per point
+THUMBNAIL_COLORS = 16
 
 
 def write_scripts(folder):
-    """A script of each model, and what is above them all."""
+    """Write a script for each model, and the header of the gallery."""
     folder.mkdir(exist_ok=True)
     for old in folder.glob("*.py"):
         old.unlink()
@@ -67,39 +66,39 @@ def write_scripts(folder):
         text, t_end = path.read_text(), bd.load_model(str(path)).t_end
         docstring = ast.parse(text).body[0]
         title = path.stem.replace("_", " ").capitalize()
-        made = SCRIPT.format(
+        script = SCRIPT.format(
             title=title,
             underline="=" * len(title),
             summary=docstring.value.value,
             source="\n".join(text.splitlines()[docstring.end_lineno :]).strip(),
             name=path.stem,
             t_end=t_end,
-            speed=t_end / SHOWN,
+            speed=t_end / ANIMATION_DURATION,
         )
-        (folder / path.name).write_text(made)
+        (folder / path.name).write_text(script)
 
 
 def shrink_thumbnails(app):
-    """Have moving thumbnails of the size they are shown at, with every second picture."""
+    """Scale animated thumbnails to their size on the page, and keep every second frame."""
     for path in Path(app.srcdir, "gallery", "images", "thumb").glob("*.gif"):
-        with Image.open(path) as moving:
-            lasts = 2 * moving.info["duration"]
+        with Image.open(path) as animation:
+            duration = 2 * animation.info["duration"]
             frames = [
-                ImageOps.contain(frame.convert("RGB"), SIZE).quantize(COLORS)
-                for frame in islice(ImageSequence.Iterator(moving), 0, None, 2)
+                ImageOps.contain(frame.convert("RGB"), THUMBNAIL_SIZE).quantize(THUMBNAIL_COLORS)
+                for frame in islice(ImageSequence.Iterator(animation), 0, None, 2)
             ]
-        frames[0].save(path, save_all=True, append_images=frames[1:], duration=lasts, loop=0)
+        frames[0].save(path, save_all=True, append_images=frames[1:], duration=duration, loop=0)
 
 
-def pictures(block, variables, gallery):
-    """What a block ends with, as a picture if it is one."""
-    shown = variables["example_globals"].get("___")
-    if isinstance(shown, bd.Plot):
+def save_picture(block, variables, gallery):
+    """Save the value of a block's last expression if it is a plot or an animation."""
+    value = variables["example_globals"].get("___")
+    if isinstance(value, bd.Plot):
         path = Path(next(variables["image_path_iterator"]))
-        shown.save(path)
-    elif isinstance(shown, Path):
-        path = Path(next(variables["image_path_iterator"])).with_suffix(shown.suffix)
-        shown.replace(path)
+        value.save(path)
+    elif isinstance(value, Path):
+        path = Path(next(variables["image_path_iterator"])).with_suffix(value.suffix)
+        value.replace(path)
     else:
         return ""
     return figure_rst([path], gallery["src_dir"])

@@ -1,6 +1,6 @@
-"""Catalog of the public names, one line each.
+"""Catalog of the public names, one entry each.
 
-A new public part, integrator or function is its own file and one line here. It is read by
+A new public part, integrator or function is one module and one entry here. The catalog is read by
 `beamdae.__init__` (lazy imports), `python -m beamdae.catalog` (the type stub `__init__.pyi`), the
 command line (names of integrators) and the pages of the reference.
 """
@@ -15,7 +15,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Public:
-    """A public name, `bd.<name>`.
+    """Public name `bd.<name>` and the module that defines it.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Public:
 
 @dataclass(frozen=True)
 class Group:
-    """Public names that stand together on one page of the reference.
+    """Public names that are listed together on one page of the reference.
 
     Attributes
     ----------
@@ -51,12 +51,12 @@ class Group:
     names: tuple[Public, ...]
 
 
-def _pinned(m: Any) -> dict[str, Any]:
+def _joint_arguments(m: Any) -> dict[str, Any]:
     """Return the arguments of a joint between coinciding points of the ground and the disk."""
     return {"name": "joint", "a": m.ground.at(0.1, 0.2), "b": m.disk.at(0.1, 0.2)}
 
 
-def _stretched(m: Any) -> dict[str, Any]:
+def _spring_arguments(m: Any) -> dict[str, Any]:
     """Return the arguments of a force element between distant points of the ground and the disk."""
     return {"name": "spring", "a": m.ground.at(1.1, 0.2), "b": m.disk.at(0.1, 0.2)}
 
@@ -144,22 +144,22 @@ GROUPS = (
             Public(
                 "Revolute",
                 "beamdae.parts.joints.joint",
-                _pinned,
+                _joint_arguments,
             ),
             Public(
                 "Weld",
                 "beamdae.parts.joints.joint",
-                _pinned,
+                _joint_arguments,
             ),
             Public(
                 "Prismatic",
                 "beamdae.parts.joints.guides",
-                lambda m: _pinned(m) | {"direction": (1.0, -0.5)},
+                lambda m: _joint_arguments(m) | {"direction": (1.0, -0.5)},
             ),
             Public(
                 "PointOnLine",
                 "beamdae.parts.joints.guides",
-                lambda m: _pinned(m) | {"direction": (1.0, -0.5)},
+                lambda m: _joint_arguments(m) | {"direction": (1.0, -0.5)},
             ),
             Public(
                 "Distance",
@@ -184,7 +184,7 @@ GROUPS = (
             Public(
                 "Gear",
                 "beamdae.parts.joints.gears",
-                lambda m: _pinned(m) | {"ratio": -0.5, "carrier": m.beam.start},
+                lambda m: _joint_arguments(m) | {"ratio": -0.5, "carrier": m.beam.start},
             ),
             Public(
                 "RackAndPinion",
@@ -232,12 +232,12 @@ GROUPS = (
             Public(
                 "Driver",
                 "beamdae.parts.joints.drivers",
-                lambda m: _pinned(m) | {"law": _run_up},
+                lambda m: _joint_arguments(m) | {"law": _run_up},
             ),
             Public(
                 "TranslationalDriver",
                 "beamdae.parts.joints.drivers",
-                lambda m: _pinned(m) | {"law": _run_up, "direction": (1.0, 0.0)},
+                lambda m: _joint_arguments(m) | {"law": _run_up, "direction": (1.0, 0.0)},
             ),
         ),
     ),
@@ -279,18 +279,20 @@ GROUPS = (
             Public(
                 "Spring",
                 "beamdae.parts.forces.springs",
-                lambda m: _stretched(m) | {"stiffness": 2.0, "free_length": 0.9, "preload": 0.1},
+                lambda m: (
+                    _spring_arguments(m) | {"stiffness": 2.0, "free_length": 0.9, "preload": 0.1}
+                ),
             ),
             Public(
                 "Damper",
                 "beamdae.parts.forces.springs",
-                lambda m: _stretched(m) | {"damping": 0.1},
+                lambda m: _spring_arguments(m) | {"damping": 0.1},
             ),
             Public(
                 "SpringDamper",
                 "beamdae.parts.forces.springs",
                 lambda m: (
-                    _stretched(m)
+                    _spring_arguments(m)
                     | {"stiffness": 2.0, "damping": 0.1, "free_length": 0.9, "preload": 0.1}
                 ),
             ),
@@ -298,20 +300,20 @@ GROUPS = (
                 "TorsionSpring",
                 "beamdae.parts.forces.springs",
                 lambda m: (
-                    _stretched(m)
+                    _spring_arguments(m)
                     | {"stiffness": 2.0, "damping": 0.1, "free_angle": 0.1, "preload": 0.1}
                 ),
             ),
             Public(
                 "TorsionDamper",
                 "beamdae.parts.forces.springs",
-                lambda m: _stretched(m) | {"damping": 0.1},
+                lambda m: _spring_arguments(m) | {"damping": 0.1},
             ),
             Public(
                 "Bushing",
                 "beamdae.parts.forces.bushing",
                 lambda m: (
-                    _stretched(m)
+                    _spring_arguments(m)
                     | {
                         "kx": 2.0,
                         "ky": 1.0,

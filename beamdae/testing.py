@@ -1,4 +1,4 @@
-"""A small mechanism in which every part of the catalog works, for tests of parts."""
+"""A small mechanism to which every part of the catalog can be added, for tests."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class SampleMechanism:
 
     @property
     def ground(self) -> Ground:
-        """The ground."""
+        """Ground of the mechanism, without coordinates."""
         return self.mechanism.ground
 
     @cached_property
@@ -59,7 +59,7 @@ class SampleMechanism:
 
     @cached_property
     def material(self) -> Material:
-        """Steel."""
+        """Steel of 210 GPa and 7850 kg/m^3."""
         return Material(E=2.1e11, nu=0.3, rho=7850.0)
 
     @cached_property

@@ -37,12 +37,12 @@ def tuned(rtol, step, also=None, **settings):
 
     def tune(integrator):
         names = {field.name for field in fields(integrator)}
-        accepted = {name: value for name, value in settings.items() if name in names}
+        values = {name: value for name, value in settings.items() if name in names}
         if integrator.accuracy.name == "step":
             # Fixed steps have no limit of steps.
-            accepted.pop("max_steps", None)
+            values.pop("max_steps", None)
         accuracy = {"rtol": rtol, "step": step}[integrator.accuracy.name]
-        return replace(integrator, **{integrator.accuracy.name: accuracy}, **accepted)
+        return replace(integrator, **{integrator.accuracy.name: accuracy}, **values)
 
     return {name: tune(one) for name, one in (INTEGRATORS | (also or {})).items()}
 

@@ -28,7 +28,7 @@ settings.load_profile("beamdae")
 
 
 _MANY_VARIANTS = 4  # from this number of variants of a test on, most of them are slow tests
-_EVERY = 4  # one of so many variants is tried by default
+_VARIANTS_PER_FAST_TEST = 4  # one variant of this number is not slow
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -39,7 +39,10 @@ def pytest_collection_modifyitems(items):
         if "browser" in item.fixturenames:
             item.add_marker(pytest.mark.slow(reason="starts a browser"))
         # Selected by a hash, so that each value of each parameter is tried in some test.
-        elif variants[_test_name(item)] >= _MANY_VARIANTS and crc32(item.nodeid.encode()) % _EVERY:
+        elif (
+            variants[_test_name(item)] >= _MANY_VARIANTS
+            and crc32(item.nodeid.encode()) % _VARIANTS_PER_FAST_TEST
+        ):
             item.add_marker(pytest.mark.slow(reason="one of many variants of a law"))
 
 

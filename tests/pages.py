@@ -60,13 +60,13 @@ def bar_frames(frames=21):
 
 
 def study_page():
-    accepted = {
+    accepted_reference = {
         "methods": ["Radau(rtol=1e-7)", "GeneralizedAlpha(step=0.0001)"],
         "uncertainty": RESOLUTION,
         "accepted": True,
         "sentence": "They agree.",
     }
-    rejected = {"uncertainty": None, "accepted": False, "sentence": "They do not agree."}
+    rejected_reference = {"uncertainty": None, "accepted": False, "sentence": "They do not agree."}
     number = {"unit": "", "kind": "number"}
     return {
         "title": f"Study {ODD_LABEL}",
@@ -74,8 +74,18 @@ def study_page():
         "made": {"beamdae": "0.1.0"},
         "notes": ["Errors are relative."],
         "groups": [
-            {"id": "bar", "label": "bar()", "reference": accepted, "frames": bar_frames()},
-            {"id": "rod", "label": "rod()", "reference": accepted | rejected, "frames": None},
+            {
+                "id": "bar",
+                "label": "bar()",
+                "reference": accepted_reference,
+                "frames": bar_frames(),
+            },
+            {
+                "id": "rod",
+                "label": "rod()",
+                "reference": accepted_reference | rejected_reference,
+                "frames": None,
+            },
         ],
         "columns": [
             {"key": "steps", "label": "steps", **number},

@@ -1,4 +1,4 @@
-"""A study file whose runs take a while, for tests of what ends it early."""
+"""Text of a study file with slow runs, for tests that interrupt it."""
 
 _TEXT = """
 import time
@@ -23,5 +23,5 @@ def masses():
 
 
 def slow_study(cases, seconds):
-    """The text of the file: so many cases, each built in so many seconds."""
+    """Return the text of a study of `cases` cases whose models take `seconds` [s] to build."""
     return _TEXT.format(cases=cases, seconds=seconds)

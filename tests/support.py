@@ -144,7 +144,7 @@ class NumericEquations:
         return [np.asarray(x, float) for x in values]
 
     def force(self, q=None, v=None, a=None, lam=None, time=None):
-        """Return F, (n,)."""
+        """Return the generalized forces F, (n,)."""
         return self._evaluator.force(*self._complete(q, v, a, lam, time)[:4])
 
     def _force_jacobian(self, c, q, v, a, lam, time):
@@ -152,15 +152,15 @@ class NumericEquations:
         return self._evaluator.sums.block.matrix(nonzeros).toarray()
 
     def stiffness(self, q=None, v=None, a=None, lam=None, time=None):
-        """Return dF/dq, (n, n)."""
+        """Return the stiffness matrix dF/dq, (n, n)."""
         return self._force_jacobian((1.0, 0.0, 0.0), q, v, a, lam, time)
 
     def damping(self, q=None, v=None, a=None, lam=None, time=None):
-        """Return dF/dv, (n, n)."""
+        """Return the damping matrix dF/dv, (n, n)."""
         return self._force_jacobian((0.0, 1.0, 0.0), q, v, a, lam, time)
 
     def mass(self, q=None, v=None, a=None, lam=None, time=None):
-        """Return dF/da, (n, n)."""
+        """Return the mass matrix dF/da, (n, n)."""
         return self._force_jacobian((0.0, 0.0, 1.0), q, v, a, lam, time)
 
     def _balance(self, q=None, v=None, a=None, lam=None, time=None):
@@ -190,7 +190,7 @@ class NumericEquations:
         return ConsistencySolver(self.equations).constraint_matrix(*inputs[:2]).toarray()
 
     def reaction(self, q=None, v=None, a=None, lam=None, time=None):
-        """Return G^T lam, (n,)."""
+        """Return the generalized reactions G^T lam, (n,)."""
         time, q, _, _, lam = self._complete(q, v, a, lam, time)
         plan = assemble_reactions(self.equations.structure, InputLayout(q=0, lam=self.n)).vector()
         total, result = plan.sum(False, self.equations.p), np.zeros(self.n)

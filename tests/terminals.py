@@ -1,4 +1,4 @@
-"""Run the command in a process: with given streams, in a shell, or in a terminal of some width."""
+"""Run the command `beamdae` in a process, in a shell, or in a terminal."""
 
 import os
 import re
@@ -31,7 +31,7 @@ def shell(line, **settings):
 
 
 def in_terminal(columns, *arguments, environment=()):
-    """Return exit code, lines and raw output of a command in a terminal with so many columns."""
+    """Return exit code, lines and raw output of a command in a terminal of this width."""
     import fcntl
     import pty
     import struct

@@ -1,4 +1,4 @@
-"""The catalog lists every public name where it is defined, and everything made from it agrees."""
+"""Public names are defined where the catalog says, and generated files agree with it."""
 
 from pathlib import Path
 
@@ -16,11 +16,11 @@ def test_type_stub_is_up_to_date():
 
 @pytest.mark.parametrize("public", catalog.NAMES.values(), ids=lambda public: public.name)
 def test_public_name_is_defined_in_its_module(public):
-    defined = getattr(bd, public.name)
-    assert getattr(defined, "__module__", public.module).startswith(public.module)
+    value = getattr(bd, public.name)
+    assert getattr(value, "__module__", public.module).startswith(public.module)
 
 
-def test_every_public_name_stands_once_in_the_reference():
+def test_every_public_name_is_listed_once_in_the_reference():
     names = [public.name for group in catalog.GROUPS for public in group.names]
     assert sorted(names) == sorted(set(names)) == sorted(bd.__all__)
     assert {group.page for group in catalog.GROUPS} == set(catalog.PAGES)

@@ -1,4 +1,4 @@
-"""The examples in docstrings give what they say."""
+"""Examples in docstrings return what they print."""
 
 import doctest
 import importlib
@@ -17,13 +17,13 @@ WITH_EXAMPLES = [
 ]
 
 
-def test_there_are_examples():
+def test_some_docstrings_have_examples():
     assert len(WITH_EXAMPLES) >= 4
 
 
 @pytest.mark.parametrize("name", WITH_EXAMPLES)
-def test_examples(name, tmp_path, monkeypatch):
+def test_examples_of_module_return_what_they_print(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    failed, tried = doctest.testmod(importlib.import_module(name))
-    assert tried
-    assert failed == 0
+    results = doctest.testmod(importlib.import_module(name))
+    assert results.attempted
+    assert results.failed == 0

@@ -1,4 +1,4 @@
-"""The extensions printed in README and `.docs/develop/extend.md` satisfy every law of their kind."""
+"""Extensions printed in README and `.docs/develop/extend.md` satisfy the laws of their kind."""
 
 import os
 import re
@@ -37,6 +37,8 @@ def test_printed_extensions_satisfy_every_law_of_their_kind(tmp_path):
         command, capture_output=True, text=True, env=environment, cwd=HERE.parent, timeout=300
     )
     assert run.returncode == 0, run.stdout[-4000:] + run.stderr[-2000:]
-    for name, least in MIN_TESTS.items():
-        passed = [line for line in run.stdout.splitlines() if name in line and "PASSED" in line]
-        assert len(passed) >= least, f"{name}: {len(passed)} laws"
+    for name, min_count in MIN_TESTS.items():
+        passed_tests = [
+            line for line in run.stdout.splitlines() if name in line and "PASSED" in line
+        ]
+        assert len(passed_tests) >= min_count, f"{name}: {len(passed_tests)} laws"

@@ -1,4 +1,4 @@
-"""What a model built knows the model it is from."""
+"""Mechanisms remember the model function and the parameters that built them."""
 
 import pytest
 
@@ -8,30 +8,30 @@ ALPHA = bd.GeneralizedAlpha(step=0.05)
 
 
 @bd.model(t_end=0.2)
-def swing(mass=2.0):
-    """Ball in free fall."""
+def falling_ball(mass=2.0):
+    """Return a ball in free fall."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     mech.add(bd.PointMass("ball", mass, at=(0.0, 2.0)))
     return mech
 
 
-def test_a_mechanism_runs_as_long_as_its_model_and_tells_its_parameters():
-    run = bd.simulate(swing(mass=3.0), ALPHA)
+def test_a_mechanism_has_the_end_time_and_the_parameters_of_its_model():
+    run = bd.simulate(falling_ball(mass=3.0), ALPHA)
     assert run.t[-1] == 0.2
-    assert run.model == {"name": "swing", "parameters": {"mass": 3.0}, "t_end": 0.2}
-    assert "swing by GeneralizedAlpha" in run._repr_html_()
-    assert bd.simulate(swing(mass=3.0), ALPHA, t_end=0.1).t[-1] == 0.1
-    assert bd.simulate(swing, ALPHA).model["parameters"] == {"mass": 2.0}
-    assert bd.check(swing(mass=3.0), predict=False).name == "swing"
+    assert run.model == {"name": "falling_ball", "parameters": {"mass": 3.0}, "t_end": 0.2}
+    assert "falling_ball by GeneralizedAlpha" in run._repr_html_()
+    assert bd.simulate(falling_ball(mass=3.0), ALPHA, t_end=0.1).t[-1] == 0.1
+    assert bd.simulate(falling_ball, ALPHA).model["parameters"] == {"mass": 2.0}
+    assert bd.check(falling_ball(mass=3.0), predict=False).name == "falling_ball"
 
 
-def test_going_on_knows_the_parameters_whoever_built_it():
-    half = bd.simulate(swing(mass=3.0), ALPHA, t_end=0.1)
-    assert bd.simulate(swing(mass=3.0), ALPHA, start=half).t[-1] == 0.2
+def test_resuming_a_run_requires_the_same_parameters():
+    half = bd.simulate(falling_ball(mass=3.0), ALPHA, t_end=0.1)
+    assert bd.simulate(falling_ball(mass=3.0), ALPHA, start=half).t[-1] == 0.2
     with pytest.raises(bd.BeamdaeError, match="mass"):
-        bd.simulate(swing, ALPHA, start=half)
+        bd.simulate(falling_ball, ALPHA, start=half)
 
 
-def test_what_no_model_built_has_no_end_time():
+def test_a_mechanism_without_a_model_has_no_end_time():
     with pytest.raises(bd.BeamdaeError, match="give t_end="):
-        bd.simulate(swing.build(), ALPHA)
+        bd.simulate(falling_ball.build(), ALPHA)

@@ -21,7 +21,9 @@ BLOCK = re.compile(r"^```(\{code-cell\} python|python|sh)\n(.*?)^```", re.DOTALL
 
 slow = pytest.mark.slow(reason="pages simulate, fit and make moving pictures")
 # Dask leaves sockets open when a cluster shuts down on a busy machine.
-allow_dask_warnings = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+allow_dask_warnings = pytest.mark.filterwarnings(
+    "ignore::DeprecationWarning", "ignore::ResourceWarning"
+)
 
 
 def code_blocks(page):

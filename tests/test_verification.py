@@ -81,7 +81,7 @@ def test_errors_above_100_rtol_are_reported(reference):
 
 def _oscillator(q0=1.0, center=0.0, **kwargs):
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
-    observe = {name: given(q) for name, given in kwargs.items()}
+    observe = {name: function(q) for name, function in kwargs.items()}
     return bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=[1.0], force=center - q, q0=[q0], v0=[0.0], observe=observe
     )
@@ -107,7 +107,7 @@ def test_runs_with_nearly_the_same_steps_have_no_estimate():
     assert bd.error_estimate(solution)[RELATIVE_ERROR].isna().all()
 
 
-def test_columns_that_are_not_finite_have_no_estimate():
+def test_columns_with_non_finite_values_have_no_estimate():
     system = _oscillator(root=ca.sqrt, inverse=lambda q: 1.0 / (q - q))
     errors = bd.error_estimate(bd.simulate(system, bd.Ida(1e-3), t_end=10.0))
     assert errors.loc[["root [-]", "inverse [-]"]].isna().all(axis=None)
