@@ -39,23 +39,23 @@ def test_stored_answers_keep_their_bounds():
 @pytest.mark.slow(reason="collocation at a hundred heights, and four paths")
 def test_the_answers_are_those_stored():
     stored = pd.read_csv(SUMMARY).set_index(["case", "setting", "quantity"])
-    found = [(case.name, one) for case in equilibria.KNOWN_PATHS for one in case.answers()]
+    found = [(case.name, one) for case in equilibria.PATH_CASES for one in case.results()]
     for name, one in found:
         line = stored.loc[(name, one.setting, one.quantity)]
         # Collocation to 1e-8, and heights at a limit load, where it is flat, to the root of that.
         assert one.known == pytest.approx(float(line["published"]), rel=2e-6)
-        assert one.ours == pytest.approx(float(line["ours"]), rel=1e-8)
+        assert one.computed == pytest.approx(float(line["ours"]), rel=1e-8)
 
 
 def test_the_elastica_by_load_steps():
     # Half a unit of the last digit of the table, and 5e-6 of the mesh.
-    rows = equilibria.elastica_rows(equilibria.elastica_path())
+    rows = equilibria.tabulate_tip(equilibria.solve_elastica())
     assert_allclose(rows, list(equilibria.ELASTICA.values()), atol=1e-5)
 
 
 @pytest.fixture(scope="module")
 def snap():
-    return equilibria.shallow_arch_path()
+    return equilibria.solve_shallow_arch()
 
 
 def test_a_shallow_arch_is_followed_through_both_limit_loads(snap):
@@ -70,7 +70,7 @@ def test_a_shallow_arch_is_followed_through_both_limit_loads(snap):
     assert np.all(snap.unstable[: first.row] == 0)
     assert np.all(snap.unstable[second.row + 1 :] == 0)
     # By arc length it is the same path.
-    along = bd.equilibrium(equilibria.ARCH, to=1.001 * first.factor, control="arc length")
+    along = bd.equilibrium(equilibria.shallow_arch, to=1.001 * first.factor, control="arc length")
     factors = [one.factor for one in along.critical]
     assert_allclose(factors, [first.factor, second.factor], rtol=1e-9)
 
@@ -78,9 +78,11 @@ def test_a_shallow_arch_is_followed_through_both_limit_loads(snap):
 def test_the_arch_jumps_from_its_limit_load(snap):
     first = snap.critical[0]
     above = 1.001 * first.factor
-    arch = equilibria.ARCH(load=above * equilibria.ARCH.parameters["load"], damping=5e-3)
+    arch = equilibria.shallow_arch(
+        load=above * equilibria.shallow_arch.parameters["load"], damping=5e-3
+    )
     jump = bd.simulate(arch, bd.Radau(1e-5), 1.0, start=snap.at(first.row))
-    below = bd.equilibrium(equilibria.ARCH, to=above, control="arc length")
+    below = bd.equilibrium(equilibria.shallow_arch, to=above, control="arc length")
     assert below.stable
     # Its slowest motion has died away.
     assert_allclose(jump.q[-1], below.q[-1], atol=1e-9)
@@ -95,8 +97,8 @@ def test_from_the_unstable_branch_the_arch_goes_either_way(snap):
     row = (first.row + second.row) // 2
     ends = []
     for share in (0.999, 1.001):
-        load = share * snap.factors[row, 0] * equilibria.ARCH.parameters["load"]
-        arch = equilibria.ARCH(load=load, damping=2e-3)
+        load = share * snap.factors[row, 0] * equilibria.shallow_arch.parameters["load"]
+        arch = equilibria.shallow_arch(load=load, damping=2e-3)
         run = bd.simulate(arch, bd.Radau(1e-5), 1.0, start=snap.at(row))
         ends.append(run["crown.y"].iloc[-1])
     assert ends[0] > 5e-3
@@ -125,7 +127,7 @@ def test_a_frame_is_followed_around_turning_points():
 @pytest.mark.parametrize("side", [1, -1])
 def test_an_arch_that_leans_comes_back_where_it_left(side):
     """A pinned arch leaves symmetry at a branch point, and meets it again hanging."""
-    arch = equilibria.ARCH(rise=0.012)
+    arch = equilibria.shallow_arch(rise=0.012)
     whole = bd.equilibrium(arch, to={"crown.y": -0.015}, control="arc length")
     kinds = [one.kind for one in whole.critical]
     assert kinds == ["limit point", "branch point", "branch point", "limit point"]

@@ -3,8 +3,8 @@
 import numpy as np
 import pandas as pd
 import pytest
-from formulations.exact_runs import BOUNDS, INTEGRATORS, MODELS, RESULTS, eight_elements
-from formulations.orders import CURVES, ELEMENTS, FORMULATIONS, QUANTITIES, TABLE, errors
+from formulations.exact_runs import BOUNDS, INTEGRATORS, MODELS, RESULTS, measure_eight_elements
+from formulations.orders import CURVES, ELEMENTS, FORMULATIONS, QUANTITIES, TABLE, relative_errors
 
 ORDERS = pd.read_csv(TABLE)
 # Of energy, tip and moment: (straight, curved). Twice the degree of the shape functions where the
@@ -45,7 +45,7 @@ def test_the_table_of_orders_is_what_is_found(curve, formulation):
     for elements in ELEMENTS[:2]:
         stored = lines[f"{elements} elements"].to_numpy()
         # Two digits are stored.
-        np.testing.assert_allclose(errors(curve, formulation, elements), stored, rtol=0.06)
+        np.testing.assert_allclose(relative_errors(curve, formulation, elements), stored, rtol=0.06)
 
 
 def test_the_answer_of_the_runs_is_known_by_two_formulations_two_integrators_and_exudyn():
@@ -60,7 +60,7 @@ def test_the_answer_of_the_runs_is_known_by_two_formulations_two_integrators_and
 
 @pytest.mark.parametrize("label", [x for x in INTEGRATORS if not x.startswith("Ida")])
 def test_eight_exact_elements_are_enough_for_the_hub_beam(label):
-    assert float(eight_elements("hub_beam", label)["off [mm]"]) < 1e3 * BOUNDS["hub_beam"]
+    assert float(measure_eight_elements("hub_beam", label)["off [mm]"]) < 1e3 * BOUNDS["hub_beam"]
 
 
 @pytest.mark.slow(reason="5 s of motion by each integrator")
@@ -69,7 +69,7 @@ def test_eight_exact_elements_are_enough_for_the_hub_beam(label):
     [("hub_beam", next(iter(INTEGRATORS))), *(("pendulum", label) for label in INTEGRATORS)],
 )
 def test_eight_exact_elements_are_enough_for_the_others(name, label):
-    assert float(eight_elements(name, label)["off [mm]"]) < 1e3 * BOUNDS[name]
+    assert float(measure_eight_elements(name, label)["off [mm]"]) < 1e3 * BOUNDS[name]
 
 
 def test_strains_part_from_the_exact_ones_in_the_order_of_their_theory():

@@ -31,11 +31,11 @@ def test_every_integrator_finds_the_motion(case, integrator):
     # takes a share of a step.
     phase = 10.0 * (case.rate * STEP) ** 2 / 12.0 * case.rate * case.t_end
     bound = 100.0 * RTOL if integrator.accuracy.name == "rtol" else phase
-    for name, (known, found) in case.both(solution).items():
+    for name, (known, found) in case.compare(solution).items():
         error = np.max(np.abs(found - known)) / np.max(np.abs(known))
         # Forces are not tested.
         share = 10.0 if "[N" in name else 1.0
-        assert error < case.floor + share * max(bound, 1e-6), name
+        assert error < case.model_error + share * max(bound, 1e-6), name
     # Work goes with the square of the motion.
     assert solution.quality.energy_imbalance < 10.0 * max(bound, 1e-5)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mesh_convergence.run import mesh_errors, observed_orders
+from mesh_convergence.run import compute_mesh_errors, compute_orders
 
 ELEMENTS = (1, 2, 3, 4, 6, 8, 12)
 
@@ -23,15 +23,15 @@ ELEMENTS = (1, 2, 3, 4, 6, 8, 12)
     ids=["reduced", "full", "local", "straight"],
 )
 def test_error_of_the_tip_falls_at_the_stated_order(parameters, order, at_eight):
-    errors = mesh_errors(ELEMENTS, **parameters)
+    errors = compute_mesh_errors(ELEMENTS, **parameters)
     assert np.all(np.diff(errors) < 0.0)
-    orders = observed_orders(ELEMENTS, errors)
+    orders = compute_orders(ELEMENTS, errors)
     assert np.mean(orders[-3:]) > order - 0.3
     assert errors[ELEMENTS.index(8)] < at_eight
 
 
 @pytest.mark.slow(reason="eight runs of the hub beam a variant")
 def test_curved_elements_need_a_third_of_the_straight_ones():
-    curved = mesh_errors((4,), quadrature="reduced")
-    straight = mesh_errors((12,), quadrature="reduced", elements_shape="straight")
+    curved = compute_mesh_errors((4,), quadrature="reduced")
+    straight = compute_mesh_errors((12,), quadrature="reduced", elements_shape="straight")
     assert curved[0] < straight[0]

@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
-from tolerances import wide
+from tolerances import error_tables as wide
 from tolerances.cases import CASES, WIDE
 from tolerances.mechanisms import STEEL, cantilever
-from tolerances.modal import small_vibrations
+from tolerances.modal import solve_small_vibrations
 from tolerances.random_cases import random_case, random_cases
 from tolerances.references import SUMMARY
 from tolerances.tolerance_case import FOLDER
@@ -21,7 +21,7 @@ def test_every_case_has_a_reference_of_its_rows_and_columns():
     assert WIDE[: len(CASES)] == CASES
     assert len({case.name for case in WIDE}) == len(WIDE)
     for case in WIDE:
-        stored = case.stored(("t [s]", *case.columns, *case.reactions))
+        stored = case.load_reference(("t [s]", *case.columns, *case.reactions))
         assert stored.shape[0] == case.rows
         assert_allclose(stored[:, 0], case.times, rtol=1e-8)
         assert np.all(np.isfinite(stored))
@@ -29,7 +29,7 @@ def test_every_case_has_a_reference_of_its_rows_and_columns():
 
 
 def test_two_methods_agree_on_every_reference():
-    apart = wide.uncertainties(SUMMARY)
+    apart = wide.reference_uncertainties(SUMMARY)
     assert set(apart.index) == set(BY_NAME)
     # What a step leaves of undamped modes in an angle is known less well by the second method:
     # generalized-alpha where the beam bends far (Radau settles to 5e-7), Radau at its tightest
@@ -46,9 +46,9 @@ def test_references_end_at_published_numbers():
     assert len(published) == 4
     for case in published:
         for column, value in case.published.items():
-            apart = abs(case.stored((column,))[-1, 0] - value)
+            apart = abs(case.load_reference((column,))[-1, 0] - value)
             told = ends.loc[(case.name, column), "disagreement"]
-            size = 0.5 * np.ptp(case.stored((column,)))
+            size = 0.5 * np.ptp(case.load_reference((column,)))
             # Nine digits are stored, SUNDIALS prints five.
             assert apart < (1e-4 if case.name == "spring_slider_crank" else 3e-6) * size
             assert told == pytest.approx(apart / size, abs=1e-7, rel=0.1)
@@ -62,7 +62,7 @@ def test_closed_forms_are_what_is_stored(case):
 
 def test_small_vibrations_go_on_about_the_static_deflection_of_the_beam():
     times = np.linspace(0.0, 400.0, 5)
-    columns = small_vibrations(cantilever(damping=1e-4), times)
+    columns = solve_small_vibrations(cantilever(damping=1e-4), times)
     section = bd.Section.rectangle(STEEL, width=0.02, height=0.01)
     deflection = 0.1 / (3.0 * section.EI) + 0.1 / section.GA
     # Cubic elements are exact for a load at the end; after 400 s nothing moves any more.
@@ -91,12 +91,12 @@ def test_random_cases_are_many_of_all_kinds():
 
 def test_a_line_tells_error_over_rtol_and_how_the_run_ended():
     case = BY_NAME["arevalo"]
-    (line,) = wide.lines([case], ["Radau"], [1e-4])
+    (line,) = wide.error_rows([case], ["Radau"], [1e-4])
     solution = case.run(bd.Radau(1e-4))
     assert line["r"] == pytest.approx(case.errors(solution).max() / 1e-4)
     assert line["status"] == "ok"
     assert line["steps"] == solution.statistics.steps
-    shown = wide.condensed(pd.DataFrame([line]))
+    shown = wide.pivot_errors(pd.DataFrame([line]))
     assert float(shown.loc[("arevalo", 100.0), ("Radau", "1e-04")]) == pytest.approx(
         line["r"], rel=1e-2
     )

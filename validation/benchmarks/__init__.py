@@ -1,1 +1,1 @@
-"""Published and closed-form cases, met by every integrator."""
+"""Published and closed-form cases for integrators and analyses."""

@@ -1,4 +1,4 @@
-"""Mechanics with published or closed-form answers, none of them by this project."""
+"""Systems with published or closed-form motions from sources independent of this project."""
 
 from __future__ import annotations
 
@@ -11,12 +11,6 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import beamdae as bd
-from benchmarks.closed_forms import (
-    cycloid_motion,
-    knife_edge_motion,
-    parallelogram_motion,
-    rotating_rod_motion,
-)
 from benchmarks.systems import (
     PERIOD_TWO_GRAVITY,
     arevalo,
@@ -32,14 +26,81 @@ from benchmarks.systems import (
 Array = np.ndarray
 
 
+def cycloid_motion(t: Array) -> dict[str, Array]:
+    radius, gravity, start = 0.5, 9.81, -0.95
+    # The sine of the slope, s / 4r, oscillates harmonically.
+    omega = np.sqrt(gravity / (4.0 * radius))
+    sine = start * np.cos(omega * t)
+    rate = -omega * start * np.sin(omega * t)
+    acceleration = -(omega**2) * sine
+    cosine = np.sqrt(1.0 - sine**2)
+    x = 2.0 * radius * (np.arcsin(sine) + sine * cosine)
+    rates = 4.0 * radius * np.stack([cosine * rate, sine * rate, rate], axis=-1)
+    pull_x = 4.0 * radius * (cosine * acceleration - sine / cosine * rate**2)
+    pull_y = 4.0 * radius * (sine * acceleration + rate**2)
+    return {
+        "q": np.stack([x, 2.0 * radius * sine**2, 4.0 * radius * sine], axis=-1),
+        "v": rates,
+        "lam": -np.stack([pull_x, pull_y + gravity], axis=-1),
+    }
+
+
+def rotating_rod_motion(t: Array) -> dict[str, Array]:
+    radius, omega = 0.1, 2.0
+    r, rate = radius * np.cosh(omega * t), omega * radius * np.sinh(omega * t)
+    along = np.stack([np.cos(omega * t), np.sin(omega * t)], axis=-1)
+    across = np.stack([-np.sin(omega * t), np.cos(omega * t)], axis=-1)
+    return {
+        "q": r[:, None] * along,
+        "v": rate[:, None] * along + (omega * r)[:, None] * across,
+        "lam": -2.0 * omega * rate[:, None],
+    }
+
+
+def knife_edge_motion(t: Array) -> dict[str, Array]:
+    pull, spin = 5.0, 2.0
+    angle, size = spin * t, pull / (2.0 * spin**2)
+    speed = pull / spin * np.sin(angle)
+    x, y = size * np.sin(angle) ** 2, size * (angle - 0.5 * np.sin(2.0 * angle))
+    return {
+        "q": np.stack([x, y, angle], axis=-1),
+        "v": np.stack([speed * np.cos(angle), speed * np.sin(angle), 0.0 * t + spin], axis=-1),
+        "lam": 2.0 * pull * np.sin(angle)[:, None],
+    }
+
+
+def parallelogram_motion(t: Array) -> dict[str, Array]:
+    crank, coupler, rate, start = 0.5, 1.0, 2.0, 0.3
+    angle = start + rate * t
+    pin = crank * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    pin_velocity = crank * rate * np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
+    rotation, spin = (angle - start)[:, None], np.full((len(t), 1), rate)
+    span = np.array([coupler, 0.0])
+    coupler_center, right_center, zero = pin + 0.5 * span, 0.5 * pin + span, np.zeros((len(t), 1))
+    bars = (coupler_center, zero, 0.5 * pin, rotation, right_center, rotation)
+    rates = (pin_velocity, zero, 0.5 * pin_velocity, spin, 0.5 * pin_velocity, spin)
+    return {"q": np.hstack(bars), "v": np.hstack(rates)}
+
+
 @dataclass(frozen=True, eq=False)
 class PublishedCase:
-    """A system, and what is known of its motion.
+    """A system and its published motion.
 
-    `answer(t)` gives rows of whatever is known at times t by name: "q", "v", "lam" with the
-    multipliers in beamdae's sign, M q'' + G^T lam = f, or observed columns by their headers.
-    `times` are where it is known; `rate` is the fastest angular rate of the motion [rad/s];
-    `floor` is by how much the answer leaves out what the mechanism has, relative to its size.
+    Attributes
+    ----------
+    source
+        Publication or closed form.
+    build
+        Creates the mechanism or constrained system.
+    times
+        Times at which the motion is known [s].
+    rate
+        Fastest angular rate of the motion [rad/s].
+    answer
+        Maps times to the known rows by name: "q", "v", "lam" in beamdae's sign convention,
+        M q'' + G^T lam = f, or observed columns by their headers.
+    model_error
+        Effects that the mechanism includes and the answer neglects, relative to its size.
     """
 
     name: str
@@ -48,7 +109,7 @@ class PublishedCase:
     times: tuple[float, ...]
     rate: float
     answer: Callable[[Array], dict[str, Array]]
-    floor: float = 0.0
+    model_error: float = 0.0
 
     @cached_property
     def equations(self) -> bd.EquationsOfMotion:
@@ -61,34 +122,36 @@ class PublishedCase:
         """End of the run [s]."""
         return self.times[-1]
 
-    def tried(self, integrator: Any) -> bd.Solution:
-        """Solution with output at the first of `times` and its multiples, as far as it goes."""
+    def attempt(self, integrator: Any) -> bd.Solution:
+        """Simulate with output at multiples of the first of `times`; the run may fail."""
         return bd.simulate(self.equations, integrator, self.t_end, output_step=self.times[0])
 
     def run(self, integrator: Any) -> bd.Solution:
-        """The same of a run that reaches its end."""
-        solution = self.tried(integrator)
+        """Simulate with output at multiples of the first of `times`; a failed run raises."""
+        solution = self.attempt(integrator)
         assert solution.status.success, solution.status.sentence
         return solution
 
-    def both(self, solution: bd.Solution) -> dict[str, tuple[Array, Array]]:
-        """What is known at `times`, and what was found, a row each."""
+    def compare(self, solution: bd.Solution) -> dict[str, tuple[Array, Array]]:
+        """Return the published and the computed rows at `times` by name."""
         times = np.array(self.times)
         rows = np.searchsorted(solution.t, times - 1e-9)
-        found = {"q": solution.q, "v": solution.v, "lam": solution.lam, **solution.columns}
+        computed = {"q": solution.q, "v": solution.v, "lam": solution.lam, **solution.columns}
         return {
-            name: (known.reshape(len(times), -1), found[name][rows].reshape(len(times), -1))
-            for name, known in self.answer(times).items()
+            name: (reference.reshape(len(times), -1), computed[name][rows].reshape(len(times), -1))
+            for name, reference in self.answer(times).items()
         }
 
     def errors(self, solution: bd.Solution) -> dict[str, float]:
-        """Largest error at `times` of each thing known."""
-        both = self.both(solution)
-        return {name: float(np.max(np.abs(x - known))) for name, (known, x) in both.items()}
+        """Return the largest error at `times` by name."""
+        pairs = self.compare(solution)
+        return {
+            name: float(np.max(np.abs(x - reference))) for name, (reference, x) in pairs.items()
+        }
 
 
 def _car_axis_answer(t: Array) -> dict[str, Array]:
-    # The published multipliers stand on the right-hand side.
+    # The published multipliers are on the right-hand side of the equations of motion.
     return {
         "q": np.array(
             [
@@ -120,7 +183,7 @@ CAR_AXIS = PublishedCase(
     "cran/deTestSet R/ex_reference.R",
     car_axis,
     (3.0,),
-    # The springs shake masses of 5e-4 with a stiffness of 1.
+    # Masses of 5e-4 kg on springs of stiffness 1 N/m.
     np.sqrt(1.0 / 5e-4),
     _car_axis_answer,
 )
@@ -152,7 +215,7 @@ def pendulum(gravity: float, angle: float, speed: float = 0.0) -> bd.Constrained
 
 
 def pendulum_motion(gravity: float, angle: float, speed: float, t: Array) -> dict[str, Array]:
-    """The same by an independent code, in the one coordinate it needs."""
+    """Return the motion of `pendulum`, integrated in the angle by independent code."""
     motion = solve_ivp(
         lambda _, y: [y[1], -gravity * np.sin(y[0])],
         (0.0, t[-1]),
@@ -169,7 +232,7 @@ def pendulum_motion(gravity: float, angle: float, speed: float, t: Array) -> dic
 
 
 def _period_two_answer(t: Array) -> dict[str, Array]:
-    """Ends of the swing at whole seconds, its lowest point between them."""
+    """Return the motion at multiples of half a second: the reversals and the lowest point."""
     phase = np.pi * t
     speed = np.sqrt(2.0 * PERIOD_TWO_GRAVITY)
     height = -np.abs(np.sin(phase))
@@ -229,10 +292,10 @@ SLIDER_CRANK = PublishedCase(
 CYCLOID = PublishedCase(
     "brachistochrone",
     "closed form (Huygens 1673): the arc length from the lowest point of a cycloid of radius r "
-    "swings at sqrt(g / 4r); the descent takes pi sqrt(r / g) from wherever it begins",
+    "oscillates at sqrt(g / 4r); the descent takes pi sqrt(r / g) from any height",
     cycloid_slide,
     tuple(0.25 * np.pi * np.sqrt(0.5 / 9.81) * k for k in range(1, 17)),
-    # Where it turns the curve is ten times as steep as at its lowest point.
+    # At the reversals the curve is ten times as steep as at the lowest point.
     4.0 * np.sqrt(9.81 / 2.0),
     cycloid_motion,
 )
@@ -240,10 +303,10 @@ CYCLOID = PublishedCase(
 
 ROTATING_ROD = PublishedCase(
     "mass on a rotating rod",
-    "closed form: r = r0 cosh(w t), held by 2 m w r'",
+    "closed form: r = r0 cosh(w t), with the reaction 2 m w r'",
     rotating_rod,
     tuple(0.25 * k for k in range(1, 9)),
-    # It moves as exp(w t (1 +- i)).
+    # The motion is a sum of exp(w t (1 +- i)).
     2.0 * np.sqrt(2.0),
     rotating_rod_motion,
 )
@@ -254,7 +317,7 @@ KNIFE_EDGE = PublishedCase(
     "closed form (Bloch 2003): it slides down and up again on a cycloid across the slope",
     knife_edge,
     tuple(0.25 * k for k in range(1, 17)),
-    # Along the slope it goes twice as fast as it spins.
+    # The motion along the slope has twice the frequency of the rotation.
     4.0,
     knife_edge_motion,
 )

@@ -8,7 +8,7 @@ import beamdae as bd
 
 GRAVITY = 9.81
 STRIP = bd.Section.rectangle(bd.Material(E=2e11, nu=0.3, rho=7800.0), width=0.02, height=0.01)
-# Of critical damping: under-, critically and overdamped.
+# Relative to critical damping: under-, critically and overdamped.
 DAMPING_RATIOS = (0.2, 1.0, 2.5)
 
 
@@ -27,7 +27,7 @@ def damped_masses(mass=2.5, stiffness=90.0, start=0.3):
 
 @bd.model(t_end=0.94)
 def rubbing_mass(mass=2.0, stiffness=800.0, coefficient=0.3, start=0.2, regularization=1e-3):
-    """A mass on a spring that rubs on its guide: amplitudes fall by 4 mu m g / k in each cycle."""
+    """A sprung mass with friction on its guide: amplitudes fall by 4 mu m g / k in each cycle."""
     mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
     block = mech.add(bd.RigidBody("block", mass, 0.5, (start, 0.0)))
     center = block.at(start, 0.0)
@@ -39,7 +39,7 @@ def rubbing_mass(mass=2.0, stiffness=800.0, coefficient=0.3, start=0.2, regulari
 
 @bd.model(t_end=2.0)
 def bouncing_ball(height=1.0, stiffness=1e5, restitution=0.7):
-    """A soft ball of 1 kg dropped on the floor: contacts of 25 ms."""
+    """A soft ball of 1 kg dropped on the floor; contacts last 25 ms."""
     mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height)))
     floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
@@ -52,20 +52,23 @@ def bouncing_ball(height=1.0, stiffness=1e5, restitution=0.7):
     return mech
 
 
-# Of the planetary gear: a sun, one planet on an arm, and a ring that does not turn.
-SUN, PLANET = 0.2, 0.1
-ARM, RING = SUN + PLANET, SUN + 2.0 * PLANET
+# Planetary gear: a sun, one planet on an arm, and a fixed ring.
+SUN = 0.2  # pitch radius [m]
+PLANET = 0.1  # pitch radius [m]
+ARM = SUN + PLANET  # length [m]
+RING = SUN + 2.0 * PLANET  # pitch radius [m]
+PLANET_MASS = 0.7  # [kg]
+# [kg m^2]
 GEAR_INERTIAS = {"arm": 0.05, "sun": 0.02, "planet": 0.003}
-# Turns for one of the arm.
-GEAR_TURNS = {"arm": 1.0, "sun": 1.0 + RING / SUN, "planet": 1.0 - RING / PLANET}
-PLANET_MASS = 0.7
+# Angular velocities relative to that of the arm.
+GEAR_RATIOS = {"arm": 1.0, "sun": 1.0 + RING / SUN, "planet": 1.0 - RING / PLANET}
 
 
 @bd.model(t_end=4.0)
 def planetary_gear(stiffness=1.3, speed=1.5):
-    """A planetary gear, its arm on a torsion spring and set going at `speed` [rad/s]."""
+    """A planetary gear whose arm, on a torsion spring, starts at `speed` [rad/s]."""
     mech = bd.Mechanism()
-    spins = {name: speed * turn for name, turn in GEAR_TURNS.items()}
+    spins = {name: speed * ratio for name, ratio in GEAR_RATIOS.items()}
     wheels = {"arm": (1.0, (0.0, 0.0), (0.0, 0.0)), "sun": (1.0, (0.0, 0.0), (0.0, 0.0))}
     wheels["planet"] = (PLANET_MASS, (ARM, 0.0), (0.0, speed * ARM))
     arm, sun, planet = (
@@ -76,16 +79,16 @@ def planetary_gear(stiffness=1.3, speed=1.5):
     mech.add(bd.Revolute("arm bearing", hub, arm.at(*center)))
     mech.add(bd.Revolute("sun bearing", hub, sun.at(*center)))
     mech.add(bd.Revolute("planet bearing", arm.at(*pin), planet.at(*pin)))
-    on_arm, turning = arm.at(*center), planet.at(*pin)
-    mech.add(bd.Gear("sun mesh", sun.at(*center), turning, -SUN / PLANET, carrier=on_arm))
-    mech.add(bd.Gear("ring mesh", hub, turning, RING / PLANET, carrier=on_arm))
-    mech.add(bd.TorsionSpring("spring", hub, on_arm, stiffness))
+    arm_point, planet_point = arm.at(*center), planet.at(*pin)
+    mech.add(bd.Gear("sun mesh", sun.at(*center), planet_point, -SUN / PLANET, carrier=arm_point))
+    mech.add(bd.Gear("ring mesh", hub, planet_point, RING / PLANET, carrier=arm_point))
+    mech.add(bd.TorsionSpring("spring", hub, arm_point, stiffness))
     return mech
 
 
 @bd.model(t_end=0.9)
 def slider_on_rod(rate=2.0, distance=0.3, offset=0.0):
-    """A slider on a rod that a motor turns at a constant rate, let go at rest on it."""
+    """A slider on a rod that a motor turns at a constant rate; it starts at rest on the rod."""
     mech = bd.Mechanism()
     rod = mech.add(bd.RigidBody("rod", 1.0, 1.0, angular_velocity=rate))
     velocity = (-rate * offset, rate * distance)
@@ -101,7 +104,7 @@ def slider_on_rod(rate=2.0, distance=0.3, offset=0.0):
 
 @bd.model(t_end=4.0)
 def disk_in_ring(ring=1.25, radius=0.25, mass=1.3, inertia=0.4, angle=0.8):
-    """A disk that rolls in a ring without slip, a row of velocities; let go at rest at `angle`."""
+    """A disk that rolls in a ring without slip (nonholonomic); starts at rest at `angle` [rad]."""
     mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
     center = (ring - radius) * np.array([np.sin(angle), -np.cos(angle)])
     disk = mech.add(bd.RigidBody("disk", mass, inertia, tuple(center.tolist())))
@@ -116,15 +119,15 @@ def moving_load(length=4.0, load=5.0, speed=3.0, elements=8):
     beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (length, 0.0)), STRIP, elements=elements))
     mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), beam.start))
     mech.add(bd.PointOnLine("roller", mech.ground.at(length, 0.0), beam.end, (1.0, 0.0)))
-    back = speed < 0.0
-    mech.add(bd.MovingForce("load", beam, (0.0, -load), speed, length if back else 0.0))
+    backward = speed < 0.0
+    mech.add(bd.MovingForce("load", beam, (0.0, -load), speed, length if backward else 0.0))
     mech.observe("middle", beam.at(0.5 * length))
     return mech
 
 
 @bd.model(t_end=4.0)
 def follower_cantilever(ratio=1.5, length=1.0, rise=3.0, damping=20.0):
-    """Cantilever under a force that turns with its tip, ratio EI / L^2, put on slowly."""
+    """Cantilever under a follower force `ratio` EI / L^2 at its tip, applied over `rise` [s]."""
     load = ratio * STRIP.EI / length**2
     mech = bd.Mechanism()
     line = bd.Line((0.0, 0.0), (length, 0.0))

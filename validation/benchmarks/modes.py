@@ -1,4 +1,4 @@
-"""Natural frequencies with published or closed-form answers, by both formulations of beams."""
+"""Natural frequencies with published or closed-form references, by both beam formulations."""
 
 from __future__ import annotations
 
@@ -17,44 +17,46 @@ FORMULATIONS = {"elements": "floating frame", "exact elements": "exact"}
 
 
 @dataclass(frozen=True, eq=False)
-class KnownModes:
-    """A structure, and what is known of its modes.
+class ModeCase:
+    """A structure and its reference frequencies.
 
     Attributes
     ----------
-    known
-        The numbers, in order.
-    within
-        Relative error that is to be met with these `elements`.
-    ours
-        Modes of the structure, of so many elements of a formulation -> the numbers of `known`.
+    source
+        Publication or closed form.
+    reference
+        Reference values in order.
+    tolerance
+        Largest relative error allowed with `elements` elements.
+    compute
+        Maps the number of elements and the formulation to the computed values.
     """
 
     name: str
     source: str
     elements: int
-    known: tuple[float, ...]
-    within: float
-    ours: Callable[[int, str], Array]
+    reference: tuple[float, ...]
+    tolerance: float
+    compute: Callable[[int, str], Array]
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        """Those by both formulations."""
+        """Yield the rows of both formulations."""
         for label in FORMULATIONS:
             yield from self.rows_by(label)
 
     def rows_by(self, label: str) -> Iterator[dict[str, Any]]:
-        """A row for each of the numbers, by a formulation."""
-        found = self.ours(self.elements, FORMULATIONS[label])
-        for k, (own, known) in enumerate(zip(found, self.known, strict=True)):
+        """Yield one row per reference value, computed by the formulation `label`."""
+        values = self.compute(self.elements, FORMULATIONS[label])
+        for k, (value, reference) in enumerate(zip(values, self.reference, strict=True)):
             yield {
                 "case": self.name,
                 "setting": f"modes, {self.elements} {label}",
                 "quantity": "frequency",
                 "entry": k,
-                "published": f"{known:.12g}",
-                "ours": f"{own:.12g}",
-                "error": f"{abs(own - known):.2e}",
-                "relative": f"{abs(own - known) / known:.2e}",
+                "published": f"{reference:.12g}",
+                "ours": f"{value:.12g}",
+                "error": f"{abs(value - reference):.2e}",
+                "relative": f"{abs(value - reference) / reference:.2e}",
                 "ended": "",
             }
 
@@ -62,7 +64,7 @@ class KnownModes:
 def ring(
     section: bd.Section, radius: float, elements: int, formulation: str = "floating frame"
 ) -> bd.Mechanism:
-    """Free ring of four welded beams."""
+    """Return a free ring of four welded beams."""
     mech = bd.Mechanism()
     circle = bd.Arc(radius=radius, length=2.0 * np.pi * radius)
     settings: dict[str, Any] = {"elements": elements // 4, "formulation": formulation}
@@ -70,62 +72,66 @@ def ring(
     return mech
 
 
-def _rings(section: bd.Section, radius: float, waves: range) -> Callable[[int, str], Array]:
-    """Frequencies [Hz] of these numbers of waves, of each pair the one that is farther off."""
+def _ring_frequencies(
+    section: bd.Section, radius: float, waves: range
+) -> Callable[[int, str], Array]:
+    """Return a function for ring frequencies [Hz], of each pair the less accurate one."""
 
-    def ours(elements: int, formulation: str) -> Array:
-        found = bd.modes(ring(section, radius, elements, formulation), n=2 * waves[-1] + 1)
-        assert found.kinds[:3] == ("free motion",) * 3
-        return found.frequencies[[2 * n for n in waves]]
+    def compute(elements: int, formulation: str) -> Array:
+        modes = bd.modes(ring(section, radius, elements, formulation), n=2 * waves[-1] + 1)
+        assert modes.kinds[:3] == ("free motion",) * 3
+        return modes.frequencies[[2 * n for n in waves]]
 
-    return ours
-
-
-_Form = Callable[[bd.Section, float, int], float]
-
-
-def _hertz(form: _Form, section: bd.Section, radius: float, waves: range) -> tuple[float, ...]:
-    return tuple(form(section, radius, n) / (2.0 * np.pi) for n in waves)
+    return compute
 
 
-def _round_steel() -> bd.Section:
+_ClosedForm = Callable[[bd.Section, float, int], float]
+
+
+def _reference_frequencies(
+    closed_form: _ClosedForm, section: bd.Section, radius: float, waves: range
+) -> tuple[float, ...]:
+    return tuple(closed_form(section, radius, n) / (2.0 * np.pi) for n in waves)
+
+
+def _round_section() -> bd.Section:
     steel = bd.Material(E=2e11, nu=0.3, rho=8000.0)
     area, second = np.pi * 0.1**2 / 4.0, np.pi * 0.1**4 / 64.0
     shear = 6.0 * 1.3 / (7.0 + 6.0 * 0.3)
     return bd.Section(steel, area=area, second_moment=second, shear_coefficient=shear)
 
 
-def _sdll11() -> bd.Section:
+def _sdll11_section() -> bd.Section:
     alloy = bd.Material(E=7.2e10, nu=0.3, rho=2700.0)
     return bd.Section.rectangle(alloy, width=0.010, height=0.005)
 
 
-def _thin() -> bd.Section:
+def _thin_section() -> bd.Section:
     steel = bd.Material(E=2e11, nu=0.3, rho=8000.0)
     return bd.Section.rectangle(steel, width=0.01, height=1e-3)
 
 
 def arch_section() -> bd.Section:
-    """Of R sqrt(A / I) = 15 with R = 1, kG / E = 0.3."""
+    """Return a section with R sqrt(A / I) = 15 for R = 1 and kG / E = 0.3."""
     rubber = bd.Material(E=1e9, nu=0.3, rho=1000.0)
     shear = 0.3 * 2.0 * 1.3
     return bd.Section(rubber, area=1e-2, second_moment=1e-2 / 225.0, shear_coefficient=shear)
 
 
-def hinged_arch(elements: int, formulation: str) -> Array:
-    """Of 90 degrees, w L^2 sqrt(rho A / EI)."""
+def solve_hinged_arch(elements: int, formulation: str) -> Array:
+    """Return w L^2 sqrt(rho A / EI) of a hinged arch of 90 degrees."""
     section, arc = arch_section(), bd.Arc(radius=1.0, length=0.5 * np.pi, angle=-0.25 * np.pi)
     mech = bd.Mechanism()
     settings: dict[str, Any] = {"elements": elements, "formulation": formulation}
     beam = mech.add(bd.Beam("arch", arc, section, **settings))
     for name, s, end in (("left", 0.0, beam.start), ("right", arc.length, beam.end)):
         mech.add(bd.Revolute(name, mech.ground.at(*arc.point(s)), end))
-    found = bd.modes(mech, n=10).eigenvalues.imag
-    return found * arc.length**2 * np.sqrt(section.rhoA / section.EI)
+    frequencies = bd.modes(mech, n=10).eigenvalues.imag
+    return frequencies * arc.length**2 * np.sqrt(section.rhoA / section.EI)
 
 
 def square_rubber() -> bd.Section:
-    """A thick square."""
+    """Return a square section of rubber, 0.4 m thick."""
     nu, side = 0.3, 0.4
     rubber = bd.Material(E=1e9, nu=nu, rho=7850.0)
     shear = 10.0 * (1.0 + nu) / (12.0 + 11.0 * nu)
@@ -133,7 +139,7 @@ def square_rubber() -> bd.Section:
 
 
 def supported_beam(elements: int, formulation: str = "floating frame") -> bd.Mechanism:
-    """Straight beam of 2 m on two hinges, of which one slides."""
+    """Return a straight beam of 2 m on a fixed and a sliding hinge."""
     mech = bd.Mechanism()
     settings: dict[str, Any] = {"elements": elements, "formulation": formulation}
     line = bd.Line((0.0, 0.0), (2.0, 0.0))
@@ -143,14 +149,14 @@ def supported_beam(elements: int, formulation: str = "floating frame") -> bd.Mec
     return mech
 
 
-def _supported(elements: int, formulation: str) -> Array:
+def _supported_frequencies(elements: int, formulation: str) -> Array:
     return bd.modes(supported_beam(elements, formulation), n=5).eigenvalues.imag
 
 
 def rotating_arm(
     slenderness: float, elements: int, formulation: str = "floating frame"
 ) -> bd.Mechanism:
-    """Cantilever of unit length, rho A and EI, with L sqrt(A / I) = `slenderness`."""
+    """Return a cantilever of unit length, rho A and EI, with L sqrt(A / I) = `slenderness`."""
     light = bd.Material(E=slenderness**2, nu=0.3, rho=1.0)
     section = bd.Section(light, area=1.0, second_moment=slenderness**-2)
     mech = bd.Mechanism()
@@ -160,7 +166,7 @@ def rotating_arm(
     return mech
 
 
-# First three out of the plane of rotation, by w L^2 sqrt(rho A / EI), at speeds in the same unit.
+# First three out-of-plane frequencies w L^2 sqrt(rho A / EI) by speed in the same unit.
 WRIGHT = {
     0.0: (3.5160, 22.0345, 61.6972),
     1.0: (3.6817, 22.1810, 61.8418),
@@ -175,81 +181,81 @@ WRIGHT = {
 }
 
 
-def _rotating(speed: float) -> Callable[[int, str], Array]:
-    """Those in the plane: a thin arm there is softer by the square of the speed, w^2 - W^2."""
+def _rotating_frequencies(speed: float) -> Callable[[int, str], Array]:
+    """Return a function for the frequencies; in the plane of a thin arm w^2 is lower by speed^2."""
 
-    def ours(elements: int, formulation: str) -> Array:
+    def compute(elements: int, formulation: str) -> Array:
         arm = rotating_arm(1e4, elements, formulation)
-        found = bd.modes(arm, about=bd.rotation(speed), n=3)
-        return np.sqrt(found.eigenvalues.imag**2 + speed**2)
+        modes = bd.modes(arm, about=bd.rotation(speed), n=3)
+        return np.sqrt(modes.eigenvalues.imag**2 + speed**2)
 
-    return ours
+    return compute
 
 
-# w L^2 sqrt(rho A / EI), to the digits that are printed.
+# w L^2 sqrt(rho A / EI), to the printed digits.
 EISENBERGER = (29.280, 33.305, 67.124, 79.971, 107.851, 143.618, 156.666, 190.477, 225.361, 234.524)
-KNOWN_MODES = (
-    KnownModes(
+MODE_CASES = (
+    ModeCase(
         "free ring, thick",
         "NAFEMS R0015 Test 6, 53.382 and 150.99 Hz by the formula of thin rings; closed form with "
         "stretch, shear and rotary inertia",
         16,
-        _hertz(closed_forms.ring, _round_steel(), 1.0, range(2, 4)),
+        _reference_frequencies(closed_forms.ring, _round_section(), 1.0, range(2, 4)),
         1e-4,
-        _rings(_round_steel(), 1.0, range(2, 4)),
+        _ring_frequencies(_round_section(), 1.0, range(2, 4)),
     ),
-    KnownModes(
+    ModeCase(
         "free ring, thick, four waves",
         "NAFEMS R0015 Test 6, 289.51 Hz by the formula of thin rings; closed form as above",
         20,
-        _hertz(closed_forms.ring, _round_steel(), 1.0, range(4, 5)),
+        _reference_frequencies(closed_forms.ring, _round_section(), 1.0, range(4, 5)),
         1e-4,
-        _rings(_round_steel(), 1.0, range(4, 5)),
+        _ring_frequencies(_round_section(), 1.0, range(4, 5)),
     ),
-    KnownModes(
+    ModeCase(
         "free ring, SDLL11",
         "AFNOR SDLL11, Code_Aster V2.02.011, 318.36 and 900.46 Hz by the formula of thin rings; "
         "closed form with stretch, shear and rotary inertia",
         16,
-        _hertz(closed_forms.ring, _sdll11(), 0.1, range(2, 4)),
+        _reference_frequencies(closed_forms.ring, _sdll11_section(), 0.1, range(2, 4)),
         1e-4,
-        _rings(_sdll11(), 0.1, range(2, 4)),
+        _ring_frequencies(_sdll11_section(), 0.1, range(2, 4)),
     ),
-    KnownModes(
+    ModeCase(
         "free ring, thin",
         "closed form: Love; Blevins 1979",
         16,
-        _hertz(closed_forms.thin_ring, _thin(), 1.0, range(2, 4)),
+        _reference_frequencies(closed_forms.thin_ring, _thin_section(), 1.0, range(2, 4)),
         1e-4,
-        _rings(_thin(), 1.0, range(2, 4)),
+        _ring_frequencies(_thin_section(), 1.0, range(2, 4)),
     ),
-    KnownModes(
+    ModeCase(
         "hinged arch",
         "Eisenberger & Efraim, IJNME 52 (2001) 1221: circular, 90 degrees, shear flexible",
         24,
         EISENBERGER,
         1e-4,
-        hinged_arch,
+        solve_hinged_arch,
     ),
-    KnownModes(
+    ModeCase(
         "supported beam",
         "closed form of Timoshenko; Nachbagauer et al. 2013, EXUDYN ANCFBeam3DeigTest.py "
         "(95.635645, 280.322475, 332.254249, 635.769143 rad/s of 256 elements)",
         16,
         tuple(closed_forms.supported_beam(square_rubber(), 2.0, 5).tolist()),
         1e-6,
-        _supported,
+        _supported_frequencies,
     ),
     *(
-        KnownModes(
+        ModeCase(
             f"rotating arm, speed {speed:g}",
             "Wright, Smith, Thresher & Wang, J. Appl. Mech. 49 (1982) 197: uniform, without offset",
             16,
-            known,
-            # Half of the last digit.
+            reference,
+            # Half a unit of the last digit.
             2e-5,
-            _rotating(speed),
+            _rotating_frequencies(speed),
         )
-        for speed, known in WRIGHT.items()
+        for speed, reference in WRIGHT.items()
     ),
 )

@@ -1,4 +1,4 @@
-"""Periodic motions with answers in closed form, or by special functions."""
+"""Periodic motions with references in closed form or by special functions."""
 
 from __future__ import annotations
 
@@ -17,52 +17,55 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
-class KnownPeriodic:
-    """A mechanism, and what is known of its periodic motion.
+class PeriodicCase:
+    """A mechanism and the reference results of its periodic motion.
 
     Attributes
     ----------
-    known
-        Numbers by name.
-    within
-        Relative error that is to be met.
-    ours
-        The same by shooting.
+    source
+        Publication or closed form.
+    reference
+        Reference values by name.
+    tolerance
+        Largest relative error allowed.
+    compute
+        Returns the values computed by shooting.
     """
 
     name: str
     source: str
-    known: Mapping[str, float]
-    within: float
-    ours: Callable[[], Mapping[str, float]]
+    reference: Mapping[str, float]
+    tolerance: float
+    compute: Callable[[], Mapping[str, float]]
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        """A row for each of the numbers."""
-        found = self.ours()
-        for quantity, known in self.known.items():
-            error = abs(found[quantity] - known)
+        """Yield one row per reference value."""
+        values = self.compute()
+        for quantity, reference in self.reference.items():
+            error = abs(values[quantity] - reference)
             yield {
                 "case": self.name,
                 "setting": "periodic",
                 "quantity": quantity,
-                "published": f"{known:.12g}",
-                "ours": f"{found[quantity]:.12g}",
+                "published": f"{reference:.12g}",
+                "ours": f"{values[quantity]:.12g}",
                 "error": f"{error:.2e}",
-                "relative": f"{error / abs(known):.2e}",
+                "relative": f"{error / abs(reference):.2e}",
                 "ended": "",
             }
 
 
-# A slender cantilever under a sine at its tip, as strongly damped as materials may be.
-LENGTH, DAMPING = 1.0, 2e-3
+# A slender cantilever under a sinusoidal tip force, with the strongest material damping.
+LENGTH = 1.0  # [m]
+DAMPING = 2e-3  # Kelvin-Voigt time [s]
 STRIP = bd.Section.rectangle(
     bd.Material(E=2.1e11, nu=0.3, rho=7850.0), width=0.02, height=0.002, damping=DAMPING
 )
-FREQUENCIES = (0.9, 1.6, 8.0)
+FREQUENCIES = (0.9, 1.6, 8.0)  # [Hz]
 
 
-def receptance(frequency: float) -> complex:
-    """Of the tip: Bernoulli's beam with the stiffness EI (1 + i omega damping)."""
+def tip_receptance(frequency: float) -> complex:
+    """Return the tip receptance [m/N] of Bernoulli's beam with EI (1 + i omega damping)."""
     omega = 2.0 * np.pi * frequency
     bending = STRIP.EI * (1.0 + 1j * omega * STRIP.damping)
     k = (STRIP.rhoA * omega**2 / bending) ** 0.25
@@ -70,63 +73,65 @@ def receptance(frequency: float) -> complex:
     return complex((s * ch - c * sh) / (bending * k**3 * (1.0 + c * ch)))
 
 
-def _shaken() -> dict[str, float]:
-    found = {}
+def _solve_shaken_cantilever() -> dict[str, float]:
+    values = {}
     for frequency in FREQUENCIES:
         mech = bd.Mechanism()
         line = bd.Line((0.0, 0.0), (LENGTH, 0.0))
         beam = mech.add(bd.Beam("beam", line, STRIP, elements=4, formulation="exact"))
         mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-        # By 1e-4 of its length: what is not linear is the square of that.
-        size = 1e-4 * LENGTH / abs(receptance(frequency))
+        # A deflection of 1e-4 of the length: nonlinear effects are the square of it.
+        size = 1e-4 * LENGTH / abs(tip_receptance(frequency))
         mech.add(bd.Force("load", beam.end, (0.0, bd.sine(size, frequency))))
         mech.observe("tip", beam.end)
         motion = bd.periodic(mech, 1.0 / frequency, bd.Radau(1e-8))
         amplitude = motion.amplitudes().loc["tip.y [m]", "half range"]
-        found[_at(frequency)] = float(amplitude) / size
-    return found
+        values[_amplitude_label(frequency)] = float(amplitude) / size
+    return values
 
 
-def _at(frequency: float) -> str:
+def _amplitude_label(frequency: float) -> str:
     return f"amplitude / load at {frequency:g} Hz"
 
 
-def _mathieu() -> dict[str, float]:
-    """At the edge of the first instability, where both multipliers are -1."""
-    found = {}
+def _solve_mathieu() -> dict[str, float]:
+    """Return sums of multipliers at the first instability boundary, where both are -1."""
+    values = {}
     for q in (0.2, 1.0, 5.0):
         t, x, v = (ca.SX.sym(name) for name in "txv")
         force = -(mathieu_b(1, q) - 2.0 * q * ca.cos(2.0 * t)) * x
         system = bd.ConstrainedSystem(t, x, v, mass=[1.0], force=force, q0=[0.0], v0=[0.0])
-        found[f"sum of multipliers, q = {q:g}"] = float(
+        values[f"sum of multipliers, q = {q:g}"] = float(
             bd.periodic(system, np.pi).multipliers.sum().real
         )
-    return found
+    return values
 
 
-# A slider-crank of a short crank, and a rod of little damping.
-ROD_LENGTH, CRANK = 0.5, 5e-5
+# A slider-crank with a short crank and a lightly damped rod.
+ROD_LENGTH = 0.5  # [m]
+CRANK = 5e-5  # length [m]
 ROD = bd.Section.rectangle(
     bd.Material(E=2.1e11, nu=0.3, rho=7850.0), width=0.02, height=0.001, damping=2e-3
 )
-FIRST = (np.pi / ROD_LENGTH) ** 2 * np.sqrt(ROD.EI / ROD.rhoA)
-SPEEDS = 0.9 * FIRST, 1.1 * FIRST
+FIRST_FREQUENCY = (np.pi / ROD_LENGTH) ** 2 * np.sqrt(ROD.EI / ROD.rhoA)
+# Range of crank speeds [rad/s].
+SPEEDS = 0.9 * FIRST_FREQUENCY, 1.1 * FIRST_FREQUENCY
 
 
-def deflection(speed: float) -> float:
-    """Amplitude in the middle of the rod, over the crank: sum of its modes between hinges.
+def midpoint_amplitude(speed: float) -> float:
+    """Return the amplitude at midspan over the crank length, summed over the hinged modes.
 
-    What swings it is its own inertia, rho A speed^2 crank (1 - s / L) sin(speed t).
+    The excitation is the inertia rho A speed^2 crank (1 - s / L) sin(speed t) of the rod.
     """
     n = np.arange(1, 400)
-    natural = (n**2 * FIRST) ** 2 * (1.0 + 1j * speed * ROD.damping)
-    shares = 2.0 / (n * np.pi) * speed**2 / (natural - speed**2)
-    return float(np.abs(shares @ np.sin(0.5 * n * np.pi)))
+    natural = (n**2 * FIRST_FREQUENCY) ** 2 * (1.0 + 1j * speed * ROD.damping)
+    modal_amplitudes = 2.0 / (n * np.pi) * speed**2 / (natural - speed**2)
+    return float(np.abs(modal_amplitudes @ np.sin(0.5 * n * np.pi)))
 
 
 @bd.model(t_end=1.0)
 def slider_crank(speed: float = 1.0) -> bd.Mechanism:
-    """An elastic rod on a crank that turns at `speed` [rad/s]."""
+    """Return an elastic rod on a crank that turns at `speed` [rad/s]."""
     mech = bd.Mechanism()
     crank = mech.add(bd.RigidBody("crank", 1.0, 1e-3))
     line = bd.Line((CRANK, 0.0), (CRANK + ROD_LENGTH, 0.0))
@@ -140,39 +145,44 @@ def slider_crank(speed: float = 1.0) -> bd.Mechanism:
     return mech
 
 
-def _cranked() -> dict[str, float]:
+def _solve_slider_crank() -> dict[str, float]:
     response = bd.frequency_response(
         slider_crank, "speed", SPEEDS, lambda speed: 2.0 * np.pi / speed, bd.Radau(1e-7)
     )
     ((speed, amplitude),) = response.peaks("middle.v [m]")
-    return {"speed of the peak": speed / FIRST, "deflection / crank": amplitude / CRANK}
+    return {"speed of the peak": speed / FIRST_FREQUENCY, "deflection / crank": amplitude / CRANK}
 
 
-def _known_peak() -> dict[str, float]:
-    found = minimize_scalar(lambda speed: -deflection(speed), bounds=SPEEDS, method="bounded")
-    return {"speed of the peak": float(found.x / FIRST), "deflection / crank": float(-found.fun)}
+def _reference_peak() -> dict[str, float]:
+    peak = minimize_scalar(
+        lambda speed: -midpoint_amplitude(speed), bounds=SPEEDS, method="bounded"
+    )
+    return {
+        "speed of the peak": float(peak.x / FIRST_FREQUENCY),
+        "deflection / crank": float(-peak.fun),
+    }
 
 
-KNOWN_PERIODIC = (
-    KnownPeriodic(
+PERIODIC_CASES = (
+    PeriodicCase(
         "shaken cantilever",
         "Bernoulli's beam with viscous damping of the material",
-        {_at(frequency): abs(receptance(frequency)) for frequency in FREQUENCIES},
+        {_amplitude_label(frequency): abs(tip_receptance(frequency)) for frequency in FREQUENCIES},
         1e-4,
-        _shaken,
+        _solve_shaken_cantilever,
     ),
-    KnownPeriodic(
+    PeriodicCase(
         "Mathieu",
         "characteristic values b_1(q) of Mathieu's equation",
         {f"sum of multipliers, q = {q:g}": -2.0 for q in (0.2, 1.0, 5.0)},
         1e-5,
-        _mathieu,
+        _solve_mathieu,
     ),
-    KnownPeriodic(
+    PeriodicCase(
         "peak of a slider-crank over its speed",
         "modes of the rod between hinges, of a short crank",
-        _known_peak(),
+        _reference_peak(),
         1e-3,
-        _cranked,
+        _solve_slider_crank,
     ),
 )

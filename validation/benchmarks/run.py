@@ -1,8 +1,8 @@
-"""Integrators, equilibria, modes, linear models, section forces, steady states: known answers.
+"""Compare integrators, equilibria, modes, section forces and periodic motions with references.
 
     python validation/benchmarks/run.py [--case "car axis"]
 
-Prints errors by case; the table of all of them goes to summary.csv.
+Prints the errors by case; a run of all cases writes summary.csv.
 """
 
 from __future__ import annotations
@@ -19,28 +19,27 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
-from benchmarks.bent_beams import KNOWN_RESTS
 from benchmarks.cases import PARALLELOGRAM, PUBLISHED_CASES, PublishedCase
-from benchmarks.equilibria import KNOWN_PATHS
+from benchmarks.equilibria import PATH_CASES
 from benchmarks.mechanism_cases import MECHANISM_CASES
-from benchmarks.modes import KNOWN_MODES
-from benchmarks.periodic_motions import KNOWN_PERIODIC
-from benchmarks.section_forces import KNOWN_SECTION_FORCES
-from benchmarks.spun_up import SPUN_UP
+from benchmarks.modes import MODE_CASES
+from benchmarks.periodic_motions import PERIODIC_CASES
+from benchmarks.section_forces import SECTION_FORCE_CASES
+from benchmarks.spin_up_cases import SPIN_UP_CASES
+from benchmarks.static_cases import STATIC_CASES
 from benchmarks.step_response import STEP_RESPONSES
 
 SUMMARY = Path(__file__).parent / "summary.csv"
 CASES = (*PUBLISHED_CASES, PARALLELOGRAM, *MECHANISM_CASES)
-# What gives rows of its own.
-FURTHER = (
-    *KNOWN_MODES,
+# Cases that compute their rows themselves.
+OTHER_CASES = (
+    *MODE_CASES,
     *STEP_RESPONSES,
-    *KNOWN_RESTS,
-    *KNOWN_PATHS,
-    *SPUN_UP,
-    *KNOWN_SECTION_FORCES,
-    *KNOWN_PERIODIC,
-    *SPUN_UP,
+    *STATIC_CASES,
+    *PATH_CASES,
+    *SPIN_UP_CASES,
+    *SECTION_FORCE_CASES,
+    *PERIODIC_CASES,
 )
 RTOLS = (1e-4, 1e-6, 1e-8)
 INTEGRATORS = {
@@ -54,33 +53,33 @@ INTEGRATORS = {
 }
 
 
-def rows(case: PublishedCase, setting: str) -> Iterator[dict[str, object]]:
-    """A row for each thing that is known: where it is off most, and what that is worth.
+def compare_case(case: PublishedCase, setting: str) -> Iterator[dict[str, object]]:
+    """Yield one row per published quantity, at its largest error.
 
-    Of a run that does not reach its end a row that says why. `relative` is the error beside the
-    largest value that is known.
+    A run that does not reach its end yields one row with the reason. `relative` is the error
+    divided by the largest published value.
     """
     with warnings.catch_warnings():
-        # Of change points, and of tolerances that take many steps: the table has what comes of it.
+        # Warnings about change points and tight tolerances; the table shows their effect.
         warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        solution = case.tried(INTEGRATORS[setting])
+        solution = case.attempt(INTEGRATORS[setting])
         quality = solution.quality
     if not solution.status.success:
         yield {"case": case.name, "setting": setting, "ended": solution.status.sentence}
         return
-    for name, (known, ours) in case.both(solution).items():
-        worst = np.unravel_index(np.argmax(np.abs(ours - known)), known.shape)
-        error = abs(ours[worst] - known[worst])
+    for name, (reference, computed) in case.compare(solution).items():
+        worst = np.unravel_index(np.argmax(np.abs(computed - reference)), reference.shape)
+        error = abs(computed[worst] - reference[worst])
         yield {
             "case": case.name,
             "setting": setting,
             "quantity": name,
             "entry": worst[1],
             "t [s]": f"{case.times[worst[0]]:.6g}",
-            "published": f"{known[worst]:.12g}",
-            "ours": f"{ours[worst]:.12g}",
+            "published": f"{reference[worst]:.12g}",
+            "ours": f"{computed[worst]:.12g}",
             "error": f"{error:.2e}",
-            "relative": f"{error / np.max(np.abs(known)):.2e}",
+            "relative": f"{error / np.max(np.abs(reference)):.2e}",
             "steps": solution.statistics.steps,
             "drift": f"{quality.max_position_drift:.1e}",
             "energy imbalance": f"{quality.energy_imbalance:.1e}",
@@ -90,22 +89,26 @@ def rows(case: PublishedCase, setting: str) -> Iterator[dict[str, object]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--case", choices=list(dict.fromkeys(x.name for x in (*CASES, *FURTHER))))
-    chosen = parser.parse_args().case
-    cases = [case for case in CASES if chosen in (None, case.name)]
-    found = [row for case in cases for x in INTEGRATORS for row in rows(case, x)]
-    further = [case for case in FURTHER if chosen in (None, case.name)]
-    found += [row for case in further for row in case.rows()]
-    table = pd.DataFrame(found, dtype=object)
-    if chosen is None:
+    parser.add_argument(
+        "--case",
+        help="run this case only",
+        choices=list(dict.fromkeys(x.name for x in (*CASES, *OTHER_CASES))),
+    )
+    name = parser.parse_args().case
+    cases = [case for case in CASES if name in (None, case.name)]
+    rows = [row for case in cases for x in INTEGRATORS for row in compare_case(case, x)]
+    other_cases = [case for case in OTHER_CASES if name in (None, case.name)]
+    rows += [row for case in other_cases for row in case.rows()]
+    table = pd.DataFrame(rows, dtype=object)
+    if name is None:
         table.to_csv(SUMMARY, index=False)
     for _, row in table[table["ended"] != ""].iterrows():
         print(f"{row['case']}, {row['setting']}: {row['ended']}")
-    short = table.astype({"relative": float}).pivot_table(
+    summary = table.astype({"relative": float}).pivot_table(
         index=["case", "quantity"], columns="setting", values="relative", sort=False
     )
-    print("largest error relative to the largest known value")
-    print(short.to_string(float_format=lambda x: f"{x:.0e}"))
+    print("largest error relative to the largest published value")
+    print(summary.to_string(float_format=lambda x: f"{x:.0e}"))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Section forces of beams with answers in closed form."""
+"""Section forces of beams with closed-form references."""
 
 from __future__ import annotations
 
@@ -9,20 +9,22 @@ from typing import Any
 import numpy as np
 
 import beamdae as bd
-from benchmarks.bent_beams import KnownRest
+from benchmarks.static_cases import StaticCase
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 BAR = bd.Section.rectangle(STEEL, width=0.1, height=0.1)
 LINE = bd.Line((0.0, 0.0), (1.0, 0.0))
-GRAVITY, SPEED = 9.81, 400.0
-WEIGHT = BAR.rhoA * GRAVITY
-RADIUS, THICKNESS = 2.0, 0.1
+GRAVITY = 9.81  # [m/s^2]
+WEIGHT = BAR.rhoA * GRAVITY  # per length [N/m]
+SPEED = 400.0  # of the rotating rod [rad/s]
+RADIUS = 2.0  # of the ring [m]
+THICKNESS = 0.1  # of the ring [m]
 
 
-def _heavy(elements: int, words: Mapping[str, Any]) -> dict[str, float]:
-    """As thick as this, what it bends under its weight changes its forces by 1e-8."""
+def _solve_heavy_cantilever(elements: int, settings: Mapping[str, Any]) -> dict[str, float]:
+    """Return shear forces and moments; deflection under gravity changes them by 1e-8 only."""
     mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
-    beam = mech.add(bd.Beam("beam", LINE, BAR, elements, **words))
+    beam = mech.add(bd.Beam("beam", LINE, BAR, elements, **settings))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     forces = bd.equilibrium(mech).section_forces(beam, s=[0.0, 0.3])
     return {
@@ -33,11 +35,11 @@ def _heavy(elements: int, words: Mapping[str, Any]) -> dict[str, float]:
     }
 
 
-def _turning(elements: int, words: Mapping[str, Any]) -> dict[str, float]:
-    """Damped so much that it has come to rest in its axes."""
+def _solve_rotating_rod(elements: int, settings: Mapping[str, Any]) -> dict[str, float]:
+    """Return axial forces once strong damping has ended the vibrations relative to the rod."""
     mech = bd.Mechanism()
-    damped = replace(BAR, damping=2e-3)
-    beam = mech.add(bd.Beam("beam", LINE, damped, elements, angular_velocity=SPEED, **words))
+    section = replace(BAR, damping=2e-3)
+    beam = mech.add(bd.Beam("beam", LINE, section, elements, angular_velocity=SPEED, **settings))
     axle = mech.ground.at(0.0, 0.0)
     mech.add(bd.Revolute("axle", axle, beam.start))
     mech.add(bd.Driver("drive", axle, beam.start, lambda t: SPEED * t))
@@ -46,19 +48,19 @@ def _turning(elements: int, words: Mapping[str, Any]) -> dict[str, float]:
     return {"N at the axle": forces.N[0, 0], "N at 0.5 L": forces.N[0, 1]}
 
 
-def _stretched(s: float) -> float:
-    """N = EA (cos k s / cos k L - 1), k = speed sqrt(rho / E): of a rod that stretches."""
+def _rod_force(s: float) -> float:
+    """Return N = EA (cos k s / cos k L - 1), k = speed sqrt(rho / E), of an extensible rod."""
     k = SPEED * np.sqrt(STEEL.rho / STEEL.E)
     return float(BAR.EA * (np.cos(k * s) / np.cos(k) - 1.0))
 
 
-def _pinched(elements: int, words: Mapping[str, Any]) -> dict[str, float]:
-    """A quarter of a ring on two guides, under a load that bends it by 1e-6 of its radius."""
+def _solve_pinched_ring(elements: int, settings: Mapping[str, Any]) -> dict[str, float]:
+    """Return the forces of a quarter ring on two guides; the load bends it by 1e-6 of R."""
     section = bd.Section.rectangle(STEEL, width=THICKNESS, height=THICKNESS)
     load = 1e-5 * section.EI / RADIUS**2
     mech = bd.Mechanism()
     axis = bd.Arc(RADIUS, 0.5 * np.pi * RADIUS, start=(RADIUS, 0.0), angle=0.5 * np.pi)
-    beam = mech.add(bd.Beam("ring", axis, section, elements, **words))
+    beam = mech.add(bd.Beam("ring", axis, section, elements, **settings))
     mech.add(bd.Prismatic("side", mech.ground.at(RADIUS, 0.0), beam.start, (1.0, 0.0)))
     mech.add(bd.Prismatic("top", mech.ground.at(0.0, RADIUS), beam.end, (0.0, 1.0)))
     mech.add(bd.Force("load", beam.end, (0.0, -0.5 * load)))
@@ -72,8 +74,8 @@ def _pinched(elements: int, words: Mapping[str, Any]) -> dict[str, float]:
     }
 
 
-KNOWN_SECTION_FORCES = (
-    KnownRest(
+SECTION_FORCE_CASES = (
+    StaticCase(
         "cantilever under its weight",
         "w (L - s), w (L - s)^2 / 2",
         4,
@@ -84,17 +86,17 @@ KNOWN_SECTION_FORCES = (
             "M at 0.3 L": 0.5 * 0.7**2 * WEIGHT,
         },
         1e-7,
-        _heavy,
+        _solve_heavy_cantilever,
     ),
-    KnownRest(
+    StaticCase(
         "rotating rod",
         "EA (cos k s / cos k L - 1)",
         4,
-        {"N at the axle": _stretched(0.0), "N at 0.5 L": _stretched(0.5)},
+        {"N at the axle": _rod_force(0.0), "N at 0.5 L": _rod_force(0.5)},
         1e-6,
-        _turning,
+        _solve_rotating_rod,
     ),
-    KnownRest(
+    StaticCase(
         "ring under a diametral load",
         "Castigliano's theorem: 1 / pi, 1 / 2 - 1 / pi",
         4,
@@ -105,6 +107,6 @@ KNOWN_SECTION_FORCES = (
             "Q / P under the load": 0.5,
         },
         1e-5,
-        _pinched,
+        _solve_pinched_ring,
     ),
 )

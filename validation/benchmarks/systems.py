@@ -12,11 +12,11 @@ import beamdae as bd
 PERIOD_TWO_GRAVITY = 4.0 * float(ellipk(0.5)) ** 2
 
 
-def symbols(n: int) -> tuple[ca.SX, ca.SX, ca.SX]:
+def create_symbols(n: int) -> tuple[ca.SX, ca.SX, ca.SX]:
     return ca.SX.sym("t"), ca.SX.sym("q", n), ca.SX.sym("v", n)
 
 
-def lagrange(q: ca.SX, v: ca.SX, mass: ca.SX, applied: ca.SX) -> ca.SX:
+def lagrange_force(q: ca.SX, v: ca.SX, mass: ca.SX, applied: ca.SX) -> ca.SX:
     """Right-hand side f of M q'' = f where the kinetic energy is v . M(q) v / 2."""
     kinetic = 0.5 * ca.dot(v, mass @ v)
     return applied + ca.gradient(kinetic, q) - ca.jtimes(mass @ v, q, v)
@@ -29,7 +29,7 @@ def car_axis(epsilon=1e-2):
     F. Mazzia, C. Magherini, Test Set for Initial Value Problem Solvers, release 2.4 (2008),
     problem caraxis, https://archimede.dm.uniba.it/~testset/; numbers of cran/deTestSet.
     """
-    t, q, v = symbols(4)
+    t, q, v = create_symbols(4)
     left, right = q[:2], q[2:]
     mass = 0.5 * 10.0 * epsilon**2
     bump = 0.1 * ca.sin(10.0 * t)
@@ -74,7 +74,7 @@ def arevalo():
     C. Arevalo, P. Loetstedt, Improving the accuracy of BDF methods for index 3
     differential-algebraic equations, BIT 35 (1995) 297, doi:10.1007/BF01732606.
     """
-    t, q, v = symbols(2)
+    t, q, v = create_symbols(2)
     return bd.ConstrainedSystem(
         t=t,
         q=q,
@@ -101,7 +101,7 @@ def particle_pendulum(gravity=PERIOD_TWO_GRAVITY, angle=0.5 * np.pi, speed=0.0):
     With gravity 9.81 and angle -pi/2: IFToMM multibody benchmark A01, M. Gonzalez, D. Dopico,
     U. Lugris, J. Cuadrado, Multibody Syst. Dyn. 16 (2006) 179, doi:10.1007/s11044-006-9020-8.
     """
-    t, q, v = symbols(2)
+    t, q, v = create_symbols(2)
     g = ca.SX.sym("g")
     return bd.ConstrainedSystem(
         t=t,
@@ -119,7 +119,7 @@ def particle_pendulum(gravity=PERIOD_TWO_GRAVITY, angle=0.5 * np.pi, speed=0.0):
     )
 
 
-def pendulum_motion(t: np.ndarray, gravity: float = PERIOD_TWO_GRAVITY, side: float = 1.0):
+def released_pendulum_motion(t: np.ndarray, gravity: float = PERIOD_TWO_GRAVITY, side: float = 1.0):
     """(x, y) of `particle_pendulum`: the sine of half its angle is cd(sqrt(g) t) / sqrt 2."""
     _, cn, dn, _ = ellipj(np.sqrt(gravity) * t, 0.5)
     half = np.sqrt(0.5) * cn / dn
@@ -128,7 +128,7 @@ def pendulum_motion(t: np.ndarray, gravity: float = PERIOD_TWO_GRAVITY, side: fl
 
 def iftomm_motion(t: np.ndarray) -> np.ndarray:
     """The same with the numbers of IFToMM A01."""
-    return pendulum_motion(t, 9.81, -1.0)
+    return released_pendulum_motion(t, 9.81, -1.0)
 
 
 # Twelve digits as Exudyn's Examples/pendulumIftommBenchmark.py asks for.
@@ -142,7 +142,7 @@ def spring_slider_crank():
     E. Haug, Intermediate Dynamics, 1992, example 6.1.8; SUNDIALS examples/ida/serial
     idaSlCrank_dns.c, whose output has five digits (t = 10: 1.2757, 1.0236, -0.49881).
     """
-    t, u, v = symbols(3)
+    t, u, v = create_symbols(3)
     q, x, p = u[0], u[1], u[2]
     a = 0.5
     crank = 0.5 * a * ca.vertcat(ca.cos(q), ca.sin(q))
@@ -173,7 +173,7 @@ SPRING_SLIDER_CRANK_END = {"crank [rad]": 1.2757, "slider [m]": 1.0236, "rod [ra
 @bd.model(t_end=4.0)
 def free_particle(offset=0.5):
     """Force-free particle in polar coordinates (r, phi), mass diag(1, r^2): a straight line."""
-    t, q, v = symbols(2)
+    t, q, v = create_symbols(2)
     mass = ca.diag(ca.vertcat(1.0, q[0] ** 2))
     r = np.hypot(2.0, offset)
     return bd.ConstrainedSystem(
@@ -181,7 +181,7 @@ def free_particle(offset=0.5):
         q=q,
         v=v,
         mass=mass,
-        force=lagrange(q, v, mass, ca.SX.zeros(2)),
+        force=lagrange_force(q, v, mass, ca.SX.zeros(2)),
         q0=[r, np.arctan2(-2.0, offset)],
         v0=[-2.0 / r, offset / r**2],
         names=("r", "phi"),
@@ -202,7 +202,7 @@ def cycloid_slide(radius=0.5, gravity=9.81, start=-0.95):
     `start` of its largest value. C. Huygens, Horologium oscillatorium (1673): s swings as a
     harmonic oscillator, however far.
     """
-    t, q, v = symbols(3)
+    t, q, v = create_symbols(3)
     r, g = ca.SX.sym("r"), ca.SX.sym("g")
     x, y, s = ca.vertsplit(q)
 
@@ -235,7 +235,7 @@ def rotating_rod(radius=0.1, rate=2.0):
 
     Closed form: r = r0 cosh(w t).
     """
-    t, q, v = symbols(2)
+    t, q, v = create_symbols(2)
     w = ca.SX.sym("w")
     return bd.ConstrainedSystem(
         t=t,
@@ -262,7 +262,7 @@ def knife_edge(pull=5.0, spin=2.0):
     examples/daes/knife_edge.py. `pull` is gravity along the plane [m/s^2]. It moves on a cycloid,
     across the slope.
     """
-    t, q, v = symbols(3)
+    t, q, v = create_symbols(3)
     g, phi = ca.SX.sym("g"), q[2]
     return bd.ConstrainedSystem(
         t=t,

@@ -27,7 +27,7 @@ NAMES = (
 COLUMNS = 3
 
 
-def drawing(name: str):
+def render_drawing(name: str):
     """Of a model, as an image."""
     figure = create_drawing(bd.load_model(f"example:{name}")(), size=(5.0, 3.6))
     found = io.BytesIO()
@@ -42,7 +42,7 @@ def main() -> None:
     FigureCanvasAgg(figure)
     for k, name in enumerate(NAMES):
         axis = figure.add_subplot(rows, COLUMNS, k + 1)
-        axis.imshow(drawing(name))
+        axis.imshow(render_drawing(name))
         axis.set_title(name, fontsize=12)
         axis.set_axis_off()
     folder = Path(__file__).parent

@@ -28,15 +28,15 @@ import beamdae as bd
 Array = np.ndarray
 
 RESULTS = Path(__file__).parent / "results"
-OF_EXUDYN = Path(__file__).parents[1] / "performance" / "results"
+EXUDYN_FOLDER = Path(__file__).parents[1] / "performance" / "results"
 MODELS = {"hub_beam": hub_beam, "pendulum": pendulum}
-EXUDYN = {
+EXUDYN_FILES = {
     "hub_beam": "reference_hub_beam_undamped.csv",
     "pendulum": "reference_pendulum_damped.csv",
 }
-EXACT, IN_A_FRAME = {"formulation": "exact"}, {"strain": "exact"}
-FINE = bd.Radau(1e-9)
-WITNESS = bd.GeneralizedAlpha(5e-5, newton_tolerance=1e-9)
+EXACT, EXACT_STRAIN = {"formulation": "exact"}, {"strain": "exact"}
+REFERENCE_INTEGRATOR = bd.Radau(1e-9)
+CHECK_INTEGRATOR = bd.GeneralizedAlpha(5e-5, newton_tolerance=1e-9)
 # How near to the converged answer 8 exact elements are to stay [m].
 BOUNDS = {"hub_beam": 1e-5, "pendulum": 2e-5}
 INTEGRATORS = {
@@ -49,12 +49,12 @@ STRAINS: dict[str, tuple[dict[str, Any], str]] = {
     "linear, tangent frame": ({"strain": "linear"}, GRAY),
     "nonlinear (the paper's), tangent frame": ({"strain": "nonlinear"}, RED),
     "green, tangent frame": ({"strain": "green"}, ORANGE),
-    "exact strain in a frame": (IN_A_FRAME, GREEN),
+    "exact strain in a frame": (EXACT_STRAIN, GREEN),
 }
 STEP = 1e-2
 
 
-def tip(name: str, integrator: Any, elements: int, **words: Any) -> Array:
+def simulate_tip(name: str, integrator: Any, elements: int, **words: Any) -> Array:
     """The tip (rows, 2) [m] every 10 ms."""
     model = MODELS[name]
     with warnings.catch_warnings():
@@ -66,56 +66,65 @@ def tip(name: str, integrator: Any, elements: int, **words: Any) -> Array:
     return solution.observed[["tip.x [m]", "tip.y [m]"]].to_numpy()
 
 
-def reference(name: str) -> Array:
+def load_reference(name: str) -> Array:
     """The stored reference."""
     return pd.read_csv(RESULTS / f"{name}.csv")[["x [m]", "y [m]"]].to_numpy()
 
 
-def off(found: Array, right: Array) -> float:
+def max_distance(found: Array, right: Array) -> float:
     """Largest distance [m]."""
     return float(np.max(np.linalg.norm(found - right, axis=1)))
 
 
-def make_reference(name: str) -> list[dict[str, Any]]:
+def store_reference(name: str) -> list[dict[str, Any]]:
     """Store the reference; how far others are from it."""
-    right = tip(name, FINE, 32, **EXACT)
+    right = simulate_tip(name, REFERENCE_INTEGRATOR, 32, **EXACT)
     table = pd.DataFrame(right, columns=["x [m]", "y [m]"])
     table.insert(0, "t [s]", STEP * np.arange(len(table)))
     table.to_csv(RESULTS / f"{name}.csv", index=False, float_format="%.10g")
-    exudyn = pd.read_csv(OF_EXUDYN / EXUDYN[name])[["x [m]", "y [m]"]].to_numpy()
+    exudyn = pd.read_csv(EXUDYN_FOLDER / EXUDYN_FILES[name])[["x [m]", "y [m]"]].to_numpy()
     others = {
-        "exact, 32 elements, GeneralizedAlpha step 5e-05": tip(name, WITNESS, 32, **EXACT),
-        "exact, 64 elements, Radau rtol 1e-09": tip(name, FINE, 64, **EXACT),
-        "exact strain in a frame, 32 elements, Radau rtol 1e-09": tip(name, FINE, 32, **IN_A_FRAME),
-        "exact strain in a frame, 32 elements, GeneralizedAlpha step 5e-05": tip(
-            name, WITNESS, 32, **IN_A_FRAME
+        "exact, 32 elements, GeneralizedAlpha step 5e-05": simulate_tip(
+            name, CHECK_INTEGRATOR, 32, **EXACT
+        ),
+        "exact, 64 elements, Radau rtol 1e-09": simulate_tip(
+            name, REFERENCE_INTEGRATOR, 64, **EXACT
+        ),
+        "exact strain in a frame, 32 elements, Radau rtol 1e-09": simulate_tip(
+            name, REFERENCE_INTEGRATOR, 32, **EXACT_STRAIN
+        ),
+        "exact strain in a frame, 32 elements, GeneralizedAlpha step 5e-05": simulate_tip(
+            name, CHECK_INTEGRATOR, 32, **EXACT_STRAIN
         ),
         "Exudyn, 64 elements, step 5e-05": exudyn,
     }
     return [
-        {"model": name, "computation": label, "off [mm]": f"{1e3 * off(found, right):.2g}"}
+        {"model": name, "computation": label, "off [mm]": f"{1e3 * max_distance(found, right):.2g}"}
         for label, found in others.items()
     ]
 
 
-def eight_elements(name: str, label: str) -> dict[str, Any]:
+def measure_eight_elements(name: str, label: str) -> dict[str, Any]:
     """Eight exact elements by an integrator."""
-    error = off(tip(name, INTEGRATORS[label], 8, **EXACT), reference(name))
+    error = max_distance(simulate_tip(name, INTEGRATORS[label], 8, **EXACT), load_reference(name))
     return {"model": name, "integrator": label, "off [mm]": f"{1e3 * error:.2g}"}
 
 
-def partings(name: str) -> dict[str, Array]:
+def error_histories(name: str) -> dict[str, Array]:
     """How far each strain has been off until a time [m]."""
-    right = reference(name)
-    found = {label: tip(name, bd.Radau(1e-7), 16, **words) for label, (words, _) in STRAINS.items()}
-    found["exact, 8 elements"] = tip(name, FINE, 8, **EXACT)
+    right = load_reference(name)
+    found = {
+        label: simulate_tip(name, bd.Radau(1e-7), 16, **words)
+        for label, (words, _) in STRAINS.items()
+    }
+    found["exact, 8 elements"] = simulate_tip(name, REFERENCE_INTEGRATOR, 8, **EXACT)
     return {
         label: np.maximum.accumulate(np.linalg.norm(own - right, axis=1))
         for label, own in found.items()
     }
 
 
-def draw(parted: dict[str, dict[str, Array]]) -> None:
+def plot_error_histories(parted: dict[str, dict[str, Array]]) -> None:
     """How far each strain has been off until a time, of both models."""
     figure, axes = panels(columns=2, height=3.6)
     colors = {label: color for label, (_, color) in STRAINS.items()} | {"exact, 8 elements": BLUE}
@@ -133,10 +142,12 @@ def draw(parted: dict[str, dict[str, Array]]) -> None:
 
 
 def main() -> None:
-    tables = {"known": [row for name in MODELS for row in make_reference(name)]}
-    tables["eight_elements"] = [eight_elements(name, x) for name in MODELS for x in INTEGRATORS]
-    parted = {name: partings(name) for name in MODELS}
-    draw(parted)
+    tables = {"known": [row for name in MODELS for row in store_reference(name)]}
+    tables["eight_elements"] = [
+        measure_eight_elements(name, x) for name in MODELS for x in INTEGRATORS
+    ]
+    parted = {name: error_histories(name) for name in MODELS}
+    plot_error_histories(parted)
     tables["parting"] = [
         {
             "model": name,

@@ -25,7 +25,7 @@ import pandas as pd
 
 import beamdae as bd
 from beamdae.equations.measures import balance_rows
-from formulations.shooting import Bent, bent
+from formulations.shooting import CantileverSolution, solve_cantilever
 
 Array = np.ndarray
 
@@ -54,11 +54,15 @@ FINEST = 128
 QUANTITIES = ("energy", "tip", "moment")
 # Where moments are looked at: so far along these parts of the length, in the same places of an
 # element whatever the mesh.
-PARTS, WITHIN = np.array([0.0, 0.25, 0.5, 0.75, 1.0]), np.array([0.07, 0.5, 0.9])
-SHARES = {
-    n: np.ravel((np.minimum(PARTS * n, n - 1)[:, None] + WITHIN) / n).tolist() for n in ELEMENTS
+LENGTH_FRACTIONS, ELEMENT_POSITIONS = (
+    np.array([0.0, 0.25, 0.5, 0.75, 1.0]),
+    np.array([0.07, 0.5, 0.9]),
+)
+POSITIONS = {
+    n: np.ravel((np.minimum(LENGTH_FRACTIONS * n, n - 1)[:, None] + ELEMENT_POSITIONS) / n).tolist()
+    for n in ELEMENTS
 }
-ALL_SHARES = sorted({share for shares in SHARES.values() for share in shares})
+ALL_POSITIONS = sorted({share for shares in POSITIONS.values() for share in shares})
 
 
 def is_exact(words: Mapping[str, Any]) -> bool:
@@ -66,7 +70,7 @@ def is_exact(words: Mapping[str, Any]) -> bool:
     return "exact" in words.values()
 
 
-def loads(words: Mapping[str, Any]) -> tuple[tuple[float, float], float]:
+def end_loads(words: Mapping[str, Any]) -> tuple[tuple[float, float], float]:
     """Force and moment of the end."""
     share = 1.0 if is_exact(words) else 0.2
     return (0.0, share * FORCE), share * MOMENT
@@ -76,16 +80,16 @@ def _cantilever(curve: Any, elements: int, words: Mapping[str, Any]) -> bd.Mecha
     mech = bd.Mechanism()
     beam = mech.add(bd.Beam("beam", curve, SECTION, elements, **words))
     mech.add(bd.Weld("clamp", mech.ground.at(*curve.point(0.0)), beam.start))
-    force, moment = loads(words)
+    force, moment = end_loads(words)
     mech.add(bd.Force("force", beam.end, force))
     mech.add(bd.Moment("moment", beam.end, moment))
     mech.observe("tip", beam.end)
-    for k, share in enumerate(ALL_SHARES):
+    for k, share in enumerate(ALL_POSITIONS):
         mech.observe(f"at {k}", beam.section_forces(share * curve.length))
     return mech
 
 
-def at_rest(curve: Any, elements: int, words: Mapping[str, Any]) -> Bent:
+def solve_equilibrium(curve: Any, elements: int, words: Mapping[str, Any]) -> CantileverSolution:
     """The cantilever by so many elements."""
     with warnings.catch_warnings():
         # Of coarse meshes, and that it bends farther than strains of moderate rotations reach.
@@ -96,25 +100,27 @@ def at_rest(curve: Any, elements: int, words: Mapping[str, Any]) -> Bent:
     tip = [columns[f"tip.{name}"][-1] for name in ("x [m]", "y [m]", "angle [rad]")]
     q, still = found.q[-1:], np.zeros((1, found.q.shape[1]))
     books = balance_rows(found.equations)(np.zeros((1, 2)), q, still, still, found.lam[-1:])
-    moments = [columns[f"at {k}.M [N m]"][-1] for k in range(len(ALL_SHARES))]
-    return Bent(np.array(tip), float(books[0, 1]), np.array(moments))
+    moments = [columns[f"at {k}.M [N m]"][-1] for k in range(len(ALL_POSITIONS))]
+    return CantileverSolution(np.array(tip), float(books[0, 1]), np.array(moments))
 
 
 @cache
-def known(curve: str, formulation: str) -> Bent:
+def reference_solution(curve: str, formulation: str) -> CantileverSolution:
     """What a formulation converges to: Reissner's beam, or its own."""
     words, axis = FORMULATIONS[formulation], CURVES[curve]
     if not is_exact(words):
-        return at_rest(axis, FINEST, words)
-    found = bent(axis, SECTION, *loads(words), np.append(ALL_SHARES, 1.0) * axis.length)
+        return solve_equilibrium(axis, FINEST, words)
+    found = solve_cantilever(
+        axis, SECTION, *end_loads(words), np.append(ALL_POSITIONS, 1.0) * axis.length
+    )
     return found._replace(moments=found.moments[:-1])
 
 
-def errors(curve: str, formulation: str, elements: int) -> tuple[float, float, float]:
+def relative_errors(curve: str, formulation: str, elements: int) -> tuple[float, float, float]:
     """Of energy, tip and moment, relative."""
-    right, axis = known(curve, formulation), CURVES[curve]
-    ours = at_rest(axis, elements, FORMULATIONS[formulation])
-    own = np.searchsorted(ALL_SHARES, SHARES[elements])
+    right, axis = reference_solution(curve, formulation), CURVES[curve]
+    ours = solve_equilibrium(axis, elements, FORMULATIONS[formulation])
+    own = np.searchsorted(ALL_POSITIONS, POSITIONS[elements])
     moved = np.linalg.norm(right.tip[:2] - axis.point(axis.length))
     return (
         abs(ours.energy - right.energy) / right.energy,
@@ -123,7 +129,7 @@ def errors(curve: str, formulation: str, elements: int) -> tuple[float, float, f
     )
 
 
-def observed_order(found: Array) -> float:
+def fit_order(found: Array) -> float:
     """Slope over the finer meshes, down to where rounding begins."""
     x, y = np.log(ELEMENTS), np.log(np.maximum(found, 1e-300))
     good = np.asarray(found) > 3e-11
@@ -131,23 +137,23 @@ def observed_order(found: Array) -> float:
     return float(-np.polyfit(x[last], y[last], 1)[0]) if len(last) > 1 else float("nan")
 
 
-def rows(curve: str, formulation: str) -> list[dict[str, Any]]:
+def tabulate(curve: str, formulation: str) -> list[dict[str, Any]]:
     """A row for each quantity: errors by number of elements, and the order."""
-    found = np.array([errors(curve, formulation, n) for n in ELEMENTS]).T
+    found = np.array([relative_errors(curve, formulation, n) for n in ELEMENTS]).T
     return [
         {
             "curve": curve,
             "formulation": formulation,
             "quantity": quantity,
             **{f"{n} elements": f"{e:.1e}" for n, e in zip(ELEMENTS, own, strict=True)},
-            "order": f"{observed_order(own):.1f}",
+            "order": f"{fit_order(own):.1f}",
         }
         for quantity, own in zip(QUANTITIES, found, strict=True)
     ]
 
 
 def main() -> None:
-    table = pd.DataFrame([row for c in CURVES for f in FORMULATIONS for row in rows(c, f)])
+    table = pd.DataFrame([row for c in CURVES for f in FORMULATIONS for row in tabulate(c, f)])
     table.to_csv(TABLE, index=False)
     print(table.to_string(index=False))
 

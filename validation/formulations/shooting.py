@@ -13,7 +13,7 @@ import beamdae as bd
 Array = np.ndarray
 
 
-class Bent(NamedTuple):
+class CantileverSolution(NamedTuple):
     """A cantilever at rest: place and angle of its tip, strain energy [J], moments at `places`."""
 
     tip: Array
@@ -21,9 +21,9 @@ class Bent(NamedTuple):
     moments: Array
 
 
-def bent(
+def solve_cantilever(
     curve: Any, section: bd.Section, force: tuple[float, float], moment: float, places: Array
-) -> Bent:
+) -> CantileverSolution:
     """A cantilever under a dead force and a moment of its end, to 1e-12.
 
     x' = (1 + N / EA) t + Q / GA n, psi' = psi0' + m / EI, m' = -(x' x F), along the curve;
@@ -53,4 +53,4 @@ def bent(
         lambda m: shot(m).y[3, end] - moment, guess, x1=0.9 * guess, tol=1e-12 * abs(guess)
     )
     found = shot(float(root)).y
-    return Bent(found[:3, end], float(found[4, end]), -found[3])
+    return CantileverSolution(found[:3, end], float(found[4, end]), -found[3])

@@ -29,7 +29,7 @@ VARIANTS = {
 }
 
 
-def deformation(**parameters: object) -> np.ndarray:
+def simulate_deformation(**parameters: object) -> np.ndarray:
     """Tip deformation (rows, 2) of the hub beam."""
     integrator = bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-7)
     mechanism = hub_beam(**parameters)
@@ -37,16 +37,16 @@ def deformation(**parameters: object) -> np.ndarray:
     return solution.observed[COLUMNS].to_numpy()
 
 
-def mesh_errors(elements: tuple[int, ...] = ELEMENTS, **parameters: object) -> np.ndarray:
+def compute_mesh_errors(elements: tuple[int, ...] = ELEMENTS, **parameters: object) -> np.ndarray:
     """Error of each mesh against 24 elements of the default kind."""
     beam = {k: v for k, v in parameters.items() if k in ("subtended", "shape")}
-    reference = deformation(elements=24, **beam)
+    reference = simulate_deformation(elements=24, **beam)
     amplitude = 0.5 * np.max(np.ptp(reference, axis=0))
-    runs = (deformation(elements=n, **parameters) for n in elements)
+    runs = (simulate_deformation(elements=n, **parameters) for n in elements)
     return np.array([np.max(np.abs(run - reference)) / amplitude for run in runs])
 
 
-def observed_orders(elements: tuple[int, ...], errors: np.ndarray) -> np.ndarray:
+def compute_orders(elements: tuple[int, ...], errors: np.ndarray) -> np.ndarray:
     """Order between neighboring meshes."""
     return np.diff(np.log(errors)) / -np.diff(np.log(elements))
 
@@ -59,8 +59,8 @@ def main() -> None:
     lines = []
     for quadrature in ("reduced", "full"):
         for name, variant in VARIANTS.items():
-            errors = mesh_errors(quadrature=quadrature, **variant, **beam)
-            orders = ["", *(f"{o:.1f}" for o in observed_orders(ELEMENTS, errors))]
+            errors = compute_mesh_errors(quadrature=quadrature, **variant, **beam)
+            orders = ["", *(f"{o:.1f}" for o in compute_orders(ELEMENTS, errors))]
             cells = {
                 f"{n}": f"{e:.1e} {o}" for n, e, o in zip(ELEMENTS, errors, orders, strict=True)
             }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
-from benchmarks.systems import lagrange, symbols
+from benchmarks.systems import create_symbols, lagrange_force
 
 import beamdae as bd
 
@@ -85,7 +85,7 @@ def flexible_slider_crank(damped=False):
     Test Set for Initial Value Problem Solvers, problem crank, linear stiffness, start close to the
     smooth motion; https://archimede.dm.uniba.it/~testset/. Damping is that of the set, 0.5 %.
     """
-    t, u, v = symbols(7)
+    t, u, v = create_symbols(7)
     mass = _mass_matrix(u)
     resistance = STIFFNESS @ u[3:] + (DAMPING @ v[3:] if damped else 0.0)
     length = ROD + u[6]
@@ -94,7 +94,7 @@ def flexible_slider_crank(damped=False):
         q=u,
         v=v,
         mass=mass,
-        force=lagrange(u, v, mass, ca.vertcat(ca.SX.zeros(3), -resistance)),
+        force=lagrange_force(u, v, mass, ca.vertcat(ca.SX.zeros(3), -resistance)),
         constraints=ca.vertcat(
             CRANK * ca.sin(u[0]) + length * ca.sin(u[1]),
             u[2] - CRANK * ca.cos(u[0]) - length * ca.cos(u[1]),

@@ -11,7 +11,7 @@ from beamdae.equations.equations_of_motion import State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 
 
-def small_vibrations(mechanism: bd.Mechanism, times: np.ndarray) -> dict[str, np.ndarray]:
+def solve_small_vibrations(mechanism: bd.Mechanism, times: np.ndarray) -> dict[str, np.ndarray]:
     """Observed columns by name at `times`, linear in the loads.
 
     The equations are linearized about the unloaded drawing, M x'' + D x' + K x = f under G x = 0,

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tolerances.random_mechanisms import random_mechanism, recipe
-from tolerances.references import Effort, reference
+from tolerances.random_mechanisms import random_mechanism, sample_mechanism
+from tolerances.references import Effort, compute_reference
 from tolerances.tolerance_case import DAMPED, FOLDER, UNDAMPED, ToleranceCase
 
 COLUMNS = ("end.x [m]", "end.y [m]", "end.angle [rad]")
 TABLE, SUMMARY = FOLDER / "random.csv", FOLDER / "random_summary.csv"
 EFFORT = Effort(settled=1e-6, patience=1.5)
-AGREED, WORTHLESS = 1e-5, 1e-4
+MAX_DISAGREEMENT, MAX_DISAGREEMENT_SHORTENED = 1e-5, 1e-4
 # A column that moves less is one that a joint holds.
-STILL = 1e-7
+MIN_MOTION = 1e-7
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class RandomCase(ToleranceCase):
 
     rows: int = 41
 
-    def stored(self, columns: tuple[str, ...]) -> np.ndarray:
+    def load_reference(self, columns: tuple[str, ...]) -> np.ndarray:
         """Columns of the stored reference, (rows, columns)."""
         return _stored().get_group(self.parameters["seed"])[list(columns)].to_numpy()
 
@@ -40,7 +40,7 @@ def _stored() -> pd.api.typing.DataFrameGroupBy:
 
 def random_case(seed: int) -> RandomCase:
     """The mechanism of a seed over its whole run."""
-    plan = recipe(seed)
+    plan = sample_mechanism(seed)
     bound = DAMPED if plan.damped else UNDAMPED
     return RandomCase(
         f"random {seed}", random_mechanism, COLUMNS, {"seed": seed}, bound, plan.t_end
@@ -54,19 +54,19 @@ def random_cases() -> Iterator[RandomCase]:
         yield replace(random_case(seed), t_end=rows["t [s]"].max(), columns=moving)
 
 
-def make_random_references(seeds: Iterable[int]) -> Iterator[pd.DataFrame]:
+def store_random_references(seeds: Iterable[int]) -> Iterator[pd.DataFrame]:
     """Store references of further seeds; the lines of the summary, seed by seed.
 
-    A seed whose two methods differ by more than `AGREED` of some column is run for two fifths of
+    A seed whose two methods differ by more than `MAX_DISAGREEMENT` of some column is run for two fifths of
     its time instead; one that still has no reference worth the name is left out.
     """
     stored = set(pd.read_csv(TABLE)["seed"]) if TABLE.exists() else set()
     for seed in (seed for seed in seeds if seed not in stored):
         case = random_case(seed)
-        found = _reference(case)
-        if found is None or found[1]["disagreement"].max() > AGREED:
-            found = _reference(replace(case, t_end=0.4 * case.duration))
-        if found is None or found[1]["disagreement"].max() > WORTHLESS:
+        found = _reference_of_moving_columns(case)
+        if found is None or found[1]["disagreement"].max() > MAX_DISAGREEMENT:
+            found = _reference_of_moving_columns(replace(case, t_end=0.4 * case.duration))
+        if found is None or found[1]["disagreement"].max() > MAX_DISAGREEMENT_SHORTENED:
             continue
         table, lines = found
         table.insert(0, "seed", seed)
@@ -75,13 +75,13 @@ def make_random_references(seeds: Iterable[int]) -> Iterator[pd.DataFrame]:
         yield lines
 
 
-def _reference(case: RandomCase) -> tuple[pd.DataFrame, pd.DataFrame] | None:
+def _reference_of_moving_columns(case: RandomCase) -> tuple[pd.DataFrame, pd.DataFrame] | None:
     """Reference and summary of the columns that move; None if a method fails, or nothing moves."""
     try:
-        table, lines = reference(case, EFFORT)
+        table, lines = compute_reference(case, EFFORT)
     except SystemExit:
         return None
-    moving = np.ptp(table[list(COLUMNS)], axis=0) > STILL
+    moving = np.ptp(table[list(COLUMNS)], axis=0) > MIN_MOTION
     if not moving.any():
         return None
     table.loc[:, [name for name in COLUMNS if not moving[name]]] = np.nan

@@ -12,11 +12,11 @@ from tolerances.mechanisms import ALLOY, GRAVITY, PAPER, STEEL
 
 # No beam sags by more than this share of its length under its weight, clamped and level, nor bends
 # further under the load, at rest: the strains hold for moderate deflections.
-MOST_BENDING = 0.1
+MAX_BENDING = 0.1
 
 
 @dataclass(frozen=True)
-class Drawing:
+class BodyParameters:
     """What is drawn of one body: `bend` is the angle its axis turns by, straight if zero."""
 
     rigid: bool
@@ -40,16 +40,16 @@ class Drawing:
         return self.section.rhoA * self.length + self.tip_mass
 
 
-def draw_body(rng: np.random.Generator, rigid: bool, height: float) -> Drawing:
+def sample_body(rng: np.random.Generator, rigid: bool, height: float) -> BodyParameters:
     """A bar or beam of about this height, as long as its stiffness allows, up to 1 m."""
     material = (STEEL, ALLOY)[rng.integers(2)]
     height = float(np.clip(height * 10.0 ** rng.uniform(-0.3, 0.3), 5e-4, 2e-2))
     stiffness = material.E * height**2 / (1.5 * material.rho * 9.81)
-    length = rng.uniform(0.3, 1.0) * min((MOST_BENDING * stiffness) ** (1.0 / 3.0), 1.0)
+    length = rng.uniform(0.3, 1.0) * min((MAX_BENDING * stiffness) ** (1.0 / 3.0), 1.0)
     bend = rng.choice([0.0, rng.uniform(0.2, 1.2), -rng.uniform(0.2, 1.2)])
     light, heavy = 10.0 ** rng.uniform(-6.0, -5.0), 10.0 ** rng.uniform(-4.0, -3.0)
     damping = rng.choice([0.0, light, heavy])
-    body = Drawing(
+    body = BodyParameters(
         rigid=rigid,
         material=material,
         width=rng.uniform(0.01, 0.04),
@@ -64,7 +64,7 @@ def draw_body(rng: np.random.Generator, rigid: bool, height: float) -> Drawing:
     return replace(body, tip_mass=loaded * rng.uniform(0.1, 2.0) * body.mass)
 
 
-def draw_law(rng: np.random.Generator, size: float, t_end: float) -> Any:
+def sample_law(rng: np.random.Generator, size: float, t_end: float) -> Any:
     """A constant, a sine or a step of this size."""
     kind = rng.integers(3)
     if kind == 0:
@@ -75,11 +75,11 @@ def draw_law(rng: np.random.Generator, size: float, t_end: float) -> Any:
 
 
 @dataclass(frozen=True)
-class Recipe:
+class MechanismParameters:
     """Everything that is drawn of a mechanism but its load, which `rng` goes on to draw."""
 
     rng: np.random.Generator
-    bodies: tuple[Drawing, ...]
+    bodies: tuple[BodyParameters, ...]
     clamped: bool
     closed: bool
     gravity: bool
@@ -91,15 +91,15 @@ class Recipe:
         return all(body.rigid or body.damping > 0.0 for body in self.bodies)
 
 
-def recipe(seed: int) -> Recipe:
+def sample_mechanism(seed: int) -> MechanismParameters:
     """Draw the bodies of the mechanism of a seed; at least one of them is a beam."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(1, 4))
     flexible = rng.integers(count)
     rigid = [k != flexible and rng.random() < 0.3 for k in range(count)]
     height = 10.0 ** rng.uniform(np.log10(5e-4), np.log10(2e-2))
-    bodies = tuple(draw_body(rng, r, height) for r in rigid)
-    return Recipe(
+    bodies = tuple(sample_body(rng, r, height) for r in rigid)
+    return MechanismParameters(
         rng=rng,
         bodies=bodies,
         clamped=rng.random() < 0.25,
@@ -109,7 +109,7 @@ def recipe(seed: int) -> Recipe:
     )
 
 
-def _add(mech: bd.Mechanism, name: str, body: Drawing, start, angle: float):
+def _add(mech: bd.Mechanism, name: str, body: BodyParameters, start, angle: float):
     """Add a body; its two ends."""
     if not body.rigid:
         if body.bend:
@@ -133,7 +133,7 @@ def random_mechanism(seed=0):
     Three bodies close to a four-bar, two by a guide to a slider-crank. Loads act on the end of one
     of the bodies, up to five times the weight and to what bends the weakest beam by a tenth.
     """
-    plan = recipe(seed)
+    plan = sample_mechanism(seed)
     rng = plan.rng
     mech = bd.Mechanism(gravity=GRAVITY if plan.gravity else (0.0, 0.0))
     held, angle, ends = mech.ground.at(0.0, 0.0), rng.uniform(-np.pi, np.pi), []
@@ -158,14 +158,14 @@ def random_mechanism(seed=0):
     return mech
 
 
-def _load(plan: Recipe) -> tuple[Any, Any]:
+def _load(plan: MechanismParameters) -> tuple[Any, Any]:
     rng = plan.rng
     beams = [body for body in plan.bodies if not body.rigid]
-    bending = min(3.0 * MOST_BENDING * b.section.EI / b.length**2 for b in beams)
+    bending = min(3.0 * MAX_BENDING * b.section.EI / b.length**2 for b in beams)
     weight = 9.81 * sum(body.mass for body in plan.bodies)
     size = min(bending, 5.0 * weight) * 10.0 ** rng.uniform(-2.0, 0.0)
     direction = rng.uniform(-np.pi, np.pi)
     return tuple(
-        draw_law(np.random.default_rng(rng.integers(2**32)), size * part, plan.t_end)
+        sample_law(np.random.default_rng(rng.integers(2**32)), size * part, plan.t_end)
         for part in (np.cos(direction), np.sin(direction))
     )

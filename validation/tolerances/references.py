@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 import beamdae as bd
-from tolerances.modal import small_vibrations
-from tolerances.tolerance_case import FOLDER, ToleranceCase, deviations
+from tolerances.modal import solve_small_vibrations
+from tolerances.tolerance_case import FOLDER, ToleranceCase, relative_deviations
 
 SUMMARY = FOLDER / "summary.csv"
 RTOLS = tuple(10.0**-k for k in range(7, 13))
@@ -36,16 +36,16 @@ class Effort:
 
 
 @dataclass(frozen=True)
-class Answer:
+class MethodResult:
     """Rows of all compared columns by one method, and the method in words."""
 
     method: str
     rows: np.ndarray
 
 
-def make_reference(case: ToleranceCase, effort: Effort) -> pd.DataFrame:
+def store_reference(case: ToleranceCase, effort: Effort) -> pd.DataFrame:
     """Store the reference of a case, and in the summary how well it is known; its lines there."""
-    table, lines = reference(case, effort)
+    table, lines = compute_reference(case, effort)
     FOLDER.mkdir(exist_ok=True)
     table.to_csv(FOLDER / f"{case.name}.csv", index=False, float_format="%.9g")
     known = pd.read_csv(SUMMARY) if SUMMARY.exists() else lines.iloc[:0]
@@ -54,7 +54,7 @@ def make_reference(case: ToleranceCase, effort: Effort) -> pd.DataFrame:
     return lines
 
 
-def reference(case: ToleranceCase, effort: Effort) -> tuple[pd.DataFrame, pd.DataFrame]:
+def compute_reference(case: ToleranceCase, effort: Effort) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Rows by the first method, and by column how far the second one is from them.
 
     Raises
@@ -62,30 +62,30 @@ def reference(case: ToleranceCase, effort: Effort) -> tuple[pd.DataFrame, pd.Dat
     SystemExit
         If no run of one of the methods reached the end.
     """
-    answers = _settled(case, _radau(case, effort), effort)
+    answers = _refine_until_converged(case, _radau_results(case, effort), effort)
     if not answers:
         raise SystemExit(f"{case.name}: Radau did not reach the end")
     truth = answers[-1]
     if case.exact:
-        truth, witness = Answer("closed form", case.exact(case.times)), truth
+        truth, witness = MethodResult("closed form", case.exact(case.times)), truth
     elif case.small:
-        truth, witness = _modal(case), truth
+        truth, witness = _modal_result(case), truth
     else:
-        others = chain(_bdf(case, effort), _extrapolated(case, effort))
-        witness = _nearest(case, truth, others, effort)
+        others = chain(_bdf_results(case, effort), _extrapolated_results(case, effort))
+        witness = _select_nearest(case, truth, others, effort)
     headers = [*case.columns, *case.reactions]
     table = pd.DataFrame(truth.rows, columns=headers)
     table.insert(0, "t [s]", case.times)
     lines = pd.DataFrame({"case": case.name, "column": headers})
     lines["method 1"], lines["method 2"] = truth.method, witness.method
-    lines["disagreement"] = deviations(witness.rows, truth.rows)
+    lines["disagreement"] = relative_deviations(witness.rows, truth.rows)
     lines["last refinement"] = (
-        deviations(answers[-2].rows, answers[-1].rows) if len(answers) > 1 else np.nan
+        relative_deviations(answers[-2].rows, answers[-1].rows) if len(answers) > 1 else np.nan
     )
-    return table, pd.concat([lines, _published(case, table)])
+    return table, pd.concat([lines, _compare_with_published(case, table)])
 
 
-def _published(case: ToleranceCase, table: pd.DataFrame) -> pd.DataFrame:
+def _compare_with_published(case: ToleranceCase, table: pd.DataFrame) -> pd.DataFrame:
     """How far the end of a reference is from published numbers, where there are some."""
     ends = case.published or {}
     columns = table[list(ends)]
@@ -103,89 +103,93 @@ def _published(case: ToleranceCase, table: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def _apart(case: ToleranceCase, truth: Answer, other: Answer) -> float:
+def _max_deviation(case: ToleranceCase, truth: MethodResult, other: MethodResult) -> float:
     """How far two answers differ in the columns the promise is about."""
     n = len(case.columns)
-    return float(deviations(other.rows[:, :n], truth.rows[:, :n]).max())
+    return float(relative_deviations(other.rows[:, :n], truth.rows[:, :n]).max())
 
 
-def _settled(case: ToleranceCase, answers: Iterable[Answer], effort: Effort) -> list[Answer]:
+def _refine_until_converged(
+    case: ToleranceCase, answers: Iterable[MethodResult], effort: Effort
+) -> list[MethodResult]:
     """Ever finer answers up to the first that hardly differs from the one before."""
-    found: list[Answer] = []
+    found: list[MethodResult] = []
     for answer in answers:
         found.append(answer)
-        if len(found) > 1 and _apart(case, answer, found[-2]) < effort.settled:
+        if len(found) > 1 and _max_deviation(case, answer, found[-2]) < effort.settled:
             break
     return found
 
 
-def _nearest(
-    case: ToleranceCase, truth: Answer, answers: Iterable[Answer], effort: Effort
-) -> Answer:
+def _select_nearest(
+    case: ToleranceCase, truth: MethodResult, answers: Iterable[MethodResult], effort: Effort
+) -> MethodResult:
     """The answer nearest to the truth, or the first that is near enough."""
     nearest = None
     for answer in answers:
-        if nearest is None or _apart(case, truth, answer) < _apart(case, truth, nearest):
+        if nearest is None or _max_deviation(case, truth, answer) < _max_deviation(
+            case, truth, nearest
+        ):
             nearest = answer
-        if _apart(case, truth, nearest) < effort.settled:
+        if _max_deviation(case, truth, nearest) < effort.settled:
             break
     if nearest is None:
         raise SystemExit(f"{case.name}: the second method did not reach the end")
     return nearest
 
 
-def _rows(case: ToleranceCase, integrator: bd.Integrator) -> tuple[np.ndarray | None, float]:
+def _run(case: ToleranceCase, integrator: bd.Integrator) -> tuple[np.ndarray | None, float]:
     """Compared rows, if the run reached its end, and the processor time it took [s]."""
     began = process_time()
     solution = case.run(integrator)
     rows = None
     if solution.status.success:
-        rows = case.observed(solution, case.columns + case.reactions)
+        rows = case.select_columns(solution, case.columns + case.reactions)
     return rows, process_time() - began
 
 
-def _radau(case: ToleranceCase, effort: Effort) -> Iterator[Answer]:
+def _radau_results(case: ToleranceCase, effort: Effort) -> Iterator[MethodResult]:
     spent = 0.0
     for rtol in RTOLS:
         # Of order 5, a tenth of the tolerance takes 1.6 times the steps.
         if 1.6 * spent > effort.patience:
             return
-        rows, spent = _rows(case, bd.Radau(rtol, time_limit=40.0 * effort.patience))
+        rows, spent = _run(case, bd.Radau(rtol, time_limit=40.0 * effort.patience))
         if rows is None:
             return
-        yield Answer(f"Radau({rtol:.0e})", rows)
+        yield MethodResult(f"Radau({rtol:.0e})", rows)
 
 
-def _bdf(case: ToleranceCase, effort: Effort) -> Iterator[Answer]:
+def _bdf_results(case: ToleranceCase, effort: Effort) -> Iterator[MethodResult]:
     """Ida, where damping or the lack of fast modes lets it use its order 5."""
     look = bd.simulate(case.model(**case.parameters), bd.Ida(max_steps=1), case.duration)
     if look.integrator["max_order"] < 5:
         return
     for rtol in (1e-8, 1e-9, 1e-10, 1e-11):
         settings = bd.Ida(rtol, error_control="velocities", time_limit=4.0 * effort.patience)
-        rows, _ = _rows(case, settings)
+        rows, _ = _run(case, settings)
         if rows is None:
             return
-        yield Answer(f"Ida({rtol:.0e}, velocities tested)", rows)
+        yield MethodResult(f"Ida({rtol:.0e}, velocities tested)", rows)
 
 
-def _extrapolated(case: ToleranceCase, effort: Effort) -> Iterator[Answer]:
+def _extrapolated_results(case: ToleranceCase, effort: Effort) -> Iterator[MethodResult]:
     """Generalized-alpha of steps 2 h and h, extrapolated (Richardson)."""
     coarse, spent = None, 0.0
     for steps in STEPS:
         if 2.0 * spent > effort.patience:
             return
         step = case.duration / steps
-        fine, spent = _rows(case, bd.GeneralizedAlpha(step, 0.9, newton_tolerance=1e-9))
+        fine, spent = _run(case, bd.GeneralizedAlpha(step, 0.9, newton_tolerance=1e-9))
         if fine is None:
             return
         if coarse is not None:
             method = f"GeneralizedAlpha({step:.3g} s), extrapolated"
-            yield Answer(method, fine + (fine - coarse) / 3.0)
+            yield MethodResult(method, fine + (fine - coarse) / 3.0)
         coarse = fine
 
 
-def _modal(case: ToleranceCase) -> Answer:
-    columns = small_vibrations(case.model(**case.parameters), case.times)
+def _modal_result(case: ToleranceCase) -> MethodResult:
+    columns = solve_small_vibrations(case.model(**case.parameters), case.times)
     rows = np.stack([columns[name] for name in (*case.columns, *case.reactions)], axis=-1)
-    return Answer("modes of the linearized equations", rows)
+    return MethodResult("modes of the linearized equations", rows)

@@ -26,18 +26,18 @@ from pendulum import pendulum
 from slider_crank import slider_crank
 
 import beamdae as bd
-from tolerances import wide
+from tolerances import error_tables as wide
 from tolerances.cases import CASES, WIDE
 from tolerances.random_cases import SUMMARY as RANDOM_SUMMARY
-from tolerances.random_cases import make_random_references, random_cases
-from tolerances.references import SUMMARY, Effort, make_reference
+from tolerances.random_cases import random_cases, store_random_references
+from tolerances.references import SUMMARY, Effort, store_reference
 from tolerances.tolerance_case import ToleranceCase
 
 RTOLS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 RESULTS = Path(__file__).parent / "results"
 
 
-def row(case: ToleranceCase, integrator: bd.Ida) -> dict[str, object]:
+def tabulate_ida_run(case: ToleranceCase, integrator: bd.Ida) -> dict[str, object]:
     """One line of the table."""
     solution = case.run(integrator)
     line: dict[str, object] = {
@@ -62,22 +62,24 @@ def row(case: ToleranceCase, integrator: bd.Ida) -> dict[str, object]:
     }
 
 
-def defaults() -> list[dict[str, object]]:
+def tabulate_defaults() -> list[dict[str, object]]:
     """Default settings over rtol."""
-    return [row(case, bd.Ida(rtol)) for case in CASES for rtol in RTOLS]
+    return [tabulate_ida_run(case, bd.Ida(rtol)) for case in CASES for rtol in RTOLS]
 
 
-def alternatives() -> list[dict[str, object]]:
+def tabulate_alternatives() -> list[dict[str, object]]:
     """What else could have been the default, at one tolerance and at most 10 s a run."""
     choices = [(c, o) for c in ("positions", "velocities", "all") for o in (2, 3, 5)]
     return [
-        row(case, bd.Ida(1e-4, error_control=control, max_order=order, time_limit=10.0))
+        tabulate_ida_run(
+            case, bd.Ida(1e-4, error_control=control, max_order=order, time_limit=10.0)
+        )
         for case in CASES
         for control, order in choices
     ]
 
 
-def damping() -> list[dict[str, object]]:
+def tabulate_damping() -> list[dict[str, object]]:
     """Steps of orders 2 and 5 over the Kelvin-Voigt time, positions tested."""
     lines = []
     for model in (slider_crank, pendulum, hub_beam):
@@ -94,7 +96,7 @@ def damping() -> list[dict[str, object]]:
     return lines
 
 
-def measured(
+def measure(
     options: argparse.Namespace,
     cases: Iterable[ToleranceCase],
     rtols: tuple[float, ...],
@@ -104,40 +106,40 @@ def measured(
     chosen = [case for case in cases if not options.case or case.name in options.case]
     names = options.integrator or list(wide.INTEGRATORS)
     lines = []
-    for line in wide.lines(chosen, names, options.rtol or rtols, summary):
+    for line in wide.error_rows(chosen, names, options.rtol or rtols, summary):
         lines.append(line)
         print(*(f"{x:.3g}" if isinstance(x, float) else x for x in line.values()), flush=True)
     return pd.DataFrame(lines)
 
 
-def store(options: argparse.Namespace, table: pd.DataFrame, name: str) -> None:
+def store_table(options: argparse.Namespace, table: pd.DataFrame, name: str) -> None:
     """Write a table, unless it is one of some cases, integrators or tolerances only."""
     if not (options.case or options.integrator or options.rtol):
         RESULTS.mkdir(exist_ok=True)
         table.to_csv(RESULTS / f"{name}.csv", index=False, float_format="%.3g")
 
 
-def wide_set(options: argparse.Namespace) -> pd.DataFrame:
+def tabulate_wide_set(options: argparse.Namespace) -> pd.DataFrame:
     """Error over rtol of all cases by all integrators."""
-    table = measured(options, WIDE, RTOLS, SUMMARY)
-    store(options, table, "wide")
-    print(wide.coverage(table).to_string(), end="\n\n")
-    return wide.condensed(table)
+    table = measure(options, WIDE, RTOLS, SUMMARY)
+    store_table(options, table, "wide")
+    print(wide.summarize_coverage(table).to_string(), end="\n\n")
+    return wide.pivot_errors(table)
 
 
-def random_set(options: argparse.Namespace) -> pd.DataFrame:
+def tabulate_random_set(options: argparse.Namespace) -> pd.DataFrame:
     """How error over rtol is spread over random mechanisms, after the worst of them."""
-    table = measured(options, random_cases(), RTOLS[:3], RANDOM_SUMMARY)
-    store(options, table, "random")
-    print(wide.broken(table).head(30).to_string(index=False), end="\n\n")
-    return wide.quantiles(table)
+    table = measure(options, random_cases(), RTOLS[:3], RANDOM_SUMMARY)
+    store_table(options, table, "random")
+    print(wide.select_violations(table).head(30).to_string(index=False), end="\n\n")
+    return wide.summarize_quantiles(table)
 
 
-def references(options: argparse.Namespace) -> pd.DataFrame:
+def recompute_references(options: argparse.Namespace) -> pd.DataFrame:
     """Recompute the stored references."""
     effort = Effort(patience=options.patience)
     chosen = [case for case in WIDE if not options.case or case.name in options.case]
-    return pd.concat([make_reference(case, effort) for case in chosen])
+    return pd.concat([store_reference(case, effort) for case in chosen])
 
 
 def main() -> None:
@@ -152,15 +154,21 @@ def main() -> None:
     parser.add_argument("--patience", type=float, default=Effort().patience)
     options = parser.parse_args()
     if options.random_references:
-        table = pd.concat(make_random_references(range(*options.random_references)))
+        table = pd.concat(store_random_references(range(*options.random_references)))
     elif options.wide:
-        table = wide_set(options)
+        table = tabulate_wide_set(options)
     elif options.random:
-        table = random_set(options)
+        table = tabulate_random_set(options)
     elif options.references:
-        table = references(options)
+        table = recompute_references(options)
     else:
-        run = alternatives if options.alternatives else damping if options.damping else defaults
+        run = (
+            tabulate_alternatives
+            if options.alternatives
+            else tabulate_damping
+            if options.damping
+            else tabulate_defaults
+        )
         table = pd.DataFrame(run())
     print(table.to_string(index=table.index.nlevels > 1))
 

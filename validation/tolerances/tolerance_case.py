@@ -73,16 +73,18 @@ class ToleranceCase:
         mechanism = self.model(**self.parameters)
         return bd.simulate(mechanism, integrator, t_end=t_end, output_step=t_end / (self.rows - 1))
 
-    def observed(self, solution: bd.Solution, columns: tuple[str, ...] | None = None) -> np.ndarray:
+    def select_columns(
+        self, solution: bd.Solution, columns: tuple[str, ...] | None = None
+    ) -> np.ndarray:
         """The compared columns, (rows, columns); `columns` are others to take instead."""
         return solution.observed[list(columns or self.columns)].to_numpy()
 
     @property
     def reference(self) -> np.ndarray:
         """The stored reference, (rows, columns)."""
-        return self.stored(self.columns)
+        return self.load_reference(self.columns)
 
-    def stored(self, columns: tuple[str, ...]) -> np.ndarray:
+    def load_reference(self, columns: tuple[str, ...]) -> np.ndarray:
         """Columns of the stored reference, (rows, columns)."""
         return pd.read_csv(FOLDER / f"{self.name}.csv")[list(columns)].to_numpy()
 
@@ -92,14 +94,16 @@ class ToleranceCase:
         The amplitude is half the range of the reference, the smallest of the usual definitions.
         """
         reference = self.reference if reference is None else reference
-        return deviations(self.observed(solution), reference)
+        return relative_deviations(self.select_columns(solution), reference)
 
     def reaction_errors(self, solution: bd.Solution) -> np.ndarray:
         """The same of the reactions."""
-        return deviations(self.observed(solution, self.reactions), self.stored(self.reactions))
+        return relative_deviations(
+            self.select_columns(solution, self.reactions), self.load_reference(self.reactions)
+        )
 
 
-def deviations(rows: np.ndarray, reference: np.ndarray) -> np.ndarray:
+def relative_deviations(rows: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Largest deviation of each column relative to half the range of the reference."""
     amplitude = 0.5 * np.ptp(reference, axis=0)
     return np.max(np.abs(rows - reference), axis=0) / amplitude

@@ -1,4 +1,4 @@
-"""Closed forms of beams at rest."""
+"""Closed forms of beams in equilibrium."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import beamdae as bd
 
 
 def elastica(load: float) -> tuple[float, float, float, float]:
-    """Values of u / L, w / L, the slope of the tip [rad] and M L / EI of the clamp.
+    """Return u / L, w / L, the slope of the tip [rad] and M L / EI at the clamp.
 
-    Of an inextensible cantilever under a dead force P across it, `load` = P L^2 / EI =
+    The cantilever is inextensible, under a transverse dead force P: `load` = P L^2 / EI =
     (K(k) - F(d, k))^2 with the amplitude d = asin(1 / (k sqrt(2))).
     """
 
-    def lacks(k: float) -> float:
+    def residual(k: float) -> float:
         return (ellipk(k**2) - ellipkinc(_amplitude(k), k**2)) ** 2 - load
 
-    k = brentq(lacks, np.sqrt(0.5) + 1e-12, 1.0 - 1e-12, xtol=1e-15)
+    k = brentq(residual, np.sqrt(0.5) + 1e-12, 1.0 - 1e-12, xtol=1e-15)
     slope = 2.0 * (0.25 * np.pi - np.arccos(k))
     lever = np.sqrt(2.0 * np.sin(slope) / load)
-    bent = ellipe(k**2) - ellipeinc(_amplitude(k), k**2)
-    return 1.0 - lever, 1.0 - 2.0 * bent / np.sqrt(load), slope, load * lever
+    arc = ellipe(k**2) - ellipeinc(_amplitude(k), k**2)
+    return 1.0 - lever, 1.0 - 2.0 * arc / np.sqrt(load), slope, load * lever
 
 
 def _amplitude(k: float) -> float:
@@ -31,7 +31,7 @@ def _amplitude(k: float) -> float:
 
 
 def quarter_circle(radius: float, section: bd.Section) -> dict[str, float]:
-    """Displacements of the tip of a clamped quarter circle by unit loads of it, by Castigliano."""
+    """Return tip displacements of a clamped quarter circle under unit tip loads (Castigliano)."""
     R, EI, EA, GA = radius, section.EI, section.EA, section.GA
     stretch = np.pi * R / 4.0 * (1.0 / EA + 1.0 / GA)
     across = -(R**3) / (2.0 * EI) + R / 2.0 * (1.0 / EA - 1.0 / GA)
@@ -50,7 +50,7 @@ def quarter_circle(radius: float, section: bd.Section) -> dict[str, float]:
 
 
 def pinched_ring(radius: float, section: bd.Section) -> dict[str, float]:
-    """Approach of the points where unit loads pinch a ring, and its growth across, the same way."""
+    """Return the approach of the loaded points of a pinched ring and its transverse growth."""
     R, EI, EA, GA = radius, section.EI, section.EA, section.GA
     approach = R**3 / EI * (0.25 * np.pi - 2.0 / np.pi) + 0.25 * np.pi * R * (1.0 / EA + 1.0 / GA)
     growth = R**3 / EI * (2.0 / np.pi - 0.5) - 0.5 * R / EA + 0.5 * R / GA

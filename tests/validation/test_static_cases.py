@@ -5,10 +5,10 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
-from benchmarks.bent_beams import FORMULATIONS, KNOWN_RESTS
-from benchmarks.bent_closed_forms import elastica
 from benchmarks.run import SUMMARY
-from benchmarks.spun_up import SPIN_UP, SPUN_UP, STEADY, TRANSIENT
+from benchmarks.spin_up_cases import CASE_NAME, SPIN_UP_CASES, STEADY_TOLERANCE, TRANSIENT_TOLERANCE
+from benchmarks.static_cases import FORMULATIONS, STATIC_CASES
+from benchmarks.static_closed_forms import elastica
 from numpy.testing import assert_allclose
 
 STORED = pd.read_csv(SUMMARY)
@@ -43,21 +43,23 @@ def tried(case, label):
 
 
 @pytest.mark.parametrize(
-    ("case", "label"), [tried(*one) for one in product(KNOWN_RESTS, FORMULATIONS)]
+    ("case", "label"), [tried(*one) for one in product(STATIC_CASES, FORMULATIONS)]
 )
 def test_what_is_known_of_a_beam_at_rest_is_met(case, label):
     for row in case.rows_by(label):
-        assert float(row["relative"]) <= case.within, row
+        assert float(row["relative"]) <= case.tolerance, row
 
 
 def test_every_known_rest_is_in_the_table():
-    for case in KNOWN_RESTS:
+    for case in STATIC_CASES:
         lines = STORED[STORED["case"] == case.name]
         settings = {f"{label}, {case.elements} elements" for label in FORMULATIONS}
         assert set(lines["setting"]) == settings
-        assert (lines["relative"] <= case.within).all()
+        assert (lines["relative"] <= case.tolerance).all()
         for _, own in lines.groupby("setting"):
-            assert_allclose(own["published"].astype(float), list(case.known.values()), rtol=1e-12)
+            assert_allclose(
+                own["published"].astype(float), list(case.reference.values()), rtol=1e-12
+            )
 
 
 def test_locking_does_not_come_with_slenderness():
@@ -68,20 +70,20 @@ def test_locking_does_not_come_with_slenderness():
     assert (worst.max(axis=1) < 2.0 * worst.min(axis=1)).all()
 
 
-def within(rows):
+def tolerance(rows):
     for row in rows:
-        bound = STEADY if row["quantity"] == "extension" else TRANSIENT
+        bound = STEADY_TOLERANCE if row["quantity"] == "extension" else TRANSIENT_TOLERANCE
         assert float(row["relative"]) <= bound, row
 
 
 def test_the_table_of_the_spin_up_keeps_its_bounds():
-    lines = STORED[STORED["case"] == SPIN_UP]
-    assert len(lines) == 5 * len(SPUN_UP)
+    lines = STORED[STORED["case"] == CASE_NAME]
+    assert len(lines) == 5 * len(SPIN_UP_CASES)
     assert np.ptp(lines.groupby("quantity").size()) == 0
-    within(lines.to_dict("records"))
+    tolerance(lines.to_dict("records"))
 
 
 @pytest.mark.slow(reason="two spin-ups by each integrator")
-@pytest.mark.parametrize("case", SPUN_UP, ids=lambda x: f"{x.formulation}, {x.transient}")
+@pytest.mark.parametrize("case", SPIN_UP_CASES, ids=lambda x: f"{x.formulation}, {x.transient}")
 def test_the_spin_up_is_that_of_the_exact_beam(case):
-    within(case.rows())
+    tolerance(case.rows())

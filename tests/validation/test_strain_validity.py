@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from reach.run import EI, TIMES, curve
-from reach.statics import cantilever, exact_tips, tip_and_rotation
+from strain_validity.run import EI, TIMES, create_curve
+from strain_validity.statics import cantilever, solve_exact_tips, solve_tips_and_rotations
 
 from beamdae.beams.floating_frame.strain_validity import strain_error_coefficients
 
@@ -12,9 +12,9 @@ FORCE, HALF_CIRCLE = ((0.0, 6.0 * EI), 0.0), ((0.0, 0.0), np.pi * EI)
 
 def error(degrees, load, times, **settings):
     """Errors of the tip over its displacement, and the rotations they come with."""
-    axis = curve(degrees)
-    exact = exact_tips(axis, *load, times)
-    tip, rotation = tip_and_rotation(cantilever(axis, *load, **settings), times)
+    axis = create_curve(degrees)
+    exact = solve_exact_tips(axis, *load, times)
+    tip, rotation = solve_tips_and_rotations(cantilever(axis, *load, **settings), times)
     return np.linalg.norm(tip - exact, axis=1) / np.linalg.norm(
         exact - axis.point(1.0), axis=1
     ), rotation

@@ -23,7 +23,7 @@ INTEGRATORS: dict[str, Callable[[float], bd.Integrator]] = {
 }
 
 
-def uncertainties(summary: Path) -> pd.Series:
+def reference_uncertainties(summary: Path) -> pd.Series:
     """How far the two methods of each reference are apart, the worst column, by case."""
     known = pd.read_csv(summary)
     promised = known[known["column"].str.contains(r"\[(?:m|rad)\]")]
@@ -31,7 +31,7 @@ def uncertainties(summary: Path) -> pd.Series:
     return promised.groupby("case")["disagreement"].max()
 
 
-def lines(
+def error_rows(
     cases: Iterable[ToleranceCase],
     names: Iterable[str],
     rtols: Iterable[float],
@@ -42,14 +42,16 @@ def lines(
     A run that did not reach its end has no r. "r of reference" is what of r the reference's own
     uncertainty may make.
     """
-    known = uncertainties(summary)
+    known = reference_uncertainties(summary)
     for case in cases:
         for name in names:
             for rtol in rtols:
-                yield _line(case, name, rtol, known.get(case.name, np.nan))
+                yield _error_row(case, name, rtol, known.get(case.name, np.nan))
 
 
-def _line(case: ToleranceCase, name: str, rtol: float, uncertainty: float) -> dict[str, object]:
+def _error_row(
+    case: ToleranceCase, name: str, rtol: float, uncertainty: float
+) -> dict[str, object]:
     solution = case.run(INTEGRATORS[name](rtol))
     ended = solution.status.success
     errors = case.errors(solution) if ended else np.array([np.nan])
@@ -83,7 +85,7 @@ def _line(case: ToleranceCase, name: str, rtol: float, uncertainty: float) -> di
     }
 
 
-def condensed(table: pd.DataFrame) -> pd.DataFrame:
+def pivot_errors(table: pd.DataFrame) -> pd.DataFrame:
     """Table of r by case over integrator and rtol; how a run ended where it has none."""
     cells = table["r"].map("{:.3g}".format).where(table["status"] == "ok", table["status"])
     shown = table.assign(cell=cells, rtol=table["rtol"].map("{:.0e}".format))
@@ -91,7 +93,7 @@ def condensed(table: pd.DataFrame) -> pd.DataFrame:
     return shown.pivot(**order).loc[list(dict.fromkeys(table["case"]))]
 
 
-def coverage(table: pd.DataFrame) -> pd.DataFrame:
+def summarize_coverage(table: pd.DataFrame) -> pd.DataFrame:
     """How often the estimate covers the true error, and by how much it exceeds it, by integrator.
 
     Columns whose true error is below ten times the uncertainty of the reference are left out with
@@ -105,13 +107,13 @@ def coverage(table: pd.DataFrame) -> pd.DataFrame:
     return found
 
 
-def broken(table: pd.DataFrame) -> pd.DataFrame:
+def select_violations(table: pd.DataFrame) -> pd.DataFrame:
     """Runs outside their bound, the worst first, and those that did not end."""
     outside = ~(table["r"] <= table["bound"])
     return table[outside].sort_values("r", ascending=False, na_position="first")
 
 
-def quantiles(table: pd.DataFrame) -> pd.DataFrame:
+def summarize_quantiles(table: pd.DataFrame) -> pd.DataFrame:
     """Distribution of r over bound by integrator and rtol."""
     share = table.assign(share=table["r"] / table["bound"])
     groups = share.groupby(["integrator", "rtol"])

@@ -27,7 +27,7 @@ def cantilever(curve, force, moment, bodies, **settings):
     return bd.equations_of_motion(mech)
 
 
-def path(equations, times):
+def solve_path(equations, times):
     """Coordinates (k, n) of equilibrium at load parameters `times`, as far as it goes."""
     form = formulate_first_order(equations, "index3")
     pattern, n = form.pattern, equations.n
@@ -50,16 +50,16 @@ def path(equations, times):
     return np.array(rows)
 
 
-def tip_and_rotation(equations, times):
+def solve_tips_and_rotations(equations, times):
     """Tips (k, 2) and largest rotations (k,) relative to the frames along the path."""
-    q = path(equations, times)
+    q = solve_path(equations, times)
     zeros = np.zeros((len(q), 2)), np.zeros_like(q), np.zeros((len(q), equations.m))
     observed = measures.ObservedRows(equations)(zeros[0], q, zeros[1], zeros[1], zeros[2])
     rotation = [max(term.largest(row[None])[1] for term in equations.ranges) for row in q]
     return observed[:, :2], np.array(rotation)
 
 
-def exact_tips(curve, force, moment, times):
+def solve_exact_tips(curve, force, moment, times):
     """Tips (k, 2) of Reissner's beam (J. Appl. Math. Phys. 23 (1972) 795) along the path."""
     x, found = SECTION, []
     s = np.linspace(0.0, curve.length, 400)

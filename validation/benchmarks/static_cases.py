@@ -1,0 +1,317 @@
+"""Beams in equilibrium with published or closed-form results from independent sources."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.sparse.linalg import splu
+
+import beamdae as bd
+from beamdae.equations.formulations.static_equations import StaticEquations
+from beamdae.equations.measures import ObservedRows
+from benchmarks.static_closed_forms import elastica, pinched_ring, quarter_circle
+
+Array = np.ndarray
+
+# Largest displacement of the central differences, relative to the size of the mechanism.
+_DIFFERENCE_DISPLACEMENT = 1e-5
+
+
+def solve_small_displacements(mech: bd.Mechanism) -> Array:
+    """Return changes of the observed quantities from the drawing, to first order in the loads."""
+    e = bd.equations_of_motion(mech)
+    static = StaticEquations(e, np.zeros(2))
+    lam = np.zeros(e.m)
+    matrix, load = static.matrix(e.q0, lam), -static.residual(e.q0, lam)
+    # Scaling the multipliers by the largest stiffness keeps the pivots away from the constraints.
+    scale = np.ones(static.size)
+    scale[e.n :] = np.max(np.abs(matrix.diagonal()[: e.n]))
+    scaled_matrix = (matrix * scale).multiply(scale[:, None]).tocsc()
+    solver = splu(scaled_matrix)
+    change = solver.solve(scale * load)
+    change += solver.solve(scale * load - scaled_matrix @ change)
+    displacement = (scale * change)[: e.n]
+    factor = _DIFFERENCE_DISPLACEMENT * e.length / np.max(np.abs(displacement))
+    forward, backward = (
+        _evaluate_observables(e, e.q0 + sign * factor * displacement) for sign in (1.0, -1.0)
+    )
+    return (forward - backward) / (2.0 * factor)
+
+
+def _evaluate_observables(e: bd.EquationsOfMotion, q: Array) -> Array:
+    zero = np.zeros((1, e.n))
+    rows = ObservedRows(e)(np.zeros((1, 2)), q[None], zero, zero, np.zeros((1, e.m)))
+    return np.asarray(rows[0])
+
+
+FORMULATIONS: dict[str, dict[str, Any]] = {
+    "exact": {"formulation": "exact"},
+    "exact strain in a frame": {"strain": "exact", "frame": "tangent"},
+}
+SLENDERNESS = (4, 20, 100, 500, 2500)
+
+
+@dataclass(frozen=True, eq=False)
+class StaticCase:
+    """A beam in equilibrium and its reference results.
+
+    Attributes
+    ----------
+    source
+        Publication or closed form.
+    reference
+        Reference values by name.
+    tolerance
+        Largest relative error allowed with `elements` elements.
+    compute
+        Maps the number of elements and the settings of the formulation to the computed values.
+    """
+
+    name: str
+    source: str
+    elements: int
+    reference: Mapping[str, float]
+    tolerance: float
+    compute: Callable[[int, Mapping[str, Any]], Mapping[str, float]]
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """Yield the rows of all formulations."""
+        for label in FORMULATIONS:
+            yield from self.rows_by(label)
+
+    def rows_by(self, label: str) -> Iterator[dict[str, Any]]:
+        """Yield one row per reference value, computed by the formulation `label`."""
+        values = self.compute(self.elements, FORMULATIONS[label])
+        for quantity, reference in self.reference.items():
+            error = abs(values[quantity] - reference)
+            yield {
+                "case": self.name,
+                "setting": f"{label}, {self.elements} elements",
+                "quantity": quantity,
+                "published": f"{reference:.13g}",
+                "ours": f"{values[quantity]:.13g}",
+                "error": f"{error:.2e}",
+                "relative": f"{error / abs(reference):.2e}",
+                "ended": "",
+            }
+
+
+def section_from_stiffness(EI: float, EA: float, GA: float) -> bd.Section:
+    """Return a section with the given bending, axial and shear stiffness."""
+    material = bd.Material(E=EA, nu=0.0, rho=1.0)
+    return bd.Section(material, 1.0, second_moment=EI / EA, shear_coefficient=2.0 * GA / EA)
+
+
+def cantilever(
+    length: float,
+    section: bd.Section,
+    elements: int,
+    settings: Mapping[str, Any],
+    force: tuple[float, float] = (0.0, 0.0),
+    moment: float = 0.0,
+) -> bd.Mechanism:
+    """Return a straight beam clamped at the origin under loads at its end."""
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (length, 0.0))
+    beam = mech.add(bd.Beam("beam", line, section, elements, **settings))
+    clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("force", beam.end, force))
+    mech.add(bd.Moment("moment", beam.end, moment))
+    mech.observe("quarter", beam.at(0.25 * length))
+    mech.observe("tip", beam.end)
+    mech.observe("clamp", clamp.reaction)
+    return mech
+
+
+def solve_tip(mech: bd.Mechanism, **settings: Any) -> tuple[float, float, float]:
+    """Return position [m] and angle [rad] of the tip in equilibrium."""
+    equilibrium = bd.equilibrium(mech, **settings)
+    assert equilibrium.status.success, equilibrium.status.sentence
+    x, y, angle = (equilibrium.columns[f"tip.{k}"][-1] for k in ("x [m]", "y [m]", "angle [rad]"))
+    return x, y, angle
+
+
+def _solve_roll_up(turns: int, elements: int, settings: Mapping[str, Any]) -> dict[str, float]:
+    section = section_from_stiffness(1.0, 1e4, 4e3)
+    mech = cantilever(10.0, section, elements, settings, moment=0.2 * np.pi * turns)
+    equilibrium = bd.equilibrium(mech, step=0.1 / turns)
+    x, angle, rise = (
+        equilibrium.columns[name][-1] for name in ("tip.x [m]", "tip.angle [rad]", "quarter.y [m]")
+    )
+    return {"tip u": x - 10.0, "angle of the tip": angle, "y of a quarter of it": rise}
+
+
+def _roll_up_case(turns: int) -> StaticCase:
+    radius = 5.0 / (np.pi * turns)
+    reference = {
+        "tip u": -10.0,
+        "angle of the tip": 2.0 * np.pi * turns,
+        "y of a quarter of it": radius * (1.0 - np.cos(0.5 * np.pi * turns)),
+    }
+    name, source = f"roll-up, circles: {turns}", "M = 2 pi n EI / L"
+    return StaticCase(name, source, 8 * turns, reference, 1e-6, partial(_solve_roll_up, turns))
+
+
+def _solve_elastica(elements: int, settings: Mapping[str, Any]) -> dict[str, float]:
+    # Strains of extension and shear are 1e-8 of those of bending.
+    mech = cantilever(
+        1.0, section_from_stiffness(1.0, 1e8, 1e8), elements, settings, force=(0.0, 10.0)
+    )
+    path = bd.equilibrium(mech, to=[0.1 * k for k in range(1, 11)])
+    values = {}
+    for k in range(1, 11):
+        row = int(np.argmin(np.abs(path.factors[:, 0] - 0.1 * k)))
+        x, y, angle = (path.columns[f"tip.{c}"][row] for c in ("x [m]", "y [m]", "angle [rad]"))
+        moment = abs(path.columns["clamp.M [N m]"][row])
+        numbers = (1.0 - x, y, angle, moment)
+        values |= dict(zip(elastica_names(k), numbers, strict=True))
+    return values
+
+
+def elastica_names(load: int) -> list[str]:
+    """Return the names of shortening, deflection, slope and moment at P L^2 / EI = `load`."""
+    return [f"{quantity} at {load}" for quantity in ("u / L", "w / L", "slope", "M L / EI")]
+
+
+# Stiffnesses of a square bar 0.1 m thick and 2 m long.
+_EI, _EA = 2.07e11 * 0.1**4 / 12.0, 2.07e11 * 0.01
+_GA = _EA / 2.6 * (10.0 * 1.3) / (12.0 + 11.0 * 0.3)
+
+
+def _solve_timoshenko(GA: float, elements: int, settings: Mapping[str, Any]) -> dict[str, float]:
+    mech = cantilever(
+        2.0, section_from_stiffness(_EI, _EA, GA), elements, settings, force=(0.0, -0.75 * _EI)
+    )
+    x, y, _ = solve_tip(mech)
+    return {"u": x - 2.0, "v": y}
+
+
+def _extrapolate_bernoulli(elements: int, settings: Mapping[str, Any]) -> dict[str, float]:
+    """Extrapolate to infinite shear stiffness up to (EA / GA)^3 (Richardson)."""
+    coarse, medium, fine = (
+        _solve_timoshenko(f * _EA, elements, settings) for f in (10.0, 20.0, 40.0)
+    )
+    return {k: (8.0 * fine[k] - 6.0 * medium[k] + coarse[k]) / 3.0 for k in ("u", "v")}
+
+
+def _solve_thick_cantilever(elements: int, settings: Mapping[str, Any]) -> dict[str, float]:
+    section = section_from_stiffness(9.346e6, 4.8e8, 3.231e8)
+    x, y, angle = solve_tip(cantilever(5.0, section, elements, settings, force=(0.0, -600e3)))
+    return {"w": y, "u": x - 5.0, "rotation": -angle}
+
+
+def _square_section(radius: float, slenderness: float) -> bd.Section:
+    steel = bd.Material(E=2.1e11, nu=0.3, rho=7800.0)
+    return bd.Section.rectangle(steel, width=radius / slenderness, height=radius / slenderness)
+
+
+def _solve_quarter_circle(
+    slenderness: float, elements: int, settings: Mapping[str, Any]
+) -> dict[str, float]:
+    values = {}
+    for name in ("radial", "tangential", "moment"):
+        section = _square_section(2.0, slenderness)
+        axis = bd.Arc(2.0, np.pi, start=(2.0, 0.0), angle=0.5 * np.pi)
+        mech = bd.Mechanism()
+        beam = mech.add(bd.Beam("beam", axis, section, elements, **settings))
+        mech.add(bd.Weld("clamp", mech.ground.at(2.0, 0.0), beam.start))
+        if name == "moment":
+            mech.add(bd.Moment(name, beam.end, 1.0))
+        else:
+            mech.add(bd.Force(name, beam.end, (0.0, 1.0) if name == "radial" else (-1.0, 0.0)))
+        mech.observe("tip", beam.end)
+        x, y, rotation = solve_small_displacements(mech)[:3]
+        compliances = dict(zip(("radial", "tangential", "turn"), (y, -x, rotation), strict=True))
+        values |= {f"{k} by {name}": c for k, c in compliances.items()}
+    return values
+
+
+def _solve_pinched_ring(
+    slenderness: float, elements: int, settings: Mapping[str, Any]
+) -> dict[str, float]:
+    """Return the deformation of a ring from a quarter of it on two guides."""
+    mech = bd.Mechanism()
+    axis = bd.Arc(2.0, np.pi, start=(2.0, 0.0), angle=0.5 * np.pi)
+    beam = mech.add(bd.Beam("ring", axis, _square_section(2.0, slenderness), elements, **settings))
+    mech.add(bd.Prismatic("side", mech.ground.at(2.0, 0.0), beam.start, (1.0, 0.0)))
+    mech.add(bd.Prismatic("top", mech.ground.at(0.0, 2.0), beam.end, (0.0, 1.0)))
+    mech.add(bd.Force("load", beam.end, (0.0, -0.5)))
+    mech.observe("top", beam.end)
+    mech.observe("side", beam.start)
+    observables = solve_small_displacements(mech)
+    return {"approach": -2.0 * observables[1], "growth": 2.0 * observables[6]}
+
+
+STATIC_CASES = (
+    *(_roll_up_case(turns) for turns in (1, 2)),
+    StaticCase(
+        "elastica",
+        "K. Mattiasson, Int. J. Numer. Methods Eng. 17 (1981) 145, by elliptic integrals",
+        8,
+        {
+            name: value
+            for load in range(1, 11)
+            for name, value in zip(elastica_names(load), elastica(load), strict=True)
+        },
+        2e-6,
+        _solve_elastica,
+    ),
+    StaticCase(
+        "Exudyn cantilever",
+        "Exudyn, pythonDev/Examples/ANCFcantileverTest.py, converged; the same by shooting",
+        48,
+        {"u": -0.508537304326, "v": -1.207239854550},
+        1e-12,
+        _extrapolate_bernoulli,
+    ),
+    StaticCase(
+        "Exudyn cantilever with shear",
+        "by shooting",
+        48,
+        {"u": -0.509464717745, "v": -1.208822829560},
+        1e-12,
+        partial(_solve_timoshenko, _GA),
+    ),
+    StaticCase(
+        "Geradin & Cardona cantilever",
+        "M. Geradin, A. Cardona, Flexible Multibody Dynamics (Wiley 2001); SHARPy, tests/xbeam",
+        8,
+        {"w": -2.159, "u": -0.596, "rotation": 0.6720},
+        1e-3,
+        _solve_thick_cantilever,
+    ),
+    StaticCase(
+        "Geradin & Cardona cantilever, more digits",
+        "by shooting",
+        16,
+        {"w": -2.1596938945, "u": -0.5964712722, "rotation": 0.6720060638},
+        1e-10,
+        _solve_thick_cantilever,
+    ),
+    *(
+        StaticCase(
+            f"quarter circle, R/h {slenderness}",
+            "Castigliano's theorem",
+            8,
+            quarter_circle(2.0, _square_section(2.0, slenderness)),
+            3e-6,
+            partial(_solve_quarter_circle, slenderness),
+        )
+        for slenderness in SLENDERNESS
+    ),
+    *(
+        StaticCase(
+            f"pinched ring, R/h {slenderness}",
+            "Castigliano's theorem",
+            8,
+            pinched_ring(2.0, _square_section(2.0, slenderness)),
+            3e-6,
+            partial(_solve_pinched_ring, slenderness),
+        )
+        for slenderness in SLENDERNESS
+    ),
+)
