@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from tolerances.random_cases import STILL, RandomCase, random_case
-from tolerances.tolerance_case import deviations
+from tolerances.random_cases import MIN_MOTION, RandomCase, random_case
+from tolerances.tolerance_case import relative_deviations
 
 import beamdae as bd
 from beamdae.verification import accuracy_warning
@@ -88,18 +88,18 @@ def try_seed(name: str) -> list[MechanismRow]:
 
 def _has_moved(case: RandomCase, solution: bd.Solution) -> bool:
     """Return whether the mechanism moves; at rest its energies are rounding errors."""
-    return bool(np.max(np.ptp(case.observed(solution), axis=0), initial=0.0) > STILL)
+    return bool(np.max(np.ptp(case.select_columns(solution), axis=0), initial=0.0) > MIN_MOTION)
 
 
 def _pairwise_deviations(
     case: RandomCase, solutions: dict[str, bd.Solution]
 ) -> dict[str, dict[str, float]]:
     """Return the deviation of each method from each other one, over rtol, of the worst column."""
-    columns = {method: case.observed(solution) for method, solution in solutions.items()}
+    columns = {method: case.select_columns(solution) for method, solution in solutions.items()}
     deviation: dict[str, dict[str, float]] = {method: {} for method in solutions}
     for first, second in combinations(solutions, 2):
-        moving = np.ptp(columns[first], axis=0) > STILL
-        errors = deviations(columns[first][:, moving], columns[second][:, moving])
+        moving = np.ptp(columns[first], axis=0) > MIN_MOTION
+        errors = relative_deviations(columns[first][:, moving], columns[second][:, moving])
         ratio = float(np.max(errors, initial=0.0)) / RTOL
         deviation[first][second] = deviation[second][first] = ratio
     return deviation
