@@ -58,7 +58,8 @@ class Case:
     def __post_init__(self) -> None:
         if not isinstance(self.model, Model):
             raise BeamdaeError(
-                f"Case: model must be a model function, see @bd.model, got {short_repr(self.model)}."
+                "Case: model must be a function decorated with @bd.model, "
+                f"got {short_repr(self.model)}."
             )
         is_valid = isinstance(self.parameters, Mapping) and all(
             isinstance(name, str) for name in self.parameters

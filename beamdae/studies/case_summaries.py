@@ -1,4 +1,4 @@
-"""What the case table of a study comes to, by group."""
+"""Summary of a study by group: fastest integrators, observed orders, crossovers."""
 
 from __future__ import annotations
 
@@ -7,47 +7,49 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beamdae.studies.case_table import ACCURACY_COLUMNS, ERROR_COLUMN, WALL_TIME_COLUMN
+from beamdae.studies.case_table import ACCURACY_COLUMNS, ERROR_COLUMN
 from beamdae.studies.references import RESOLUTION_FACTOR
-from beamdae.studies.run_values import WALL_TIME_RANGE
+from beamdae.studies.run_values import (
+    MAX_WALL_TIME_COLUMN,
+    MIN_WALL_TIME_COLUMN,
+    WALL_TIME_COLUMN,
+)
 
-ERROR_LEVELS = (1e-2, 1e-3, 1e-4, 1e-5)
+_ERROR_LEVELS = (1e-2, 1e-3, 1e-4, 1e-5)
 _COLUMNS = ["group", "what", "at", "answer", "value", "unit", "min", "max", "as fast"]
-# What a run that was timed once may have taken longer by chance.
-_TIMING_SCATTER = 1.2
-# Errors between those of a group at which its series are compared.
-_CROSSOVER_LEVELS = 200
+_TIMING_SCATTER = 1.2  # assumed ratio of a single wall time to the shortest one
+_CROSSOVER_LEVELS = 200  # errors, equally spaced in the logarithm, at which series are compared
 
 
 def summarize_cases(cases: pd.DataFrame) -> pd.DataFrame:
-    """By group: the fastest integrator for each accuracy, observed orders, crossovers.
+    """Return the fastest integrator for each accuracy, observed orders and crossovers by group.
 
-    Rows whose error the reference cannot resolve count for accuracies it can resolve: their error
-    is at most that. Of cases that are not measured there is nothing to say.
+    An error that the reference cannot resolve counts as its upper bound, ten times the uncertainty
+    of the reference. Cases without an error are left out.
 
-    One case is told to be faster than another if its median time is less than the fastest run of
-    the other, or, where that ran once, less by a fifth; "as fast" has those that the fastest is not
-    told to be faster than.
+    A case is called faster than another only if its median wall time is below the shortest wall
+    time of the other. The shortest of a single run is estimated as its wall time / 1.2. The column
+    "as fast" lists the cases that the fastest one is not called faster than.
     """
     lines: list[dict[str, Any]] = []
-    told = cases["status"] == ("ok" if ERROR_COLUMN in cases else "")
-    for group, rows in cases[told].groupby("group", sort=False):
-        measured = rows.dropna(subset=[ERROR_COLUMN])
-        resolved = measured[~measured["below resolution"]]
-        lines += _find_fastest(str(group), measured)
-        lines += _fit_orders(str(group), resolved)
-        lines += _find_crossovers(str(group), resolved)
+    if ERROR_COLUMN in cases:
+        for group, rows in cases[cases["status"] == "ok"].groupby("group", sort=False):
+            with_error = rows.dropna(subset=[ERROR_COLUMN])
+            resolved = with_error[~with_error["below resolution"]]
+            lines += _find_fastest(str(group), with_error)
+            lines += _fit_orders(str(group), resolved)
+            lines += _find_crossovers(str(group), resolved)
     return pd.DataFrame(lines, columns=_COLUMNS)
 
 
 def summarize_mesh_study(cases: pd.DataFrame, over: str) -> pd.DataFrame:
-    """By group of a mesh study: observed order of the error over the refined parameter."""
+    """Return the observed orders of the error over the refined parameter by group."""
     lines = []
     for group, rows in cases[cases["status"] == "ok"].groupby("group", sort=False):
-        measured = rows.dropna(subset=[ERROR_COLUMN]).sort_values(over)
-        measured = measured[~measured["below resolution"] & (measured[ERROR_COLUMN] > 0.0)]
-        size, error = measured[over].to_numpy(float), measured[ERROR_COLUMN].to_numpy()
-        for k in range(1, len(measured)):
+        resolved = rows.dropna(subset=[ERROR_COLUMN]).sort_values(over)
+        resolved = resolved[~resolved["below resolution"] & (resolved[ERROR_COLUMN] > 0.0)]
+        size, error = resolved[over].to_numpy(float), resolved[ERROR_COLUMN].to_numpy()
+        for k in range(1, len(resolved)):
             order = float(np.log(error[k - 1] / error[k]) / np.log(size[k] / size[k - 1]))
             at = f"{over} {size[k - 1]:g} to {size[k]:g}"
             lines.append(_summary_line(str(group), "order in space", at, f"{error[k]:.2e}", order))
@@ -70,40 +72,36 @@ def _summary_line(
     }
 
 
-def _least_wall_time(rows: pd.DataFrame) -> pd.Series:
-    """The least time each case could be told to take."""
-    by_chance = rows[WALL_TIME_COLUMN] / _TIMING_SCATTER
-    return rows[WALL_TIME_RANGE[0]].fillna(by_chance) if WALL_TIME_RANGE[0] in rows else by_chance
+def _shortest_wall_times(rows: pd.DataFrame) -> pd.Series:
+    estimate = rows[WALL_TIME_COLUMN] / _TIMING_SCATTER
+    if MIN_WALL_TIME_COLUMN not in rows:
+        return estimate
+    return rows[MIN_WALL_TIME_COLUMN].fillna(estimate)
 
 
 def _find_fastest(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
+    upper_bound = RESOLUTION_FACTOR * rows["reference uncertainty [-]"]
+    error = rows[ERROR_COLUMN].where(~rows["below resolution"], upper_bound)
     lines = []
-    # Of an error the reference cannot resolve it is known that it is at most that.
-    unresolved = RESOLUTION_FACTOR * rows["reference uncertainty [-]"]
-    measured = rows[ERROR_COLUMN].where(~rows["below resolution"], unresolved)
-    for level in ERROR_LEVELS:
-        enough = rows[measured <= level].sort_values(WALL_TIME_COLUMN)
-        if len(enough):
-            best = enough.iloc[0]
-            near = enough["label"][_least_wall_time(enough) <= best[WALL_TIME_COLUMN]].iloc[1:]
-            line = _summary_line(
-                group,
-                "fastest",
-                f"error <= {level:.0e}",
-                best["label"],
-                best[WALL_TIME_COLUMN],
-                "s",
-            )
-            ends = {
-                "min": best.get(WALL_TIME_RANGE[0], np.nan),
-                "max": best.get(WALL_TIME_RANGE[1], np.nan),
-            }
-            lines.append(line | ends | {"as fast": ", ".join(near)})
+    for level in _ERROR_LEVELS:
+        accurate = rows[error <= level].sort_values(WALL_TIME_COLUMN)
+        if accurate.empty:
+            continue
+        fastest = accurate.iloc[0]
+        wall_time = fastest[WALL_TIME_COLUMN]
+        as_fast = accurate["label"][_shortest_wall_times(accurate) <= wall_time].iloc[1:]
+        line = _summary_line(
+            group, "fastest", f"error <= {level:.0e}", fastest["label"], wall_time, "s"
+        )
+        line["min"] = fastest.get(MIN_WALL_TIME_COLUMN, np.nan)
+        line["max"] = fastest.get(MAX_WALL_TIME_COLUMN, np.nan)
+        line["as fast"] = ", ".join(as_fast)
+        lines.append(line)
     return lines
 
 
 def _fit_orders(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Slope of the error over step or tolerance, fitted to all runs of a series."""
+    """Fit log(error) over log(step) or log(rtol) to all runs of a series by least squares."""
     lines = []
     for series, runs in rows.groupby("series", sort=False):
         error = runs[ERROR_COLUMN].to_numpy()
@@ -118,47 +116,62 @@ def _fit_orders(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _find_crossovers(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Errors at which another series becomes the fastest, by interpolation of each series."""
-    curves = {}
+    """Return the errors below which another series is the fastest.
+
+    Between its runs, a series is interpolated in the logarithms of error and wall time.
+    """
+    errors, costs, shortest = {}, {}, {}
     for series, runs in rows.groupby("series", sort=False):
         ordered = runs.sort_values(ERROR_COLUMN)
         if len(ordered) > 1 and ordered[ERROR_COLUMN].min() > 0.0:
-            curves[str(series)] = np.log(
-                [ordered[ERROR_COLUMN], ordered[WALL_TIME_COLUMN], _least_wall_time(ordered)]
+            name = str(series)
+            errors[name], costs[name], shortest[name] = np.log(
+                [ordered[ERROR_COLUMN], ordered[WALL_TIME_COLUMN], _shortest_wall_times(ordered)]
             )
-    if not curves:
+    if not errors:
         return []
-    ends = np.concatenate([error for error, _, _ in curves.values()])
-    levels = np.linspace(ends.max(), ends.min(), _CROSSOVER_LEVELS)
-    cost, least = (
-        np.array([_interpolate_cost(levels, curve[0], curve[k]) for curve in curves.values()])
-        for k in (1, 2)
+    all_errors = np.concatenate(list(errors.values()))
+    levels = np.linspace(all_errors.max(), all_errors.min(), _CROSSOVER_LEVELS)
+    overtakings = _find_overtakings(
+        np.array([_interpolate_cost(levels, errors[x], costs[x]) for x in errors]),
+        np.array([_interpolate_cost(levels, errors[x], shortest[x]) for x in errors]),
     )
-    names = list(curves)
+    names = list(errors)
     return [
         _summary_line(
-            group, "crossover", f"{names[a]} to {names[b]}", names[b], np.exp(levels[k]), "error"
+            group,
+            "crossover",
+            f"{names[slower]} to {names[faster]}",
+            names[faster],
+            np.exp(levels[k]),
+            "error",
         )
-        for a, b, k in _find_overtakings(cost, least)
+        for slower, faster, k in overtakings
     ]
 
 
 def _interpolate_cost(levels: np.ndarray, error: np.ndarray, cost: np.ndarray) -> np.ndarray:
-    """Cost of errors between those of a series: none for smaller, the cheapest for larger ones."""
-    inside = np.interp(levels, error, np.minimum.accumulate(cost))
-    return np.where(levels < error[0], np.inf, inside)
+    """Return the cost at each level of a series with increasing error.
+
+    Levels below the smallest error cost infinity; those above the largest cost the cheapest run.
+    """
+    interpolated = np.interp(levels, error, np.minimum.accumulate(cost))
+    return np.where(levels < error[0], np.inf, interpolated)
 
 
-def _find_overtakings(cost: np.ndarray, least: np.ndarray) -> list[tuple[int, int, int]]:
-    """Which series (rows) another is told to be faster than, and the level from which on."""
-    found = []
-    now = int(np.argmin(cost[:, 0]))
+def _find_overtakings(cost: np.ndarray, shortest: np.ndarray) -> list[tuple[int, int, int]]:
+    """Return (slower row, faster row, first level) for each change of the fastest series.
+
+    Rows are series and columns are levels of decreasing error. A series is overtaken where the cost
+    of another one is below its shortest cost, not where it only ends.
+    """
+    overtakings = []
+    current = int(np.argmin(cost[:, 0]))
     for k, fastest in enumerate(np.argmin(cost, axis=0).tolist()):
-        if not np.isfinite(cost[now, k]):
-            # One that merely ends is not overtaken.
-            now = fastest
-        elif cost[fastest, k] < least[now, k]:
-            slower = np.flatnonzero(cost[fastest, :k] >= cost[now, :k])
-            found.append((now, fastest, int(slower[-1]) + 1 if len(slower) else k))
-            now = fastest
-    return found
+        if not np.isfinite(cost[current, k]):
+            current = fastest
+        elif cost[fastest, k] < shortest[current, k]:
+            slower = np.flatnonzero(cost[fastest, :k] >= cost[current, :k])
+            overtakings.append((current, fastest, int(slower[-1]) + 1 if len(slower) else k))
+            current = fastest
+    return overtakings

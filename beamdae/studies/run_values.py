@@ -1,4 +1,4 @@
-"""What studies tell of a run: a few numbers, and its rows."""
+"""Values of one run in the case table: cost, quality, events, outputs; and its trajectory."""
 
 from __future__ import annotations
 
@@ -13,83 +13,11 @@ from beamdae.results.event_records import format_event_counts
 from beamdae.results.solution import Solution
 
 EVENTS_COLUMN = "events"
-
-
-def collect_event_values(solution: Solution, until: float = np.inf) -> dict[str, Any]:
-    """What happened in a run up to some time [s], by column of the case table.
-
-    Nothing where nothing is watched.
-    """
-    found: dict[str, Any] = {}
-    for term in solution.equations.events:
-        times = [
-            one.t for one in solution.event_records if one.name == term.name and one.t <= until
-        ]
-        found[_count_column(term.name)] = len(times)
-        if times:
-            found[_first_time_column(term.name)] = times[0]
-    return {EVENTS_COLUMN: _format_counts(found), **found} if found else {}
-
-
-def extrapolate_events(
-    coarse: Mapping[str, Any], fine: Mapping[str, Any], order: int
-) -> dict[str, Any]:
-    """Events of two runs with steps h and h/2, their times extrapolated (Richardson)."""
-    found = _select_event_columns(fine)
-    for column, value in found.items():
-        if column in coarse and isinstance(value, float):
-            found[column] = value + (value - coarse[column]) / (2.0**order - 1.0)
-    return found
-
-
-def compute_event_errors(
-    values: Mapping[str, Any], reference: Mapping[str, Any]
-) -> dict[str, float]:
-    """How far first times are off those of a reference, by column of the case table."""
-    times = {name: value for name, value in reference.items() if isinstance(value, float)}
-    return {
-        f"error of {column}": abs(values.get(column, np.nan) - value)
-        for column, value in times.items()
-    }
-
-
-def describe_event_mismatch(values: Mapping[str, Any], reference: Mapping[str, Any]) -> str:
-    """A sentence, where other events happened than in a reference, or nothing."""
-    own, others = _select_event_columns(values), _select_event_columns(reference)
-    counts = [name for name, value in others.items() if isinstance(value, int)]
-    if not others or all(own.get(name) == others[name] for name in counts):
-        return ""
-    return f"other events than in the reference: {_format_counts(own)}; in the reference: {_format_counts(others)}."
-
-
-def is_event_count(column: str) -> bool:
-    """Whether a column of the case table tells how often an event happened."""
-    return column.startswith("event ") and column.endswith(", times")
-
-
-def _count_column(name: str) -> str:
-    return f"event {name}, times"
-
-
-def _first_time_column(name: str) -> str:
-    return f"event {name}, first [s]"
-
-
-def _select_event_columns(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in values.items() if name.startswith("event ")}
-
-
-def _format_counts(found: Mapping[str, Any]) -> str:
-    """Which happened, and how often."""
-    return format_event_counts(
-        column.removeprefix("event ").removesuffix(", times")
-        for column, value in found.items()
-        if isinstance(value, int)
-        for _ in range(value)
-    )
-
-
-# Column of the case table by name in the summary of a solution.
+WALL_TIME_COLUMN = "wall time [s]"
+# Extremes of repeated runs, whose wall time is the median.
+MIN_WALL_TIME_COLUMN = "wall time min [s]"
+MAX_WALL_TIME_COLUMN = "wall time max [s]"
+# Columns of the case table, with the names of these values in `Solution.summary`.
 COUNT_COLUMNS = {
     "steps": "steps",
     "rejected steps": "rejected_steps",
@@ -99,11 +27,9 @@ COUNT_COLUMNS = {
     "solves": "solves",
     "Newton failures": "newton_failures",
 }
-# Of cases that ran several times, beside the median of their wall times.
-WALL_TIME_RANGE = ("wall time min [s]", "wall time max [s]")
 MEASURE_COLUMNS = {
     "setup time [s]": "setup_time",
-    "wall time [s]": "wall_time",
+    WALL_TIME_COLUMN: "wall_time",
     "max position drift": "max_position_drift",
     "max velocity drift": "max_velocity_drift",
     "max residual [-]": "max_residual",
@@ -112,31 +38,39 @@ MEASURE_COLUMNS = {
 
 
 def collect_run_values(solution: Solution) -> dict[str, Any]:
-    """Cost and quality of a solution by column of the case table."""
+    """Return cost, quality and events of a run by column of the case table."""
     summary = solution.summary()
-    chosen = solution.integrator
+    settings = solution.integrator
     return {
         "reached [s]": summary["last_time"],
-        "formulation": chosen.get("formulation", "stabilized-index1"),
-        "error control": chosen.get("error_control", ""),
-        "max order": chosen.get("max_order"),
+        "formulation": settings.get("formulation", "stabilized-index1"),
+        "error control": settings.get("error_control", ""),
+        "max order": settings.get("max_order"),
         **{column: summary[name] for column, name in (COUNT_COLUMNS | MEASURE_COLUMNS).items()},
         "warnings": " ".join(solution.warnings),
         **collect_event_values(solution),
     }
 
 
+def summarize_wall_times(times: Sequence[float]) -> dict[str, float]:
+    """Return the median of the wall times [s] of equal runs; of several, the extremes as well."""
+    summary = {WALL_TIME_COLUMN: float(np.median(times))}
+    if len(times) > 1:
+        summary |= {MIN_WALL_TIME_COLUMN: min(times), MAX_WALL_TIME_COLUMN: max(times)}
+    return summary
+
+
 def evaluate_outputs(
     outputs: Mapping[str, Callable[[Solution], Any]], solution: Solution
 ) -> dict[str, Any]:
-    """What functions of a solution, which are a user's own, return by column of the case table.
+    """Return the results of the output functions of a sweep by column of the case table.
 
     Raises
     ------
     BeamdaeError
-        If one of them fails, or returns what no table has room for.
+        If a function fails, or returns anything but a number, a bool, a string or None.
     """
-    found = {}
+    values = {}
     for name, function in outputs.items():
         try:
             value = unbox_scalar(function(solution))
@@ -144,33 +78,93 @@ def evaluate_outputs(
             raise BeamdaeError(
                 f"the output {name!r} failed, {format_exception(problem)}."
             ) from problem
-        size = as_real(value)
-        if size is None and not isinstance(value, (bool, str, type(None))):
+        number = as_real(value)
+        if number is None and not isinstance(value, (bool, str, type(None))):
             raise BeamdaeError(
-                f"the output {name!r} must be a number, a truth value, a text or None, "
+                f"the output {name!r} must be a number, a bool, a string or None, "
                 f"got {short_repr(value)}."
             )
-        found[format_output_column(name)] = value if size is None else size
-    return found
+        values[format_output_column(name)] = value if number is None else number
+    return values
 
 
 def format_output_column(name: str) -> str:
-    """Column of the case table for an output of a sweep."""
+    """Return the column of the case table for an output of a sweep."""
     return f"output {name}"
 
 
-def summarize_wall_times(times: Sequence[float]) -> dict[str, float]:
-    """The median of the wall times of equal runs, and their ends, by column of the case table."""
-    found = {"wall time [s]": float(np.median(times))}
+def collect_event_values(solution: Solution, until: float = np.inf) -> dict[str, Any]:
+    """Return counts and first times [s] of the events up to a time, by column of the case table.
+
+    Empty if the mechanism has no events.
+    """
+    values: dict[str, Any] = {}
+    for event in solution.equations.events:
+        times = [
+            record.t
+            for record in solution.event_records
+            if record.name == event.name and record.t <= until
+        ]
+        values[f"event {event.name}, times"] = len(times)
+        if times:
+            values[f"event {event.name}, first [s]"] = times[0]
+    return {EVENTS_COLUMN: _format_counts(values), **values} if values else {}
+
+
+def extrapolate_events(
+    coarse: Mapping[str, Any], fine: Mapping[str, Any], order: int
+) -> dict[str, Any]:
+    """Return the events of two runs with steps h and h/2, their times extrapolated (Richardson)."""
+    values = _select_event_columns(fine)
+    for column, value in values.items():
+        if column in coarse and isinstance(value, float):
+            values[column] = value + (value - coarse[column]) / (2.0**order - 1.0)
+    return values
+
+
+def compute_event_errors(
+    values: Mapping[str, Any], reference: Mapping[str, Any]
+) -> dict[str, float]:
+    """Return the errors of the first times [s] of events by column of the case table."""
+    times = {name: value for name, value in reference.items() if isinstance(value, float)}
+    return {
+        f"error of {column}": abs(values.get(column, np.nan) - value)
+        for column, value in times.items()
+    }
+
+
+def describe_event_mismatch(values: Mapping[str, Any], reference: Mapping[str, Any]) -> str:
+    """Return a sentence if the counts of events differ from the reference, else an empty string."""
+    events, expected = _select_event_columns(values), _select_event_columns(reference)
+    counts = [name for name, value in expected.items() if isinstance(value, int)]
+    if not expected or all(events.get(name) == expected[name] for name in counts):
+        return ""
     return (
-        found
-        if len(times) < 2
-        else found | dict(zip(WALL_TIME_RANGE, (min(times), max(times)), strict=True))
+        f"other events than in the reference: {_format_counts(events)}; "
+        f"in the reference: {_format_counts(expected)}."
+    )
+
+
+def is_event_count(column: str) -> bool:
+    """Return whether a column of the case table counts an event."""
+    return column.startswith("event ") and column.endswith(", times")
+
+
+def _select_event_columns(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if name.startswith("event ")}
+
+
+def _format_counts(values: Mapping[str, Any]) -> str:
+    return format_event_counts(
+        column.removeprefix("event ").removesuffix(", times")
+        for column, value in values.items()
+        if isinstance(value, int)
+        for _ in range(value)
     )
 
 
 def tabulate_trajectory(solution: Solution) -> pd.DataFrame:
-    """Observed columns, energies and drift at the output times."""
+    """Return observed columns, energies and drift at the output times [s]."""
     parts = (solution.observed, solution.ledger, solution.drift)
     headers = pd.Index([header for part in parts for header in part])
     return pd.DataFrame(np.hstack(parts), pd.Index(solution.t, name="t [s]"), headers)

@@ -13,12 +13,17 @@ from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.results.columns import Header
 from beamdae.results.storage.files import versions
 from beamdae.studies.case import Case
-from beamdae.studies.case_table import ERROR_COLUMN, WALL_TIME_COLUMN
+from beamdae.studies.case_table import ERROR_COLUMN
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compute_deviations, count_common_rows
 from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.references import RESOLUTION_FACTOR, Reference
-from beamdae.studies.run_values import EVENTS_COLUMN, WALL_TIME_RANGE
+from beamdae.studies.run_values import (
+    EVENTS_COLUMN,
+    MAX_WALL_TIME_COLUMN,
+    MIN_WALL_TIME_COLUMN,
+    WALL_TIME_COLUMN,
+)
 from beamdae.studies.unique_names import number_duplicates
 
 _MAX_CURVES = 200  # cases with curves; pages with more take long to open
@@ -32,8 +37,8 @@ _TABLE_COLUMNS = (
     (ERROR_COLUMN, "error", "-", "error"),
     ("reaction error [-]", "reaction error", "-", "number"),
     (WALL_TIME_COLUMN, "wall time", "s", "cost"),
-    (WALL_TIME_RANGE[0], "wall min", "s", "number"),
-    (WALL_TIME_RANGE[1], "wall max", "s", "number"),
+    (MIN_WALL_TIME_COLUMN, "wall min", "s", "number"),
+    (MAX_WALL_TIME_COLUMN, "wall max", "s", "number"),
     ("steps", "steps", "", "number"),
     ("rejected steps", "rejected", "", "number"),
     ("residual calls", "residuals", "", "number"),

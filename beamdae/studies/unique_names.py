@@ -1,4 +1,4 @@
-"""Names that tell runs apart, for readers and for file systems."""
+"""Unique labels of cases, and unique file names made of them."""
 
 from __future__ import annotations
 
@@ -6,37 +6,38 @@ import re
 import unicodedata
 from collections.abc import Callable, Iterable
 
-# File systems have room for 255 bytes, paths for less than one likes.
-_MAX_NAME_BYTES = 120
-# Letters and digits of any script, and what no file system or shell minds.
+_MAX_NAME_BYTES = 120  # file systems allow 255; whole paths have limits as well
+# Letters and digits of any script, and characters that no file system or shell interprets.
 _INVALID_CHARACTERS = re.compile(r"[^\w=.+]+")
 
 
 def number_duplicates(names: Iterable[str]) -> list[str]:
-    """The names, with a number to those that have been there before."""
+    """Return the names; each repeated one gets a number, as in "name (2)"."""
     return _number_names(names, "{} ({})", str)
 
 
 def create_file_names(cases: Iterable[tuple[str, str]]) -> list[str]:
-    """Names of files, without suffix, by model with parameters and integrator of each case.
+    """Return unique file names without suffix for pairs of group and label of a case.
 
-    In file systems that do not tell capitals from small letters as well.
+    They differ in more than the case of letters, which some file systems ignore.
     """
     return _number_names((_create_file_name(*names) for names in cases), "{}-{}", str.casefold)
 
 
-def _number_names(names: Iterable[str], form: str, seen_as: Callable[[str], str]) -> list[str]:
-    found: dict[str, str] = {}
-    # The last number of each name: of many that are the same each would count from one on.
-    last: dict[str, int] = {}
+def _number_names(
+    names: Iterable[str], template: str, comparison_key: Callable[[str], str]
+) -> list[str]:
+    unique: dict[str, str] = {}
+    # Counting on from the last number of a name keeps the time linear in the number of names.
+    last_numbers: dict[str, int] = {}
     for name in names:
-        number, new = last.get(seen_as(name), 1), name
-        while seen_as(new) in found:
+        number, candidate = last_numbers.get(comparison_key(name), 1), name
+        while comparison_key(candidate) in unique:
             number += 1
-            new = form.format(name, number)
-        last[seen_as(name)] = number
-        found[seen_as(new)] = new
-    return list(found.values())
+            candidate = template.format(name, number)
+        last_numbers[comparison_key(name)] = number
+        unique[comparison_key(candidate)] = candidate
+    return list(unique.values())
 
 
 def _create_file_name(group: str, label: str) -> str:
@@ -48,11 +49,11 @@ def _replace_invalid(text: str) -> str:
     return _INVALID_CHARACTERS.sub("-", unicodedata.normalize("NFC", text)).strip("-.")
 
 
-def _shorten(text: str, most: int) -> str:
-    """The text in so many bytes: of a long one both ends, for what differs may be in either."""
-    whole = text.encode()
-    if len(whole) <= most:
+def _shorten(text: str, max_bytes: int) -> str:
+    """Return the text, or its two ends if it is too long: names may differ at either end."""
+    encoded = text.encode()
+    if len(encoded) <= max_bytes:
         return text
-    half = (most - 2) // 2
-    ends = whole[:half], whole[-half:]
+    half = (max_bytes - 2) // 2
+    ends = encoded[:half], encoded[-half:]
     return "--".join(end.decode(errors="ignore").strip("-.") for end in ends)

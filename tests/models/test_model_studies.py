@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.cli.model_files.model_file import load_contents
+from beamdae.cli.model_files.model_file import ModelFile
 from beamdae.studies.execution import study_run
 from beamdae.studies.execution.executors import LocalPool
 from beamdae.studies.execution.study_run import StudyPlan
@@ -18,7 +18,7 @@ FILES = sorted(FOLDER.glob("*_integrators.py"))
 
 
 def studies(path):
-    return load_contents(path)[1]
+    return ModelFile(path).studies
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
@@ -35,7 +35,7 @@ def test_a_study_has_at_least_sixty_cases_of_all_integrators(path):
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
 def test_first_group_of_a_study_shows_the_expected_orders(path, tmp_path):
     (study,) = studies(path).values()
-    group_of = StudyPlan.of(study).group_of
+    group_of = StudyPlan.of(study).group_by_case
     first = [case for case in study.cases if group_of[id(case)] == group_of[id(study.cases[0])]]
     results = study_run.run_study(replace(study, cases=tuple(first)), tmp_path, LocalPool())
     assert set(results.table["status"]) == {"ok"}

@@ -75,7 +75,7 @@ def test_functions_of_a_solution_are_columns_of_their_own():
     [
         (lambda run: run["tipp"], "the output 'peak' failed, BeamdaeError: "),
         (lambda run: 1 / 0, "the output 'peak' failed, ZeroDivisionError: division by zero."),
-        (lambda run: run["tip.x"], "the output 'peak' must be a number, a truth value, a text or"),
+        (lambda run: run["tip.x"], "the output 'peak' must be a number, a bool, a string or"),
     ],
 )
 def test_an_output_that_fails_is_a_failed_row(output, reason):

@@ -1,4 +1,4 @@
-"""Results on disk: what is damaged is run again and told, what is unfinished is swept up."""
+"""Store of results: damaged ones are run again with a warning, unfinished files are removed."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ import pytest
 import beamdae as bd
 from beamdae.results.outcome import Status
 from beamdae.studies.execution import study_run
-from beamdae.studies.execution.case_run import Limits, Outcome, Task
 from beamdae.studies.execution.executors import SerialPool
+from beamdae.studies.execution.tasks import Limits, Outcome, Task
 from beamdae.studies.store import store
 from beamdae.studies.store.store import Store
 from beamdae.studies.unique_names import create_file_names
@@ -43,86 +43,87 @@ TABLE = pd.DataFrame(
     {"=end.x [m]": [0.1 + 0.2, -1e-17, 1 / 3], "end.y [m]": [np.nan, np.pi, -0.0]},
     index=pd.Index([0.0, 0.05, 0.1], name="t [s]"),
 )
-DONE = Outcome(values={"steps": np.int64(3), "wall time [s]": float("nan")}, rows=TABLE)
+OUTCOME = Outcome(values={"steps": np.int64(3), "wall time [s]": float("nan")}, rows=TABLE)
 
 
 @pytest.fixture
 def filled(tmp_path):
-    place = Store(tmp_path)
-    place.save(TASK, DONE)
-    return place
+    store = Store(tmp_path)
+    store.save(TASK, OUTCOME)
+    return store
 
 
-def test_what_is_kept_is_read_back_to_the_last_bit(filled):
-    found, problem = filled.load(TASK)
+def test_saved_outcomes_are_loaded_bit_for_bit(filled):
+    outcome, problem = filled.load(TASK)
     assert problem == ""
-    pd.testing.assert_frame_equal(found.table, TABLE, check_exact=True)
-    assert found.values["steps"] == 3
-    assert found.file == filled.trajectory_path(TASK).name
+    pd.testing.assert_frame_equal(outcome.table, TABLE, check_exact=True)
+    assert outcome.values["steps"] == 3
+    assert outcome.file == filled.trajectory_path(TASK).name
     assert filled.trajectory_path(TASK).read_text().startswith("t [s],'=end.x [m],")
 
 
-def one_digit(text):
+def change_one_digit(text):
     return text.replace(b"3.14159", b"3.14158")
 
 
 @pytest.mark.parametrize(
-    "damage", [lambda x: x[:-1], lambda x: x[:-12], lambda x: x[:-40], lambda x: b"", one_digit]
+    "damage",
+    [lambda x: x[:-1], lambda x: x[:-12], lambda x: x[:-40], lambda x: b"", change_one_digit],
 )
-def test_regression_a_trajectory_that_is_not_what_was_written_is_run_again(filled, damage):
-    """Cut by 12 bytes it was a traceback at every start, by 1 or 40 it was taken for good."""
+def test_regression_a_changed_trajectory_is_reported(filled, damage):
+    """Truncated by 12 bytes it raised a traceback at each start, by 1 or 40 it was accepted."""
     file = filled.trajectory_path(TASK)
     before = file.read_bytes()
     file.write_bytes(damage(before))
     assert file.read_bytes() != before
-    found, problem = filled.load(TASK)
-    assert found is None
-    assert problem == f"{file.name} is not what was written"
+    outcome, problem = filled.load(TASK)
+    assert outcome is None
+    assert problem == f"{file.name} has changed since it was written"
 
 
-def test_rows_that_are_gone_are_told(filled):
+def test_missing_trajectories_are_reported(filled):
     filled.rows_path(TASK).unlink()
-    found, problem = filled.load(TASK)
-    assert found is None
+    outcome, problem = filled.load(TASK)
+    assert outcome is None
     assert problem == "one.csv cannot be read, No such file or directory"
 
 
-def test_tables_are_read_when_they_are_asked_for(filled):
-    """A study that is told again needs few of them."""
-    known, asked, late = (filled.load(TASK)[0] for _ in range(3))
-    pd.testing.assert_frame_equal(pickle.loads(pickle.dumps(asked)).table, TABLE)
-    assert known.table is known.table
+def test_tables_are_parsed_on_first_access(filled):
+    """A resumed study needs few of them."""
+    parsed, pickled, late = (filled.load(TASK)[0] for _ in range(3))
+    pd.testing.assert_frame_equal(pickle.loads(pickle.dumps(pickled)).table, TABLE)
+    assert parsed.table is parsed.table
     filled.rows_path(TASK).unlink()
-    assert known.table is not None
+    assert parsed.table is not None
     with pytest.raises(bd.BeamdaeError, match=r"/trajectories: one.csv cannot be read, No such"):
         _ = late.table
 
 
-def refused(*_):
+def raise_permission_error(*_):
     raise OSError(1, "Operation not permitted")
 
 
 @pytest.mark.parametrize("links", [True, False])
-def test_trajectories_are_whole_whatever_has_become_of_them(tmp_path, monkeypatch, links):
-    """Gone, of an earlier model, or in a file system without links."""
+def test_readable_trajectories_are_restored(tmp_path, monkeypatch, links):
+    """They may be missing, belong to an earlier model, or be in a file system without links."""
     if not links:
-        monkeypatch.setattr(os, "link", refused)
-    place = Store(tmp_path)
-    place.save(TASK, DONE)
-    file = place.trajectory_path(TASK)
-    whole = file.read_bytes()
-    assert file.samefile(place.rows_path(TASK)) == links
+        monkeypatch.setattr(os, "link", raise_permission_error)
+    store = Store(tmp_path)
+    store.save(TASK, OUTCOME)
+    file = store.trajectory_path(TASK)
+    content = file.read_bytes()
+    assert file.samefile(store.rows_path(TASK)) == links
     renamed = replace(TASK, name="other")
     file.unlink()
-    place.trajectory_path(renamed).write_bytes(b"of another")
+    store.trajectory_path(renamed).write_bytes(b"of another")
     for task in (TASK, renamed, TASK):
-        found, problem = place.load(task)
-        assert (found.file, problem) == (f"{task.name}.csv", "")
-        assert place.trajectory_path(task).read_bytes() == whole
+        outcome, problem = store.load(task)
+        assert (outcome.file, problem) == (f"{task.name}.csv", "")
+        assert store.trajectory_path(task).read_bytes() == content
     assert not list(tmp_path.rglob("*.scratch"))
 
 
-def changed(record, **values):
+def format_record(record, **values):
     return json.dumps(record | values)
 
 
@@ -132,22 +133,22 @@ RECORDS = {
     "null": "null",
     "number": "3",
     "NaN": "NaN",
-    "cut": '{"format": 2',
+    "truncated": '{"format": 2',
     "binary": b"\x00\xff\xfe" * 100,
     "empty": b"",
     "nested": "[" * 100_000,
-    "of another version": json.dumps({"format": 3, "outcome": {}}),
-    "of an earlier version": json.dumps(OLD),
-    "another's": json.dumps({"format": 2, "sha256": "0", "outcome": {}}),
+    "invalid content": json.dumps({"format": 3, "outcome": {}}),
+    "without format": json.dumps(OLD),
+    "another format": json.dumps({"format": 2, "sha256": "0", "outcome": {}}),
 }
 
 
 @pytest.mark.parametrize("name", RECORDS)
-def test_regression_records_that_are_none_are_run_again_and_told(filled, name):
+def test_regression_invalid_records_are_reported(filled, name):
     text = RECORDS[name]
     filled.record_path(TASK).write_bytes(text if isinstance(text, bytes) else text.encode())
-    found, problem = filled.load(TASK)
-    assert found is None
+    outcome, problem = filled.load(TASK)
+    assert outcome is None
     assert problem.startswith(filled.record_path(TASK).name)
 
 
@@ -162,39 +163,41 @@ def test_regression_records_that_are_none_are_run_again_and_told(filled, name):
         {"read": []},
     ],
 )
-def test_records_with_values_no_record_has_are_run_again(filled, change):
-    """With the right sum: whoever wrote it was no version of this."""
+def test_records_with_unexpected_values_are_reported(filled, change):
+    """Their checksum is right."""
     record = json.loads(filled.record_path(TASK).read_text())
     content = record["outcome"] | change
     filled.record_path(TASK).write_text(
-        changed(record, outcome=content, sha256=store._checksum(content))
+        format_record(record, outcome=content, sha256=store._checksum(content))
     )
-    assert filled.load(TASK) == (None, f"{filled.record_path(TASK).name} has values no record has")
+    assert filled.load(TASK) == (None, f"{filled.record_path(TASK).name} has unexpected values")
 
 
-def test_one_changed_digit_of_a_record_is_seen(filled):
+def test_one_changed_digit_of_a_record_is_detected(filled):
     text = filled.record_path(TASK).read_text()
     filled.record_path(TASK).write_text(text.replace('"steps": 3', '"steps": 4'))
     assert filled.load(TASK)[0] is None
     filled.record_path(TASK).write_text(json.dumps(json.loads(text)))
-    assert filled.load(TASK)[0] is not None, "however it is laid out"
+    assert filled.load(TASK)[0] is not None, "the layout is not part of the content"
 
 
-def test_a_record_that_is_larger_than_any_is_not_read(filled):
+def test_too_large_records_are_not_read(filled):
     with open(filled.record_path(TASK), "wb") as file:
         file.truncate(2_000_000_000)
-    assert filled.load(TASK)[1].endswith("is larger than any record")
+    assert filled.load(TASK)[1].endswith("is too large for a record")
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may read all")
-def test_a_record_that_may_not_be_read_is_run_again(filled):
+def test_unreadable_records_are_reported(filled):
     filled.record_path(TASK).chmod(0)
     assert "cannot be read, Permission denied" in filled.load(TASK)[1]
 
 
-def test_a_folder_in_the_place_of_a_file_is_refused_before_the_work(tmp_path):
+def test_a_folder_in_the_place_of_a_file_is_refused_before_the_first_run(tmp_path):
     Store(tmp_path).record_path(TASK).mkdir(parents=True)
-    with pytest.raises(bd.BeamdaeError, match=r"\.json: it must be a file of results, and is a fo"):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"\.json: it must be a file, but is a folder; remove"
+    ):
         study_run.run_study(STUDY, tmp_path, SerialPool())
 
 
@@ -204,21 +207,23 @@ def run(tmp_path_factory):
     return folder, study_run.run_study(STUDY, folder, SerialPool())
 
 
-def test_regression_damaged_results_are_run_again_and_that_is_told(run):
+def test_regression_damaged_results_are_run_again_with_a_warning(run):
     folder, before = run
     file = folder / before.table["trajectory"][0]
     file.write_bytes(file.read_bytes()[:-12])
     seen = []
-    with pytest.warns(bd.BeamdaeWarning, match=rf"{file.name} is not what was written, so .* run"):
+    with pytest.warns(
+        bd.BeamdaeWarning, match=rf"{file.name} has changed since it was written, so .* run"
+    ):
         again = study_run.run_study(STUDY, folder, SerialPool(), seen.append)
-    assert (seen[0].kept, seen[0].total) == (3, 4)
+    assert (seen[0].stored, seen[0].total) == (3, 4)
     assert len(again.notes) == 1
     pd.testing.assert_frame_equal(again.outcome(CASE).table, before.outcome(CASE).table)
-    # Said once: now they are whole.
+    # The warning is not repeated: the results are complete now.
     assert study_run.run_study(STUDY, folder, SerialPool()).notes == ()
 
 
-def test_trajectories_are_named_by_their_case(run):
+def test_trajectories_are_named_after_their_case(run):
     folder, results = run
     assert list(results.table["trajectory"]) == [
         "trajectories/swing-mass=1.0-GeneralizedAlpha-step=0.01.csv"
@@ -229,17 +234,16 @@ def test_trajectories_are_named_by_their_case(run):
         "swing-mass=1.0-GeneralizedAlpha-step=0.001.parquet",
         "swing-mass=1.0-Ida-rtol=1e-06.parquet",
     }
-    found = {path.name for path in (folder / "trajectories").iterdir()}
     assert all((folder / name).is_file() for name in results.table["trajectory"])
-    assert len(found) == 8
+    assert len(list((folder / "trajectories").iterdir())) == 8
 
 
-def test_names_of_trajectories_do_for_any_file_system():
+def test_names_of_trajectories_are_valid_in_any_file_system():
     method = "Ida(rtol=0.0001)"
     notes = ["a/b\\c:*?\n\ud800", "a b c", "A B C", "\u00fcber \u6881", "u\u0308ber \u6881"]
     notes += ["x" * 300, "x" * 300 + "y", "x" * 301, "", "."]
-    found = create_file_names((f"swing(note={note})", method) for note in notes)
-    assert found == [
+    names = create_file_names((f"swing(note={note})", method) for note in notes)
+    assert names == [
         "swing-note=a-b-c-Ida-rtol=0.0001",
         "swing-note=a-b-c-Ida-rtol=0.0001-2",
         "swing-note=A-B-C-Ida-rtol=0.0001-3",
@@ -254,13 +258,13 @@ def test_names_of_trajectories_do_for_any_file_system():
     assert len(create_file_names([("\u6881" * 300, "\u6881" * 300)])[0].encode()) < 130
 
 
-def test_parameters_given_as_they_are_by_default_find_their_file(tmp_path, run):
-    """The same run under two labels is kept once, under the first."""
-    plain, told = (
+def test_a_run_with_two_labels_is_stored_once(tmp_path, run):
+    """A parameter may be given with its default value; the first label counts."""
+    by_default, explicit = (
         bd.Case(swing, {}, CASE.integrator),
         bd.Case(swing, {"mass": 2.0}, CASE.integrator),
     )
-    for cases in ((plain, told), (told, plain)):
+    for cases in ((by_default, explicit), (explicit, by_default)):
         results = study_run.run_study(replace(STUDY, cases=cases), tmp_path, SerialPool())
         assert results.table["trajectory"].nunique() == 1
         assert (tmp_path / results.table["trajectory"][0]).is_file()
@@ -269,52 +273,52 @@ def test_parameters_given_as_they_are_by_default_find_their_file(tmp_path, run):
 # Writing --------------------------------------------------------------------------------------
 
 
-def no_room(self, content):
+def write_half(self, content):
     with open(self, "wb") as file:
         file.write(content[: len(content) // 2])
     raise OSError(28, "No space left on device")
 
 
-def test_regression_a_full_disk_ends_the_study_with_a_sentence(tmp_path, monkeypatch):
-    """What was kept stays valid; nothing unfinished is left."""
-    writes, real = [], Path.write_bytes
+def test_regression_a_full_disk_ends_the_study_with_an_error(tmp_path, monkeypatch):
+    """Stored results stay valid, and no unfinished file is left."""
+    writes, write_bytes = [], Path.write_bytes
 
-    def sometimes(self, content):
+    def write_three_files(self, content):
         writes.append(self)
-        return real(self, content) if len(writes) < 4 else no_room(self, content)
+        return write_bytes(self, content) if len(writes) < 4 else write_half(self, content)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "write_bytes", sometimes)
+        patch.setattr(Path, "write_bytes", write_three_files)
         with pytest.raises(bd.BeamdaeError, match="it cannot be written, No space left on device"):
             study_run.run_study(STUDY, tmp_path, SerialPool())
     assert not list(tmp_path.rglob("*.scratch"))
     seen = []
     results = study_run.run_study(STUDY, tmp_path, SerialPool(), seen.append)
-    assert seen[0].kept == 1
+    assert seen[0].stored == 1
     assert results.notes == ()
     assert set(results.table["status"]) == {"ok"}
 
 
-def test_executors_are_closed_before_the_sentence_is_told(tmp_path, monkeypatch):
+def test_executors_are_closed_before_an_error_is_raised(tmp_path, monkeypatch):
     closed = []
 
     class Watched(SerialPool):
-        def outcomes(self, tasks):
+        def run_tasks(self, tasks):
             try:
-                yield from super().outcomes(tasks)
+                yield from super().run_tasks(tasks)
             finally:
                 closed.append(True)
 
-    monkeypatch.setattr(Path, "write_bytes", no_room)
+    monkeypatch.setattr(Path, "write_bytes", write_half)
     with pytest.raises(bd.BeamdaeError) as caught:
         study_run.run_study(STUDY, tmp_path, Watched())
     assert closed, caught
 
 
-def test_what_killed_processes_leave_is_swept_up(filled):
+def test_scratch_files_of_killed_processes_are_removed(filled):
     ended = subprocess.Popen([sys.executable, "-S", "-E", "-c", ""])
     ended.wait()
-    node, mine = platform.node(), filled.folder / "outcomes"
+    node, folder = platform.node(), filled.folder / "outcomes"
     names = {
         f".{ended.pid}@{node}@aaaaaaaa.scratch": False,
         f".{os.getpid()}@{node}@bbbbbbbb.scratch": True,
@@ -322,16 +326,16 @@ def test_what_killed_processes_leave_is_swept_up(filled):
         f".{ended.pid}.scratch": True,
     }
     for name in names:
-        (mine / name).write_text("half")
+        (folder / name).write_text("half")
     filled.remove_scratch_files()
-    assert {name: (mine / name).exists() for name in names} == names
+    assert {name: (folder / name).exists() for name in names} == names
     assert filled.load(TASK)[0] is not None
 
 
 # Cells ----------------------------------------------------------------------------------------
 
 
-def test_tables_are_guarded_and_numbers_stay_numbers(tmp_path):
+def test_formulas_in_tables_are_escaped_and_numbers_stay_numbers(tmp_path):
     cases = (bd.Case(swing, {"note": "=1+2", "mass": 1.0}, CASE.integrator),)
     results = study_run.run_study(replace(STUDY, cases=cases), tmp_path, SerialPool())
     table = pd.read_csv(tmp_path / "cases.csv")
@@ -343,7 +347,7 @@ def test_tables_are_guarded_and_numbers_stay_numbers(tmp_path):
         assert all(map(pd.api.types.is_numeric_dtype, pd.read_csv(path).dtypes))
 
 
-def test_limits_and_status_of_a_failure_are_kept(tmp_path):
+def test_limits_and_status_of_a_failure_are_stored(tmp_path):
     failed = Outcome(Status("failed", "=1+2, it broke"))
     Store(tmp_path).save(TASK, failed)
     assert Store(tmp_path).load(TASK)[0].status == failed.status

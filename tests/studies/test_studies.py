@@ -20,13 +20,13 @@ from typer.testing import CliRunner
 
 import beamdae as bd
 from beamdae.cli.app import app
-from beamdae.cli.model_files.model_file import load_contents
+from beamdae.cli.model_files.model_file import ModelFile
 from beamdae.studies.case_summaries import summarize_cases, summarize_mesh_study
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.execution import case_run as work
 from beamdae.studies.execution import study_run
-from beamdae.studies.execution.case_run import Limits, Outcome
 from beamdae.studies.execution.executors import LocalPool, SerialPool
+from beamdae.studies.execution.tasks import Limits, Outcome
 from beamdae.studies.references import REFERENCE_NOT_RUN
 from beamdae.studies.store.store import Store
 from beamdae.studies.study_page import create_study_page
@@ -126,7 +126,7 @@ def test_serial_runs_are_made_here_in_their_order(tmp_path):
     file = tmp_path / "told"
     cases = [bd.Case(telling, {"file": str(file), "name": name}, ALPHA) for name in "abc"]
     study = made(cases)
-    found = list(SerialPool().outcomes([study.task(case) for case in cases]))
+    found = list(SerialPool().run_tasks([study.task(case) for case in cases]))
     assert [task.case for task, _, _ in found] == cases
     assert [(outcome.status.kind, keep) for _, outcome, keep in found] == [("ok", True)] * 3
     assert file.read_text().splitlines() == [f"{name} {os.getpid()}" for name in "abc"]
@@ -354,7 +354,7 @@ def test_a_killed_worker_is_tried_again_and_takes_no_other_case(tmp_path):
 def test_finished_cases_are_not_done_again(swings):
     seen = []
     again = done(swings.study, swings.folder, progress=seen.append)
-    assert [p.kept for p in seen] == [seen[0].total]
+    assert [p.stored for p in seen] == [seen[0].total]
     pd.testing.assert_frame_equal(again.table, swings.table, check_dtype=False)
 
 
@@ -362,7 +362,7 @@ def test_a_changed_case_is_done_and_the_others_are_kept(swings):
     seen = []
     case = replace(SWINGS[0], integrator=bd.GeneralizedAlpha(step=0.004))
     done(replace(swings.study, cases=(*SWINGS, case)), swings.folder, progress=seen.append)
-    assert seen[-1].total == seen[0].kept + 1
+    assert seen[-1].total == seen[0].stored + 1
 
 
 def test_fingerprint_depends_on_all_that_matters():
@@ -431,7 +431,7 @@ def beside(folder, mass=1.0, parts=PARTS):
     (folder / "falls.py").write_text(BESIDE)
     (folder / "numbers_of_mine.py").write_text(f"MASS = {mass}\n")
     (folder / "parts_of_mine.py").write_text(parts)
-    _, studies = load_contents(folder / "falls.py")
+    studies = ModelFile(folder / "falls.py").studies
     return studies["falls"]
 
 

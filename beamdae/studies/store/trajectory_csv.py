@@ -1,4 +1,4 @@
-"""Rows of a run as CSV and back, to the last bit."""
+"""Trajectories of runs as CSV: written and parsed without loss of a bit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,11 @@ from beamdae.results.storage.files import escape_cell
 
 
 def format_trajectory(table: pd.DataFrame) -> bytes:
-    """A table of floats as pandas writes it, in half the time; headers go through `escape_cell`."""
+    """Return a table of floats as CSV.
+
+    The bytes are those of `DataFrame.to_csv`, in half the time. Headers are escaped, see
+    `escape_cell`.
+    """
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow([table.index.name, *map(escape_cell, table)])
     rows = np.column_stack([table.index, table]).astype(float).tolist()
@@ -23,10 +27,10 @@ def format_trajectory(table: pd.DataFrame) -> bytes:
 
 
 def parse_trajectory(content: bytes, columns: Sequence[str]) -> pd.DataFrame:
-    """The table of such a text, with the headers it had."""
+    """Return the table of `format_trajectory` with its headers before they were escaped."""
     text = io.StringIO(content.decode(), newline="")
     index, *_ = next(csv.reader(text))
-    # Python reads each digit, which pandas does not.
+    # float() rounds correctly, unlike the default parser of pandas.
     lines = text.read().split()
     cells = ",".join(lines).split(",") if lines else []
     numbers = np.array([float(x or "nan") for x in cells]).reshape(-1, 1 + len(columns))
