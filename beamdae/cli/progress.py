@@ -1,4 +1,4 @@
-"""What is under way, on standard error: a bar in a terminal, lines now and then elsewhere."""
+"""Progress on standard error: a bar in a terminal, otherwise a line now and then."""
 
 from __future__ import annotations
 
@@ -18,37 +18,39 @@ if TYPE_CHECKING:
 
     from beamdae.studies.execution.study_progress import StudyProgress
 
-# Letters of a bar: more are of no use, and with fewer it says nothing.
-_MAX_BAR_WIDTH, _MIN_BAR_WIDTH = 14, 3
-# A label in fewer letters says nothing either.
+# Widths in columns; a narrower bar or label is left out.
+_MAX_BAR_WIDTH = 14
+_MIN_BAR_WIDTH = 3
 _MIN_LABEL_WIDTH = 8
-# Where there is no terminal a run says how far it is after so many seconds [s].
-_LINE_INTERVAL = 10.0
+# Without a terminal, a run prints a line this often.
+_LINE_INTERVAL = 10.0  # s
+# Without a terminal, a study prints a line each time this fraction of its runs is done.
+_LINE_FRACTION = 0.1
 
 
 @dataclass(frozen=True)
 class ProgressLine:
-    """How far something is.
+    """Progress of a run or a study.
 
     Attributes
     ----------
-    share
-        Done of all, 0 to 1.
+    fraction
+        Fraction done, 0 to 1.
     done
         The same in numbers, such as "3/12".
-    left
-        Seconds it still takes; None if that is not known.
+    remaining
+        Remaining time [s], or None if unknown.
     label
-        What is under way.
+        Name of the running task.
     """
 
-    share: float
+    fraction: float
     done: str
-    left: float | None
+    remaining: float | None
     label: str
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """One line: numbers whole, a bar as wide as it can be, a label in the rest."""
+        """Yield one line: the numbers unshortened, a bar, and the label in the remaining width."""
         from rich.progress_bar import ProgressBar
         from rich.table import Table
         from rich.text import Text
@@ -56,68 +58,73 @@ class ProgressLine:
         from beamdae.report.terminal.responsive_table import shorten_to_cells
 
         width = options.max_width
-        told = f"{self.done} {format_clock(self.left)}"
-        longer = f"{told} left"
-        told = (
-            longer if len(longer) + 1 + _MIN_BAR_WIDTH <= width else shorten_to_cells(told, width)
-        )
-        bar = max(min(_MAX_BAR_WIDTH, width - len(told) - 1), 0)
-        room = width - bar - len(told) - 2
+        numbers = f"{self.done} {format_clock(self.remaining)}"
+        if len(f"{numbers} left") + 1 + _MIN_BAR_WIDTH <= width:
+            numbers = f"{numbers} left"
+        else:
+            numbers = shorten_to_cells(numbers, width)
+        bar_width = max(min(_MAX_BAR_WIDTH, width - len(numbers) - 1), 0)
+        label_width = width - bar_width - len(numbers) - 2
         line = Table.grid(padding=(0, 1, 0, 0))
-        cells: list[ProgressBar | Text] = [Text(told, no_wrap=True)]
-        if bar >= _MIN_BAR_WIDTH:
-            cells.insert(0, ProgressBar(1.0, min(max(self.share, 0.0), 1.0), width=bar))
-        if room >= _MIN_LABEL_WIDTH:
-            cells.append(Text(shorten_to_cells(self.label, room), no_wrap=True))
+        cells: list[ProgressBar | Text] = [Text(numbers, no_wrap=True)]
+        if bar_width >= _MIN_BAR_WIDTH:
+            fraction = min(max(self.fraction, 0.0), 1.0)
+            cells.insert(0, ProgressBar(1.0, fraction, width=bar_width))
+        if label_width >= _MIN_LABEL_WIDTH:
+            cells.append(Text(shorten_to_cells(self.label, label_width), no_wrap=True))
         line.add_row(*cells)
         yield line
 
 
 @contextmanager
-def show_run_progress(t_end: float, what: str = "") -> Iterator[Callable[[str, float], None]]:
-    """How far a run is, by the time it has reached; `what` it is, if it is not the run itself."""
-    course = _RemainingTime(t_end)
-    with _live_display() as show:
-        say = show or _RunLines()
+def show_run_progress(t_end: float, task: str = "") -> Iterator[Callable[[str, float], None]]:
+    """Show the progress of a run; yields a function of a label and the time reached [s].
 
-        def reached(label: str, t: float) -> None:
-            label = ", ".join(filter(None, [what, label]))
-            say(ProgressLine(course.share(t), f"{t:.3g}/{t_end:.3g} s", course.left(t), label))
+    `task` names what runs if that is not the simulation itself.
+    """
+    timer = _RunTimer(t_end)
+    with _live_display() as show:
+        show_line = show or _RunLines()
+
+        def update(label: str, t: float) -> None:
+            label = ", ".join(filter(None, [task, label]))
+            done = f"{t:.3g}/{t_end:.3g} s"
+            show_line(ProgressLine(timer.fraction(t), done, timer.remaining(t), label))
 
         if show:
-            show(ProgressLine(0.0, f"0/{t_end:.3g} s", None, what or "starting"))
-        yield reached
+            show(ProgressLine(0.0, f"0/{t_end:.3g} s", None, task or "starting"))
+        yield update
 
 
 @contextmanager
 def show_study_progress() -> Iterator[Callable[[StudyProgress], None]]:
-    """How far a study is, by the runs done."""
-    begin = monotonic()
+    """Show the progress of a study; yields a function of its `StudyProgress`."""
+    start = monotonic()
     with _live_display() as show:
         if show is None:
             yield (lambda _: None) if is_quiet() else _StudyLines()
             return
 
-        def progress(standing: StudyProgress) -> None:
-            done = f"{standing.done}/{standing.total}"
-            label = ", ".join(filter(None, [_format_counts(standing), standing.last]))
-            share = standing.done / max(standing.total, 1)
-            show(ProgressLine(share, done, estimate_remaining_time(standing, begin), label))
+        def update(progress: StudyProgress) -> None:
+            done = f"{progress.done}/{progress.total}"
+            label = ", ".join(filter(None, [_format_counts(progress), progress.last_label]))
+            fraction = progress.done / max(progress.total, 1)
+            show(ProgressLine(fraction, done, estimate_remaining_time(progress, start), label))
 
-        yield progress
+        yield update
 
 
 @contextmanager
 def _live_display() -> Iterator[Callable[[ProgressLine], None] | None]:
-    """What shows a line that changes; None where there is no terminal, or nothing to be said."""
-    screen = None if is_quiet() else create_progress_console()
-    if screen is None:
+    """Yield a function that updates a line in place; None without a terminal, and in --quiet."""
+    console = None if is_quiet() else create_progress_console()
+    if console is None:
         yield None
         return
     from rich.live import Live
 
     with Live(
-        console=screen,
+        console=console,
         transient=True,
         refresh_per_second=10,
         redirect_stdout=False,
@@ -127,49 +134,53 @@ def _live_display() -> Iterator[Callable[[ProgressLine], None] | None]:
         yield live.update
 
 
-class _RemainingTime:
-    """The time a run still takes, from what it has taken since it left its start."""
+class _RunTimer:
+    """Estimate of the remaining time of a run from its speed since it left its start time."""
 
     def __init__(self, t_end: float) -> None:
-        self._end = t_end
-        self._first: tuple[float, float] | None = None
+        self._t_end = t_end
+        # Simulated time [s] and clock time [s] at the start.
+        self._start: tuple[float, float] | None = None
 
-    def share(self, t: float) -> float:
-        return t / self._end if self._end > 0.0 else 1.0
+    def fraction(self, t: float) -> float:
+        return t / self._t_end if self._t_end > 0.0 else 1.0
 
-    def left(self, t: float) -> float | None:
-        """Seconds, once there is a rate to tell them from."""
-        # What goes ahead of a run is at its start.
-        if self._first is None or t <= self._first[0]:
-            self._first = (t, monotonic())
+    def remaining(self, t: float) -> float | None:
+        """Return the remaining time [s], or None before the first step."""
+        # Work before the first step, such as a pilot run, reports the start time.
+        if self._start is None or t <= self._start[0]:
+            self._start = (t, monotonic())
             return None
-        start, begin = self._first
-        return (monotonic() - begin) * max(self._end - t, 0.0) / (t - start)
+        t_start, clock_start = self._start
+        return (monotonic() - clock_start) * max(self._t_end - t, 0.0) / (t - t_start)
 
 
-def _format_counts(standing: StudyProgress) -> str:
-    """How many are under way, failed and found on disk, if any."""
+def _format_counts(progress: StudyProgress) -> str:
     counts = {
-        "running": standing.running,
-        "failed": standing.failed,
-        "kept from before": standing.kept,
+        "running": progress.running,
+        "failed": progress.failed,
+        "stored before": progress.stored,
     }
-    return ", ".join(f"{number} {what}" for what, number in counts.items() if number)
+    return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
 
 
-def estimate_remaining_time(standing: StudyProgress, begin: float) -> float | None:
-    """What the study says of the time it still takes, or what its runs have taken so far."""
-    told = getattr(standing, "left", None)
-    fresh, missing = standing.done - standing.kept, standing.total - standing.done
+def estimate_remaining_time(progress: StudyProgress, start: float) -> float | None:
+    """Return the remaining time of a study [s], or None if nothing is known yet.
+
+    Without an estimate of the study itself, it is the mean time per finished run since the clock
+    time `start` [s].
+    """
+    fresh = progress.done - progress.stored
+    missing = progress.total - progress.done
     if not missing:
         return 0.0
-    if told is not None or not fresh:
-        return told
-    return (monotonic() - begin) / fresh * missing
+    if progress.remaining_time is not None or not fresh:
+        return progress.remaining_time
+    return (monotonic() - start) / fresh * missing
 
 
 def format_clock(seconds: float | None) -> str:
-    """A time in minutes and seconds, and hours if there are any."""
+    """Return a duration as minutes:seconds, with hours in front if there are any."""
     if seconds is None or not math.isfinite(seconds):
         return "-:--"
     minutes, rest = divmod(max(round(seconds), 0), 60)
@@ -178,32 +189,32 @@ def format_clock(seconds: float | None) -> str:
 
 
 class _RunLines:
-    """A line of a run now and then."""
+    """Printer of a line on a run every ten seconds."""
 
     def __init__(self) -> None:
         self._last = monotonic()
 
-    def __call__(self, now: ProgressLine) -> None:
+    def __call__(self, line: ProgressLine) -> None:
         if monotonic() - self._last < _LINE_INTERVAL or is_quiet():
             return
-        typer.echo(f"{now.label}: {now.done}, {format_clock(now.left)} left", err=True)
+        typer.echo(f"{line.label}: {line.done}, {format_clock(line.remaining)} left", err=True)
         self._last = monotonic()
 
 
 class _StudyLines:
-    """A line at every tenth of the runs."""
+    """Printer of a line on a study after every tenth of its runs."""
 
     def __init__(self) -> None:
         self._next = 0.0
-        self._begin = monotonic()
+        self._start = monotonic()
 
-    def __call__(self, standing: StudyProgress) -> None:
-        if standing.done >= self._next or standing.done == standing.total:
-            seconds = estimate_remaining_time(standing, self._begin)
+    def __call__(self, progress: StudyProgress) -> None:
+        if progress.done >= self._next or progress.done == progress.total:
+            seconds = estimate_remaining_time(progress, self._start)
             rest = f", about {seconds:.0f} s left" if seconds else ""
             typer.echo(
-                f"{standing.done} of {standing.total} runs, {standing.running} running, "
-                f"{standing.failed} failed, {standing.kept} kept from before{rest}",
+                f"{progress.done} of {progress.total} runs, {progress.running} running, "
+                f"{progress.failed} failed, {progress.stored} stored before{rest}",
                 err=True,
             )
-            self._next = standing.done + 0.1 * standing.total
+            self._next = progress.done + _LINE_FRACTION * progress.total

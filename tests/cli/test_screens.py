@@ -1,4 +1,4 @@
-"""What is seen in terminals of several widths, in a pipe, and of folders of models."""
+"""Output in terminals of several widths and in pipes, and lists of folders."""
 
 import re
 from pathlib import Path
@@ -36,7 +36,7 @@ def both():
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """An empty folder with a model and a study in it."""
+    """Working folder with a model and a study."""
     monkeypatch.chdir(tmp_path)
     Path("model.py").write_text(MODEL + STUDY, encoding="utf-8")
     return tmp_path
@@ -72,36 +72,36 @@ def test_study_in_a_terminal(here, width):
     assert "a wider terminal or cases.csv shows them" in " ".join(" ".join(lines).split())
 
 
-# Other commands, and what is whole on the screen at every width.
+# Arguments of the other commands, and text that is complete at every width.
 COMMANDS = {
     "list": (["."], ["arm", "both"]),
     "check": (["model.py"], ["hinge :smile:", "Revolute", "it can be run"]),
     "draw": (["model.py"], ["hinge :smile:", "Revolute"]),
     "static": (["model.py"], ["reached the end", "tip :smile:.x [m]"]),
     "modes": (["model.py", "-n", "1"], ["frequency", "kind", "moves"]),
-    "sweep": (["model.py", "--over", "mass=1,2", "--of", "tip :smile:.y"], ["2 cases, 2 of them"]),
+    "sweep": (["model.py", "--over", "mass=1,2", "--of", "tip :smile:.y"], ["2 cases, 2 reached"]),
     "examples": ([], ["leaf_spring_vehicle"]),
-    "new": (["mine.py"], ["beamdae run mine.py"]),
+    "new": (["mine.py"], ["beamdae run mine.py."]),
 }
 
 
 @pytest.mark.slow(reason="processes in terminals")
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_in_terminals(here, command):
+def test_every_command_fits_the_terminal(here, command):
     arguments, words = COMMANDS[command]
     for width in WIDTHS:
         Path("mine.py").unlink(missing_ok=True)
         code, lines, _ = in_terminal(width, command, *arguments)
         assert code == 0, lines
-        told = [line for line in lines if not line.startswith("written: ")]
-        assert max(map(len, told)) <= width
-        text = " ".join(" ".join(told).split())
+        lines = [line for line in lines if not line.startswith("written: ")]
+        assert max(map(len, lines)) <= width
+        text = " ".join(" ".join(lines).split())
         for word in words:
             assert word in text
 
 
 @pytest.mark.parametrize("width", ["20", "40", "200"])
-def test_lists_and_facts_at_the_ends_of_widths(here, width):
+def test_lists_and_facts_at_extreme_widths(here, width):
     for command in (["list", "."], ["check", "model.py", "--no-predict"], ["examples"]):
         result = CliRunner().invoke(app, command, env={"COLUMNS": width})
         assert result.exit_code == 0, result.output
@@ -110,7 +110,7 @@ def test_lists_and_facts_at_the_ends_of_widths(here, width):
 
 
 @pytest.mark.slow(reason="a process in a terminal")
-def test_a_bar_leaves_the_cursor_and_no_line(here):
+def test_the_progress_bar_restores_the_cursor_and_disappears(here):
     _, _, text = in_terminal(60, "run", "model.py")
     assert text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l")
     last = text[text.rindex("\x1b[?25h") :]
@@ -118,7 +118,7 @@ def test_a_bar_leaves_the_cursor_and_no_line(here):
 
 
 @pytest.mark.slow(reason="processes of the command")
-def test_no_bar_without_a_terminal_nor_in_a_dumb_one_nor_in_quiet(here):
+def test_no_bar_in_a_dumb_terminal_without_a_terminal_or_if_quiet(here):
     for environment, more in (({"TERM": "dumb"}, []), ({}, ["--quiet"]), ({}, ["--json", "-q"])):
         _, lines, text = in_terminal(60, "run", "model.py", *more, environment=environment)
         assert "\x1b[?25l" not in text
@@ -127,15 +127,15 @@ def test_no_bar_without_a_terminal_nor_in_a_dumb_one_nor_in_quiet(here):
     assert errors == ""
 
 
-def test_a_bar_fits_every_width():
+def test_the_progress_bar_fits_every_width():
     from rich.console import Console
 
     label = "estimate of errors, GeneralizedAlpha(rtol=1e-08)"
     for width in range(10, 130):
-        screen = Console(width=width, force_terminal=True, color_system=None)
-        now = progress.ProgressLine(0.4, "1.97/5 s", 83.2, label)
-        with screen.capture() as capture:
-            screen.print(now)
+        console = Console(width=width, force_terminal=True, color_system=None)
+        progress_line = progress.ProgressLine(0.4, "1.97/5 s", 83.2, label)
+        with console.capture() as capture:
+            console.print(progress_line)
         (line,) = capture.get().splitlines()
         assert len(line.rstrip()) <= width
         if width >= 13:
@@ -148,14 +148,14 @@ def test_a_bar_fits_every_width():
             assert re.search(r"estimate.*….*\)", line) or width > 80
 
 
-def test_a_run_without_a_terminal_says_now_and_then_how_far_it_is(capsys, monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr(progress, "monotonic", lambda: now[0])
+def test_a_run_without_a_terminal_prints_progress_lines(capsys, monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr(progress, "monotonic", lambda: clock[0])
     monkeypatch.setattr(progress, "create_progress_console", lambda: None)
-    with progress.show_run_progress(4.0) as reached:
+    with progress.show_run_progress(4.0) as update:
         for step in range(9):
-            now[0] = 3.0 * step
-            reached("Radau(rtol=1e-06)", 0.5 * step)
+            clock[0] = 3.0 * step
+            update("Radau(rtol=1e-06)", 0.5 * step)
     assert capsys.readouterr().err.splitlines() == [
         "Radau(rtol=1e-06): 2/4 s, 0:12 left",
         "Radau(rtol=1e-06): 4/4 s, 0:00 left",
@@ -163,7 +163,7 @@ def test_a_run_without_a_terminal_says_now_and_then_how_far_it_is(capsys, monkey
 
 
 @pytest.mark.slow(reason="processes in terminals")
-def test_no_color_is_heeded(here):
+def test_no_color_is_respected(here):
     _, _, colored = in_terminal(80, "run", "model.py", "--t-end", "0.01")
     _, _, plain = in_terminal(
         80, "run", "model.py", "--t-end", "0.01", environment={"NO_COLOR": "1"}
@@ -174,7 +174,7 @@ def test_no_color_is_heeded(here):
 
 
 @pytest.mark.slow(reason="processes of the command")
-def test_a_pipe_is_as_wide_as_need_be_unless_columns_say_how_wide(here):
+def test_lines_in_a_pipe_are_not_wrapped_unless_columns_is_set(here):
     rows = {}
     for columns in ("", "50"):
         environment = {"COLUMNS": columns} if columns else {}
@@ -185,30 +185,36 @@ def test_a_pipe_is_as_wide_as_need_be_unless_columns_say_how_wide(here):
     assert max(map(len, rows["50"])) <= 50
 
 
-# The bar of a study says what the study does.
+# Progress of studies.
 
 
-def test_time_left_is_what_the_study_says():
-    standing = SimpleNamespace(total=10, done=4, kept=2, failed=0, running=2, left=3725.4, last="x")
-    assert progress.format_clock(progress.estimate_remaining_time(standing, 0.0)) == "1:02:05"
-    standing.left = None
-    assert progress.estimate_remaining_time(standing, 0.0) > 0.0
-    standing.done = standing.total
-    assert progress.estimate_remaining_time(standing, 0.0) == 0.0
-    standing.done = standing.kept
-    assert progress.format_clock(progress.estimate_remaining_time(standing, 0.0)) == "-:--"
+def test_remaining_time_is_the_estimate_of_the_study():
+    study_progress = SimpleNamespace(
+        total=10, done=4, stored=2, failed=0, running=2, remaining_time=3725.4, last_label="x"
+    )
+    assert progress.format_clock(progress.estimate_remaining_time(study_progress, 0.0)) == "1:02:05"
+    study_progress.remaining_time = None
+    assert progress.estimate_remaining_time(study_progress, 0.0) > 0.0
+    study_progress.done = study_progress.total
+    assert progress.estimate_remaining_time(study_progress, 0.0) == 0.0
+    study_progress.done = study_progress.stored
+    assert progress.format_clock(progress.estimate_remaining_time(study_progress, 0.0)) == "-:--"
 
 
-def test_lines_of_a_study_tell_the_time_left(capsys):
+def test_progress_lines_of_a_study_contain_the_remaining_time(capsys):
     lines = progress._StudyLines()
     for done in range(3):
-        lines(SimpleNamespace(total=2, done=done, kept=0, failed=0, running=1, left=7.2, last=""))
-    said = capsys.readouterr().err.splitlines()
-    assert [line.endswith("about 7 s left") for line in said] == [True, True, False]
+        lines(
+            SimpleNamespace(
+                total=2, done=done, stored=0, failed=0, running=1, remaining_time=7.2, last_label=""
+            )
+        )
+    printed = capsys.readouterr().err.splitlines()
+    assert [line.endswith("about 7 s left") for line in printed] == [True, True, False]
 
 
 @pytest.mark.parametrize(("columns", "width"), [("7", 20), ("33", 33), ("x", 10_000)])
-def test_columns_that_are_no_width_are_not_taken(monkeypatch, columns, width):
+def test_unusable_values_of_columns_are_ignored(monkeypatch, columns, width):
     monkeypatch.setenv("COLUMNS", columns)
     assert output.create_console().width == width
 
@@ -216,8 +222,8 @@ def test_columns_that_are_no_width_are_not_taken(monkeypatch, columns, width):
 # Lists.
 
 RUN = "import pathlib\npathlib.Path('ran').touch()\n"
-# Files that are not to be run, though they have to do with beamdae or would fail.
-OTHERS = {
+# Files that must not be executed although they use beamdae, or would fail.
+UNLISTED_FILES = {
     "script.py": RUN + "import beamdae as bd\nbd.simulate\n",
     "foreign.py": RUN + "import torch as bd\n@bd.model\ndef f(): pass\n",
     "broken.py": "1 / 0\n",
@@ -225,8 +231,8 @@ OTHERS = {
 }
 
 
-def test_list_runs_no_script_and_names_files_models_and_studies(here):
-    for name, source in OTHERS.items():
+def test_list_executes_only_files_that_define_models_or_studies(here):
+    for name, source in UNLISTED_FILES.items():
         Path(name).write_text(source)
     Path("bad.py").write_text("from beamdae import study\n1 / 0\n")
     Path("syntax.py").write_text("import beamdae as bd\n@bd.model(\n")
@@ -252,7 +258,7 @@ def test_list_runs_no_script_and_names_files_models_and_studies(here):
     assert "A bob [/b] swings." in result.stdout
 
 
-def test_list_of_a_study_leaves_out_the_models_of_others(here):
+def test_list_of_a_study_omits_models_of_other_files(here):
     Path("study.py").write_text(
         "import beamdae as bd\narm = bd.load_model('model.py')\n"
         "@bd.study()\ndef third():\n    return [bd.Case(arm)]\n"
@@ -263,7 +269,7 @@ def test_list_of_a_study_leaves_out_the_models_of_others(here):
     assert "swings" not in result.stdout
 
 
-def test_help_says_of_no_flag_that_it_is_true_or_false():
+def test_help_of_flags_does_not_mention_booleans():
     for command in ([], ["run"], ["compare"]):
         result = CliRunner().invoke(app, [*command, "--help"])
         assert result.exit_code == 0

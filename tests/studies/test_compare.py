@@ -13,6 +13,7 @@ from beamdae.studies import deviations
 from beamdae.studies import run_values as told
 from beamdae.studies.case import default_integrators
 from beamdae.studies.execution import case_run as work
+from beamdae.studies.execution.tasks import Task
 
 ALPHA = bd.GeneralizedAlpha(step=2e-3)
 
@@ -286,8 +287,8 @@ def test_warnings_of_a_run_are_in_its_row():
 
 @pytest.mark.slow(reason="a study; the row of one case is in the test above")
 def test_a_case_of_a_study_warns_in_its_row_alone():
-    task = work.Task("bent", bd.Case(bent, {}, bd.Radau(rtol=1e-3)), 0.02, 0.01)
+    task = Task("bent", bd.Case(bent, {}, bd.Radau(rtol=1e-3)), 0.02, 0.01)
     with warnings.catch_warnings():
         warnings.simplefilter("error", bd.BeamdaeWarning)
-        outcome = work.run_task(task.packed({}))
+        outcome = work.run_task(task.serialize({}))
     assert outcome.values["warnings"].startswith("strip: it bends")

@@ -17,13 +17,12 @@ from slow_study import slow_study
 
 import beamdae as bd
 from beamdae.results.outcome import Status
-from beamdae.studies.execution import executors as pool
-from beamdae.studies.execution import study_run
-from beamdae.studies.execution.case_run import Limits, Outcome
+from beamdae.studies.execution import executors, study_run
 from beamdae.studies.execution.deferred_interrupts import DeferredInterrupts
 from beamdae.studies.execution.executors import LocalPool, SerialPool
 from beamdae.studies.execution.study_progress import TimeEstimator
 from beamdae.studies.execution.study_run import StudyResults
+from beamdae.studies.execution.tasks import Limits, Outcome
 from beamdae.studies.study_page import create_study_page
 
 ALPHA = bd.GeneralizedAlpha(step=5e-3)
@@ -164,8 +163,8 @@ class Interrupting(SerialPool):
     def __init__(self, after, times=1):
         self.after, self.times = after, times
 
-    def outcomes(self, tasks):
-        for k, found in enumerate(super().outcomes(tasks)):
+    def run_tasks(self, tasks):
+        for k, found in enumerate(super().run_tasks(tasks)):
             if k == self.after:
                 for _ in range(self.times):
                     signal.raise_signal(signal.SIGINT)
@@ -183,11 +182,11 @@ def test_an_interrupt_at_any_moment_leaves_a_complete_study(tmp_path, after):
     assert list(results.table["status"]) == ["interrupted" if after < 4 else "ok", "interrupted"]
     seen = []
     assert not complete(study_run.run_study(study, tmp_path, SerialPool(), seen.append)).interrupted
-    assert seen[0].kept == after
+    assert seen[0].stored == after
 
 
 @pytest.mark.slow(reason="half a second and more")
-@pytest.mark.parametrize("where", ["_kept", "_measured", "_write"])
+@pytest.mark.parametrize("where", ["_load_stored_outcomes", "_evaluate_outcomes", "_write_tables"])
 def test_an_interrupt_while_files_are_read_or_written_waits(tmp_path, monkeypatch, where):
     study = made(bd.Case(swing, {}, ALPHA))
     study_run.run_study(study, tmp_path, SerialPool())
@@ -211,13 +210,13 @@ def test_interrupts_are_held_back_noted_and_heard_by_those_before():
     try:
         with DeferredInterrupts() as interrupts:
             signal.raise_signal(signal.SIGINT)
-            assert interrupts.noted
+            assert interrupts.received
         assert signal.getsignal(signal.SIGINT)(2, None) is None
     finally:
         signal.signal(signal.SIGINT, before)
     assert heard == [2, 2]
     with DeferredInterrupts() as interrupts:
-        interrupts.raising = True
+        interrupts.immediate = True
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
@@ -225,7 +224,7 @@ def test_interrupts_are_held_back_noted_and_heard_by_those_before():
     try:
         with DeferredInterrupts() as interrupts:
             signal.raise_signal(signal.SIGINT)
-        assert not interrupts.noted
+        assert not interrupts.received
     finally:
         signal.signal(signal.SIGINT, ignored)
 
@@ -241,7 +240,7 @@ def lives(number):
 @pytest.mark.slow(reason="processes die and are started again")
 def test_processes_that_die_hang_or_leave_something_are_rows(tmp_path, monkeypatch, capfd):
     # The start of a process is within it, and machines are slow.
-    monkeypatch.setattr(pool, "_GRACE", 20.0)
+    monkeypatch.setattr(executors, "_KILL_DELAY", 20.0)
     marker = tmp_path / "children"
     kinds = [*RAISED, "interrupt", "at once", "at once, 3", "killed", "hanging", "greedy"]
     left = ["talkative", "threads", "children", "fork", "elsewhere", "none"]
@@ -254,7 +253,7 @@ def test_processes_that_die_hang_or_leave_something_are_rows(tmp_path, monkeypat
     begin = time.monotonic()
     found = {
         task.case.parameters["kind"]: (outcome, keep)
-        for task, outcome, keep in LocalPool(2).outcomes(tasks)
+        for task, outcome, keep in LocalPool(2).run_tasks(tasks)
     }
     assert time.monotonic() - begin < 120.0
     sentences = {kind: outcome.status.sentence for kind, (outcome, _) in found.items()}
@@ -279,10 +278,10 @@ DRIVER = """
 import sys
 from pathlib import Path
 if __name__ == "__main__":
-    from beamdae.cli.model_files.model_file import load_contents
+    from beamdae.cli.model_files.model_file import ModelFile
     from beamdae.studies.execution import study_run
     from beamdae.studies.execution.executors import LocalPool
-    study = load_contents(Path("file.py"))[1]["masses"]
+    study = ModelFile(Path("file.py")).studies["masses"]
     print("ready", flush=True)
     tell = lambda standing: print("done", standing.done, flush=True)
     results = study_run.run_study(study, Path("out"), LocalPool(2), tell)
@@ -520,7 +519,7 @@ def test_the_time_left_follows_what_runs_have_cost():
     cases = [bd.Case(swing, {"mass": m}, bd.GeneralizedAlpha(h)) for m in masses for h in steps]
     tasks = [made(*cases).task(case) for case in cases]
     forecast = TimeEstimator(tasks, 2)
-    assert forecast.left is None
+    assert forecast.remaining_time is None
 
     def ended(task):
         spent = 0.002 / task.case.integrator.step * task.case.parameters["mass"]
@@ -529,24 +528,24 @@ def test_the_time_left_follows_what_runs_have_cost():
 
     costs = [ended(task).values["wall time [s]"] for task in tasks]
     forecast.add(tasks[0], ended(tasks[0]))
-    assert 0.4 < forecast.left / (sum(costs[1:]) / 2) < 1.5
+    assert 0.4 < forecast.remaining_time / (sum(costs[1:]) / 2) < 1.5
     for k in (1, 4):
         forecast.add(tasks[k], ended(tasks[k]))
     missing = [cost for k, cost in enumerate(costs) if k not in (0, 1, 4)]
-    assert 0.7 < forecast.left / max(sum(missing) / 2, max(missing)) < 1.3
+    assert 0.7 < forecast.remaining_time / max(sum(missing) / 2, max(missing)) < 1.3
     for k in (2, 3, 5, 6, 7):
         forecast.add(tasks[k], ended(tasks[k]))
-    assert forecast.left == 0.0
+    assert forecast.remaining_time == 0.0
 
 
 def test_progress_hears_of_the_time_left(tmp_path):
     seen = []
     study = made(bd.Case(swing, {}, ALPHA), bd.Case(swing, {}, bd.Ida(rtol=1e-3)))
     study_run.run_study(study, tmp_path, SerialPool(), seen.append)
-    assert seen[0].left is None
-    assert all(standing.left >= 0.0 for standing in seen[1:])
-    assert seen[-1].left == 0.0
+    assert seen[0].remaining_time is None
+    assert all(standing.remaining_time >= 0.0 for standing in seen[1:])
+    assert seen[-1].remaining_time == 0.0
     more = replace(study, cases=(*study.cases, bd.Case(swing, {}, bd.Radau(rtol=1e-3))))
     again = []
     study_run.run_study(more, tmp_path, SerialPool(), again.append)
-    assert again[0].left > 0.0, "what is kept tells as well"
+    assert again[0].remaining_time > 0.0, "what is kept tells as well"

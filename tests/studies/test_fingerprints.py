@@ -17,7 +17,7 @@ import pandas as pd
 import pytest
 
 import beamdae as bd
-from beamdae.cli.model_files.model_file import load_contents
+from beamdae.cli.model_files.model_file import ModelFile
 from beamdae.studies import case as case_module
 from beamdae.studies.execution import study_run
 from beamdae.studies.execution.executors import LocalPool, SerialPool
@@ -48,7 +48,7 @@ def written(folder, head="", mass="MASS", data="", **files):
         os.utime(path, ns=(time.time_ns(), time.time_ns() + 10**9 * len(list(folder.iterdir()))))
     text = f"import beamdae as bd\n{head}\n{BODY.format(mass=mass, data=data)}"
     (folder / "falls.py").write_text(text)
-    return load_contents(folder / "falls.py")[1]["falls"]
+    return ModelFile(folder / "falls.py").studies["falls"]
 
 
 def key(study):
@@ -60,7 +60,7 @@ def kept(study, folder, executor=None):
     seen = []
     results = study_run.run_study(study, folder, executor or SerialPool(), seen.append)
     assert set(results.table["status"]) == {"ok"}, list(results.table["reason"])
-    return seen[0].kept, seen[0].total
+    return seen[0].stored, seen[0].total
 
 
 CURVE = 'from pathlib import Path\nimport numpy as np\nFILE = Path(__file__).parent / "curve.csv"\n'

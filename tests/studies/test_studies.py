@@ -574,7 +574,7 @@ def test_interrupt_keeps_what_is_done_and_a_second_start_goes_on(tmp_path, monke
     monkeypatch.setattr("beamdae.studies.study_pictures.list_plots", lambda results: {})
     again = CliRunner().invoke(app, command)
     assert again.exit_code == 0, again.stderr
-    assert f"{kept} kept from before" in again.stderr
+    assert f"{kept} stored before" in again.stderr
     second = pd.read_csv(tmp_path / "out" / "masses" / "cases.csv")
     assert set(second["status"]) == {"ok"}
 

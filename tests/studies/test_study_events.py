@@ -13,7 +13,7 @@ from rich.console import Console
 import beamdae as bd
 from beamdae.report.terminal import text_tables as terminal
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
-from beamdae.studies.execution.case_run import Outcome
+from beamdae.studies.execution.tasks import Outcome
 from beamdae.studies.references import build_reference, create_reference_tasks
 from beamdae.studies.run_values import collect_run_values, tabulate_trajectory
 

@@ -20,8 +20,8 @@ from beamdae.report.page.page_file import write_page
 from beamdae.studies import study_page as page_data
 from beamdae.studies.execution import study_run
 from beamdae.studies.execution.executors import LocalPool, SerialPool
-from beamdae.studies.execution.packing import pack
 from beamdae.studies.execution.study_run import StudyPlan
+from beamdae.studies.execution.tasks import serialize_value
 from beamdae.studies.store import trajectory_csv as rows
 from beamdae.studies.study_pictures import list_plots
 
@@ -78,15 +78,16 @@ def test_rows_are_read_back_to_the_last_bit(table):
 
 
 def test_the_model_of_tasks_that_differ_in_numbers_is_packed_once(monkeypatch):
-    packings = []
+    serialized = []
     monkeypatch.setattr(
-        "beamdae.studies.execution.packing.pack", lambda x: packings.append(x) or pack(x)
+        "beamdae.studies.execution.tasks.serialize_value",
+        lambda x: serialized.append(x) or serialize_value(x),
     )
     study = sweep(*bd.grid(mass=[1.0, np.float64(2.0), 3]))
     known = {}
     tasks = [study.task(case) for case in study.cases]
-    found = [pickle.loads(task.packed(known)) for task in tasks]
-    assert packings == [swing]
+    found = [pickle.loads(task.serialize(known)) for task in tasks]
+    assert serialized == [swing]
     assert [task.case.parameters["mass"] for task in found] == [1.0, 2.0, 3]
     assert [task.key for task in found] == [task.key for task in tasks]
     # As in separate packings: what a model does to its own values stays in its case.
@@ -100,12 +101,12 @@ class Arm(tuple):
 def test_a_parameter_of_the_users_own_kind_goes_with_the_model(monkeypatch):
     around = []
     monkeypatch.setattr(
-        "beamdae.studies.execution.case_run.packed_around", lambda *_: around.append(1)
+        "beamdae.studies.execution.tasks.serialize_with_model", lambda *_: around.append(1)
     )
     task = replace(
         sweep({}).task(sweep({}).cases[0]), case=bd.Case(swing, {"arm": Arm((1.0, 0.0))})
     )
-    assert pickle.loads(task.packed({})).case.parameters["arm"] == (1.0, 0.0)
+    assert pickle.loads(task.serialize({})).case.parameters["arm"] == (1.0, 0.0)
     assert around == []
 
 
@@ -116,7 +117,7 @@ def test_a_parameter_of_the_users_own_kind_goes_with_the_model(monkeypatch):
 def test_a_process_has_its_next_case_before_the_last_one_is_kept(tmp_path):
     markers = [str(tmp_path / f"{k}") for k in range(2)]
     study = sweep(*bd.grid(marker=markers))
-    found = LocalPool(1).outcomes([study.task(case) for case in study.cases])
+    found = LocalPool(1).run_tasks([study.task(case) for case in study.cases])
     try:
         next(found)
         # Nobody asks for the second outcome yet.
@@ -159,7 +160,7 @@ def test_cases_of_equal_parameters_share_a_reference_however_they_are_told():
         for x, h in zip(told, (1, 2, 3, 4), strict=True)
     ]
     plan = StudyPlan.of(bd.Study("made", tuple(cases), t_end=10.0))
-    assert set(plan.group_of.values()) == {"swing"}
+    assert set(plan.group_by_case.values()) == {"swing"}
     # Two methods, one of them with two steps.
     assert len(plan.tasks) == 4 + 3
 
@@ -173,7 +174,7 @@ def test_regression_parameters_that_read_alike_are_no_group():
     names = ["swing(x=3)", "swing(x=3) (2)", "swing(x=[0.1])", "swing(x=[0.1]) (2)"]
     names += ["swing(x=a)", "swing(x=A)"]
     assert list(plan.methods) == names
-    assert [plan.group_of[id(case)] for case in cases[::2]] == names
+    assert [plan.group_by_case[id(case)] for case in cases[::2]] == names
 
 
 def test_a_study_has_errors_of_some_cases(tmp_path):
@@ -273,7 +274,7 @@ def test_the_command_tells_how_many_cases_of_a_sweep_reached_their_end(tmp_path)
     arguments = ["compare", str(tmp_path / "study.py"), "--workers", "1", "--out", str(tmp_path)]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0
-    assert "2 cases, 1 of them reached their end" in result.output
+    assert "2 cases, 1 reached their end" in result.output
     assert "failed: swing(mass=-1.0), " in result.output
     assert (tmp_path / "masses" / "report.html").is_file()
     table = pd.read_csv(io.BytesIO((tmp_path / "masses" / "cases.csv").read_bytes()))

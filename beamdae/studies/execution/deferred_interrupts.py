@@ -1,4 +1,4 @@
-"""Ctrl-C where it can be taken: noted while something must be finished, raised where it may."""
+"""Deferred interrupts: Ctrl-C and SIGTERM are recorded while work must not be lost."""
 
 from __future__ import annotations
 
@@ -11,38 +11,38 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class DeferredInterrupts:
-    """Holds back interrupts inside a `with` block of the main thread, and notes them.
+    """Record interrupts inside a `with` block of the main thread instead of raising them.
 
     Attributes
     ----------
-    noted
-        Whether there was one.
-    raising
-        Whether the first one is raised at once; the block sets it where nothing is lost by that.
+    received
+        Whether there was an interrupt.
+    immediate
+        Whether the next interrupt is raised at once. The block sets it while nothing can be lost;
+        the first interrupt that is raised resets it.
     """
 
     def __init__(self) -> None:
-        self.noted = self.raising = False
-        self._before: dict[int, Any] = {}
+        self.received = self.immediate = False
+        self._previous_handlers: dict[int, Any] = {}
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
             for number in _SIGNALS:
-                # Neither those that are ignored, nor those that end a process as they are.
+                # Signals that are ignored, or end the process, keep their behavior.
                 if callable(signal.getsignal(number)):
-                    self._before[number] = signal.signal(number, self._note)
+                    self._previous_handlers[number] = signal.signal(number, self._receive)
         return self
 
     def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
+        for number, handler in self._previous_handlers.items():
             signal.signal(number, handler)
 
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        self.noted = True
+    def _receive(self, number: int, frame: FrameType | None) -> None:
+        self.received = True
         try:
-            # Whoever listened before hears of it as well.
-            self._before[number](number, frame)
+            self._previous_handlers[number](number, frame)
         except KeyboardInterrupt:
-            if self.raising:
-                self.raising = False
+            if self.immediate:
+                self.immediate = False
                 raise

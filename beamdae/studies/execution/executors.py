@@ -1,4 +1,4 @@
-"""Where the work is done: here, in a pool of local processes, or by a Dask scheduler's workers."""
+"""Executors of tasks: this process, a pool of local processes, or the workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -6,50 +6,57 @@ import os
 from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import CancelledError
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from beamdae.errors import BeamdaeError, format_message, require_count, short_repr
 from beamdae.report.text import shorten_text
 from beamdae.results.outcome import Status
-from beamdae.studies.execution.case_run import Outcome, Task, describe_exception, run_task
+from beamdae.studies.execution.case_run import run_task
 from beamdae.studies.execution.deferred_interrupts import DeferredInterrupts
-from beamdae.studies.execution.packing import PackedParts
-from beamdae.studies.execution.worker_processes import Worker, WorkerError, wait_for_workers
+from beamdae.studies.execution.tasks import Outcome, SerializedModels, Task, describe_exception
+from beamdae.studies.execution.worker_processes import WorkerError, WorkerProcess, wait_for_workers
 from beamdae.studies.store.file_reads import clear_module_reads
 
-# A run that has not ended by its own time limit after so many seconds more is killed.
-_KILL_DELAY = 60.0
-_MAX_ATTEMPTS = 2
-# Processes a core that are still of use, where some of them wait.
-_MAX_WORKERS_PER_CORE = 16
-# How long outcomes are waited for before interrupts and time limits are looked at [s].
-_POLL_INTERVAL = 0.1
-# How long a scheduler may take to answer [s].
-_CONNECT_TIMEOUT = 10.0
-# Letters of an address that are told.
+_KILL_DELAY = 60.0  # after the time limit of a task, until its process is killed [s]
+_MAX_ATTEMPTS = 2  # of a task whose process dies
+_MAX_WORKERS_PER_CORE = 16  # more are of no use, even where some of them wait
+_POLL_INTERVAL = 0.1  # between checks of interrupts and deadlines [s]
+_CONNECT_TIMEOUT = 10.0  # for a Dask scheduler to answer [s]
 _MAX_ADDRESS_LETTERS = 80
 
 
-# A task, its outcome, and whether that is to be kept.
-_Found = tuple[Task, Outcome, bool]
-# To be closed where they are not gone through.
-Outcomes = Generator[_Found, None, None]
+class TaskResult(NamedTuple):
+    """A task that has ended.
+
+    Attributes
+    ----------
+    storable
+        Whether the outcome is that of the case, and may be stored; False if the process died or
+        could not be reached.
+    """
+
+    task: Task
+    outcome: Outcome
+    storable: bool
+
+
+# Close it if it is not exhausted: this ends the processes.
+TaskResults = Generator[TaskResult, None, None]
 
 
 class Executor(Protocol):
-    """Something that takes tasks and gives outcomes, in the order in which they end."""
+    """Runs tasks and returns their outcomes in the order in which they end."""
 
     workers: int
 
-    def outcomes(self, tasks: Sequence[Task]) -> Outcomes:
-        """(task, outcome, whether it is to be kept) of each task."""
+    def run_tasks(self, tasks: Sequence[Task]) -> TaskResults:
+        """Yield the result of each task."""
 
 
 class SerialPool:
-    """The runs one after the other in this process: for debugging and small studies.
+    """Runs tasks one after the other in this process, for debugging and small studies.
 
-    Nothing stands between a case and the study: one that kills its process ends both, and one that
-    does not end at its time limit is waited for.
+    A case that kills its process ends the study, and a case that ignores its time limit blocks it.
 
     Attributes
     ----------
@@ -59,169 +66,181 @@ class SerialPool:
 
     workers = 1
 
-    def outcomes(self, tasks: Sequence[Task]) -> Outcomes:
-        """(task, outcome, whether it is to be kept) of each task, in their order."""
-        known: PackedParts = {}
+    def run_tasks(self, tasks: Sequence[Task]) -> TaskResults:
+        """Yield the result of each task, in their order."""
+        models: SerializedModels = {}
         for task in tasks:
             clear_module_reads()
-            outcome = run_task(task.packed(known))
-            yield task, outcome, True
-            # The integrator took the interrupt for its run alone; it is meant for the study.
+            outcome = run_task(task.serialize(models))
+            yield TaskResult(task, outcome, storable=True)
+            # The integrator ends its run at an interrupt, which is meant for the whole study.
             if outcome.status.kind == "interrupted":
                 raise KeyboardInterrupt
 
 
-class LocalPool:
-    """One process a core; one that dies takes its own case with it and no other.
+class _Attempt(NamedTuple):
+    """A task and the number of its attempt, from 1."""
 
-    Interrupts are raised between outcomes alone, once all processes have been ended.
+    task: Task
+    number: int
+
+
+class LocalPool:
+    """Runs tasks in local processes, by default one per core.
+
+    A process that dies ends its own task only; the task gets a second attempt in another process.
+    Interrupts are raised between results, after all processes have ended.
     """
 
     def __init__(self, workers: int | None = None) -> None:
-        self.workers = workers or count_cores()
+        self.workers = workers or _count_cores()
 
-    def outcomes(self, tasks: Sequence[Task]) -> Outcomes:
-        """(task, outcome, whether it is to be kept) of each task."""
-        waiting = deque((task, 1) for task in tasks)
-        workers: list[Worker] = []
-        found: list[_Found] = []
-        known: PackedParts = {}
+    def run_tasks(self, tasks: Sequence[Task]) -> TaskResults:
+        """Yield the result of each task, in the order in which they end."""
+        waiting = deque(_Attempt(task, 1) for task in tasks)
+        workers: list[WorkerProcess[_Attempt]] = []
+        results: list[TaskResult] = []
+        models: SerializedModels = {}
         with DeferredInterrupts() as interrupts:
             try:
-                while waiting or any(worker.task for worker in workers):
-                    # What has ended is kept while the next ones run.
-                    yield from _assign_tasks(waiting, workers, self.workers, known)
-                    yield from found
-                    if interrupts.noted:
+                while waiting or any(worker.current for worker in workers):
+                    # Results are handed over while the next tasks run.
+                    yield from self._assign_tasks(waiting, workers, models)
+                    yield from results
+                    if interrupts.received:
                         raise KeyboardInterrupt
-                    found = list(_collect_outcomes(waiting, workers))
-                yield from found
+                    results = list(_collect_outcomes(waiting, workers))
+                yield from results
             finally:
                 for worker in workers:
-                    worker.end()
+                    worker.kill()
+
+    def _assign_tasks(
+        self,
+        waiting: deque[_Attempt],
+        workers: list[WorkerProcess[_Attempt]],
+        models: SerializedModels,
+    ) -> TaskResults:
+        """Give each process a task; start processes as they are needed."""
+        while waiting and sum(worker.current is not None for worker in workers) < self.workers:
+            attempt = waiting.popleft()
+            task = attempt.task
+            try:
+                serialized = task.serialize(models)
+            except Exception as problem:  # Whatever a model holds that cannot be serialized.
+                reason = f"it cannot be sent to a process, {describe_exception(problem)}"
+                yield TaskResult(task, Outcome.failed(reason), storable=False)
+                continue
+            idle = [worker for worker in workers if worker.current is None]
+            if not idle:
+                idle = [WorkerProcess()]
+                workers += idle
+            limit = task.limits.time
+            time_limit = None if limit is None else task.repetitions * limit + _KILL_DELAY
+            idle[0].start_task(attempt, serialized, time_limit)
 
 
-# A task, and the how manieth try it is.
-_Try = tuple[Task, int]
+def _collect_outcomes(
+    waiting: deque[_Attempt], workers: list[WorkerProcess[_Attempt]]
+) -> TaskResults:
+    """Yield the results that arrive within the poll interval; kill processes past their deadline.
 
-
-def _assign_tasks(
-    waiting: deque[_Try], workers: list[Worker], most: int, known: PackedParts
-) -> Outcomes:
-    """Give every process a task, and start no more than are of use."""
-    while waiting and sum(worker.task is not None for worker in workers) < most:
-        task, tries = waiting.popleft()
-        try:
-            packed = task.packed(known)
-        except Exception as problem:  # Whatever a model holds that cannot be sent.
-            yield (
-                task,
-                Outcome.failed(f"it cannot be sent to a process, {describe_exception(problem)}"),
-                False,
-            )
-            continue
-        idle = [worker for worker in workers if worker.task is None]
-        if not idle:
-            workers.append(Worker())
-            idle = workers[-1:]
-        limit = task.limits.time
-        seconds = None if limit is None else task.repetitions * limit + _KILL_DELAY
-        idle[0].begin((task, tries), packed, seconds)
-
-
-def _collect_outcomes(waiting: deque[_Try], workers: list[Worker]) -> Outcomes:
-    """What has ended by now, or within a moment.
-
-    All of it at once: a process that has ended its task is free then.
+    A caller that exhausts this at once can give all idle processes their next tasks.
     """
-    busy = [worker for worker in workers if worker.task is not None]
+    busy = [worker for worker in workers if worker.current is not None]
     for worker in wait_for_workers(busy, _POLL_INTERVAL):
-        task, tries = worker.task
+        assert worker.current is not None
+        task, number = worker.current
         try:
-            yield task, worker.outcome(), True
+            yield TaskResult(task, worker.receive_outcome(), storable=True)
         except WorkerError as problem:
             workers.remove(worker)
-            worker.end()
-            if tries < _MAX_ATTEMPTS:
-                waiting.appendleft((task, tries + 1))
+            worker.kill()
+            if number < _MAX_ATTEMPTS:
+                waiting.appendleft(_Attempt(task, number + 1))
             else:
-                reason = f"its process died {tries} times, it {problem}"
-                yield task, Outcome.failed(reason), False
-    for worker in [x for x in workers if x.task is not None and x.late]:
-        task, _ = worker.task
-        workers.remove(worker)
-        worker.end()
-        reason = "killed, it did not end at its time limit"
-        yield task, Outcome(Status("limited", reason)), True
+                reason = f"its process died {number} times, it {problem}"
+                yield TaskResult(task, Outcome.failed(reason), storable=False)
+    for worker in list(workers):
+        if worker.current is not None and worker.is_late:
+            workers.remove(worker)
+            worker.kill()
+            status = Status("limited", "killed, it did not end at its time limit")
+            yield TaskResult(worker.current.task, Outcome(status), storable=True)
 
 
 class DaskPool:
-    """The workers of a Dask scheduler; a task whose worker dies goes to another one."""
+    """Runs tasks on the workers of a Dask scheduler; a task whose worker dies goes to another."""
 
     def __init__(self, address: str) -> None:
-        named = f"--scheduler {shorten_text(address, _MAX_ADDRESS_LETTERS)}"
+        option = f"--scheduler {shorten_text(address, _MAX_ADDRESS_LETTERS)}"
         try:
             from distributed import Client
         except ImportError:
-            raise BeamdaeError(f"{named}: it needs Dask, pip install 'beamdae[cluster]'.") from None
+            raise BeamdaeError(
+                f"{option}: Dask is not installed; pip install 'beamdae[cluster]'."
+            ) from None
         try:
             self._client = Client(address, timeout=_CONNECT_TIMEOUT)
         except (OSError, ValueError) as problem:
             raise BeamdaeError(
-                f"{named}: no Dask scheduler answers there ({format_message(problem)})."
+                f"{option}: no Dask scheduler answers there ({format_message(problem)})."
             ) from problem
         self.workers = sum(self._client.nthreads().values())
         if not self.workers:
             self._client.close()
-            raise BeamdaeError(f"{named}: the scheduler has no workers.")
+            raise BeamdaeError(f"{option}: the scheduler has no workers.")
 
-    def outcomes(self, tasks: Sequence[Task]) -> Outcomes:
-        """(task, outcome, whether it is to be kept) of each task."""
-        from distributed import KilledWorker
-        from distributed import as_completed as completed
+    def run_tasks(self, tasks: Sequence[Task]) -> TaskResults:
+        """Yield the result of each task, in the order in which they end."""
+        from distributed import KilledWorker, as_completed
 
-        known: PackedParts = {}
+        models: SerializedModels = {}
         futures = {
             self._client.submit(
-                run_task, task.packed(known), key=f"beamdae-{task.key}", pure=False
+                run_task, task.serialize(models), key=f"beamdae-{task.key}", pure=False
             ): task
             for task in tasks
         }
         try:
-            for future in completed(list(futures)):
+            for future in as_completed(list(futures)):
                 task = futures[future]
                 try:
-                    yield task, future.result(), True
+                    yield TaskResult(task, future.result(), storable=True)
                 except (KilledWorker, CancelledError) as problem:
-                    yield task, Outcome.failed(f"its workers died ({problem})"), False
-                except Exception as problem:  # The end of one case is not that of a study.
-                    yield task, Outcome.failed(describe_exception(problem)), False
+                    outcome = Outcome.failed(f"its workers died ({problem})")
+                    yield TaskResult(task, outcome, storable=False)
+                except Exception as problem:  # A failed task must not end the study.
+                    outcome = Outcome.failed(describe_exception(problem))
+                    yield TaskResult(task, outcome, storable=False)
         finally:
             self._client.cancel(list(futures))
             self._client.close()
 
 
-def create_executor(part: str, name: str, workers: Any, scheduler: Any) -> Executor:
-    """The workers of a Dask scheduler, if there is its address, or so many processes here.
+def create_executor(part: str, option: str, workers: Any, scheduler: Any) -> Executor:
+    """Return the executor on a Dask scheduler, if its address is given, or on local processes.
 
     Raises
     ------
     BeamdaeError
-        If no scheduler answers there, or `workers`, told as `name`, are none or too many.
+        If no scheduler answers, or `workers` (called `option` in the message) is out of range.
     """
     if scheduler is not None and not isinstance(scheduler, str):
         raise BeamdaeError(
-            f"{part}: scheduler must be the address of a Dask scheduler, got {short_repr(scheduler)}."
+            f"{part}: scheduler must be the address of a Dask scheduler, "
+            f"got {short_repr(scheduler)}."
         )
-    most = _MAX_WORKERS_PER_CORE * (os.cpu_count() or 1)
-    if workers is not None and require_count(part, name, workers) > most:
+    limit = _MAX_WORKERS_PER_CORE * (os.cpu_count() or 1)
+    if workers is not None and require_count(part, option, workers) > limit:
         raise BeamdaeError(
-            f"{part}: {name} must be at most {most}, {_MAX_WORKERS_PER_CORE} a core, got {workers}."
+            f"{part}: {option} must be at most {limit}, {_MAX_WORKERS_PER_CORE} per core, "
+            f"got {workers}."
         )
     return DaskPool(scheduler) if scheduler else LocalPool(workers)
 
 
-def count_cores() -> int:
+def _count_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

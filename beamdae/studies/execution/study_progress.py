@@ -1,4 +1,4 @@
-"""How long a study still takes, from the runs that are done."""
+"""Progress of a study: counts of its runs, and an estimate of the remaining time."""
 
 from __future__ import annotations
 
@@ -9,99 +9,185 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdae.studies.execution.case_run import Outcome, Task
+from beamdae.studies.execution.tasks import Outcome, Task
 
-# What a run by tolerance costs before any is done, in steps at rtol = 1e-3, and how that grows:
-# the table of runs in the README is between 1.5 and 2.1 a decade, undamped beams are above.
-_STEPS, _RTOL, _POWER = 300.0, 1e-3, 0.25
-# How much the cost of a run says of one of another kind, beside one of its own.
-_OTHER_SERIES, _OTHER_METHOD, _OTHER_GROUP = 0.2, 0.02, 0.1
-# A run that has taken longer than expected takes this share of that time more.
-_MORE = 0.5
+# Steps of a run by tolerance before any is done, steps = 300 (1e-3 / rtol)^0.25: in the table of
+# runs in the README they grow by 1.5 to 2.1 per decade, for undamped beams by more.
+_DEFAULT_STEPS = 300.0
+_DEFAULT_RTOL = 1e-3
+_STEPS_EXPONENT = 0.25
+# Weights of the cost of finished runs of another kind, relative to one of the same kind.
+_OTHER_SERIES_WEIGHT = 0.2
+_OTHER_METHOD_WEIGHT = 0.02
+_OTHER_GROUP_WEIGHT = 0.1
+_OVERTIME_RATIO = 0.5  # remaining time of a run that is late, relative to its expected time
+
+
+@dataclass(frozen=True)
+class StudyProgress:
+    """Progress of a study.
+
+    Attributes
+    ----------
+    total
+        Number of runs, references included.
+    done
+        Number of runs that have ended or were stored before.
+    failed
+        Number of runs among them that failed.
+    stored
+        Number of runs found in the results folder.
+    running
+        Number of runs under way.
+    last_label
+        Label of the run that ended last.
+    remaining_time
+        Estimate of the remaining time [s] at the end of that run; None if nothing is known yet.
+    """
+
+    total: int
+    done: int
+    failed: int
+    stored: int
+    running: int
+    last_label: str
+    remaining_time: float | None = None
+
+
+class ProgressCounter:
+    """Counts the runs of a study and reports its progress."""
+
+    def __init__(
+        self,
+        tasks: list[Task],
+        outcomes: Mapping[str, Outcome],
+        workers: int,
+        progress: Callable[[StudyProgress], None] | None,
+    ) -> None:
+        self._report_progress = progress
+        self._workers = workers
+        self._total = len(tasks)
+        self._done = self._stored = len(outcomes)
+        self._failed = sum(not outcome.status.success for outcome in outcomes.values())
+        self._estimator = TimeEstimator(tasks, workers)
+        for task in tasks:
+            if task.key in outcomes:
+                self._estimator.add(task, outcomes[task.key])
+
+    def add(self, task: Task, outcome: Outcome) -> None:
+        """Count a run that has ended."""
+        self._done += 1
+        self._failed += not outcome.status.success
+        self._estimator.add(task, outcome)
+
+    def report(self, last_label: str) -> None:
+        """Report the progress, with the label of the run that ended last."""
+        if self._report_progress is None:
+            return
+        self._estimator.start_running_tasks()
+        progress = StudyProgress(
+            total=self._total,
+            done=self._done,
+            failed=self._failed,
+            stored=self._stored,
+            running=min(self._workers, self._total - self._done),
+            last_label=last_label,
+            remaining_time=self._estimator.remaining_time,
+        )
+        self._report_progress(progress)
 
 
 class TimeEstimator:
-    """Remaining seconds of a list of tasks that are begun in their order.
+    """Estimates the remaining time of a list of tasks that are started in their order.
 
-    The logarithm of a run's cost is taken to be that of its number of steps (for a tolerance, a
-    power of it) and the mean of what runs that are done took more or less than that, where those of
-    the same model and parameters, and of the same integrator, count most. What it takes to send
-    and to keep a run is added.
+    The logarithm of the cost of a run is taken as that of its number of steps (for a tolerance, a
+    power of it) plus the mean deviation of the finished runs from that. Finished runs of the same
+    integrator, and of the same model and parameters, have the largest weights. The time to transfer
+    and store a run is added.
     """
 
     def __init__(self, tasks: Sequence[Task], workers: int) -> None:
         self._workers = max(workers, 1)
-        self._place = {task.key: k for k, task in enumerate(tasks)}
-        self._prior = np.array([_log_step_count(task) for task in tasks])
-        self._most = np.array([_max_duration(task) for task in tasks])
+        self._index = {task.key: k for k, task in enumerate(tasks)}
+        self._log_steps = np.array([_log_step_count(task) for task in tasks])
+        self._max_durations = np.array([_max_duration(task) for task in tasks])
         groups, self._group = _number_names([task.case.group for task in tasks])
         series, self._series = _number_names([task.case.series for task in tasks])
         methods = [name.partition("(")[0] for name in series]
-        of_series = np.array([[_OTHER_SERIES if a == b else _OTHER_METHOD for b in methods]
-                              for a in methods])  # fmt: skip
-        np.fill_diagonal(of_series, 1.0)
-        self._of_series = of_series
+        weights = [
+            [_OTHER_SERIES_WEIGHT if a == b else _OTHER_METHOD_WEIGHT for b in methods]
+            for a in methods
+        ]
+        self._series_weights = np.array(weights)
+        np.fill_diagonal(self._series_weights, 1.0)
+        # Deviations of the logarithmic cost of finished runs, by series and group.
         self._sums = np.zeros((len(series), len(groups)))
         self._counts = np.zeros((len(series), len(groups)))
-        self._missing = np.ones(len(tasks), bool)
-        self._begun = np.full(len(tasks), np.nan)
-        # What runs took beyond what they say: sending, keeping, and other programs [s].
-        self._more: list[float] = []
+        self._is_missing = np.ones(len(tasks), bool)
+        self._start_times = np.full(len(tasks), np.nan)
+        # Time of finished runs in this process beyond their recorded one: transfer, storage and
+        # load by other programs [s].
+        self._overheads: list[float] = []
 
-    def begin(self) -> None:
-        """Take notice that as many tasks as there are workers are under way."""
-        under_way = np.flatnonzero(self._missing)[: self._workers]
-        fresh = under_way[np.isnan(self._begun[under_way])]
-        self._begun[fresh] = clock.monotonic()
+    def start_running_tasks(self) -> None:
+        """Start the clocks of the tasks under way: the first missing ones, one per worker."""
+        running = np.flatnonzero(self._is_missing)[: self._workers]
+        started = running[np.isnan(self._start_times[running])]
+        self._start_times[started] = clock.monotonic()
 
     def add(self, task: Task, outcome: Outcome) -> None:
-        """Take notice of a run that is done."""
-        k = self._place[task.key]
-        self._missing[k] = False
-        spent = _run_duration(task, outcome)
-        if not np.isnan(self._begun[k]):
-            passed = clock.monotonic() - self._begun[k]
-            self._more.append(0.0 if spent is None else max(passed - spent, 0.0))
-            spent = passed if spent is None else spent
-        if spent is not None and spent > 0.0:
+        """Record a finished run."""
+        k = self._index[task.key]
+        self._is_missing[k] = False
+        duration = _run_duration(task, outcome)
+        if not np.isnan(self._start_times[k]):
+            elapsed = clock.monotonic() - self._start_times[k]
+            self._overheads.append(0.0 if duration is None else max(elapsed - duration, 0.0))
+            duration = elapsed if duration is None else duration
+        if duration is not None and duration > 0.0:
             cell = (self._series[k], self._group[k])
-            self._sums[cell] += math.log(spent) - self._prior[k]
+            self._sums[cell] += math.log(duration) - self._log_steps[k]
             self._counts[cell] += 1.0
 
     @property
-    def left(self) -> float | None:
-        """Remaining seconds; None if nothing is known of any run."""
-        if not self._missing.any():
+    def remaining_time(self) -> float | None:
+        """Remaining time [s]; None if no run is known yet."""
+        if not self._is_missing.any():
             return 0.0
         if not self._counts.any():
             return None
-        weights = self._of_series @ _weight_groups(self._counts)
-        means = self._of_series @ _weight_groups(self._sums) / weights
-        expected = np.exp(self._prior + means[self._series, self._group])
-        expected = np.minimum(expected, self._most)[self._missing]
-        begun = self._begun[self._missing]
-        passed = np.where(np.isnan(begun), 0.0, clock.monotonic() - begun)
-        rest = np.maximum(expected - passed, _MORE * np.minimum(passed, expected))
-        # The first run of each process has its start in it.
-        more = self._more[self._workers :]
-        rest += float(np.median(more)) if more else 0.0
+        weights = self._series_weights @ _weight_groups(self._counts)
+        means = self._series_weights @ _weight_groups(self._sums) / weights
+        expected = np.exp(self._log_steps + means[self._series, self._group])
+        expected = np.minimum(expected, self._max_durations)[self._is_missing]
+        start_times = self._start_times[self._is_missing]
+        elapsed = np.where(np.isnan(start_times), 0.0, clock.monotonic() - start_times)
+        rest = np.maximum(expected - elapsed, _OVERTIME_RATIO * np.minimum(elapsed, expected))
+        # The first run of each process includes the start of the process.
+        overheads = self._overheads[self._workers :]
+        rest += float(np.median(overheads)) if overheads else 0.0
         return float(max(rest.sum() / self._workers, rest.max()))
 
 
 def _weight_groups(values: np.ndarray) -> np.ndarray:
-    """What counts for a group: its own values, and a share of all others."""
-    return _OTHER_GROUP * values.sum(axis=1, keepdims=True) + (1.0 - _OTHER_GROUP) * values
+    """Return the values of each group plus a share of those of all other groups."""
+    total = values.sum(axis=1, keepdims=True)
+    return _OTHER_GROUP_WEIGHT * total + (1.0 - _OTHER_GROUP_WEIGHT) * values
 
 
 def _number_names(names: Sequence[str]) -> tuple[list[str], np.ndarray]:
-    known = {name: k for k, name in enumerate(dict.fromkeys(names))}
-    return list(known), np.array([known[name] for name in names], int)
+    """Return the distinct names, and the index of each name among them."""
+    index = {name: k for k, name in enumerate(dict.fromkeys(names))}
+    return list(index), np.array([index[name] for name in names], int)
 
 
 def _log_step_count(task: Task) -> float:
-    """Logarithm of the number of steps of a task, or what stands for it."""
+    """Return the logarithm of the expected number of steps of a task."""
     name, value = task.case.integrator.accuracy
-    steps = task.t_end / value if name == "step" else _STEPS * (_RTOL / value) ** _POWER
+    if name == "step":
+        steps = task.t_end / value
+    else:
+        steps = _DEFAULT_STEPS * (_DEFAULT_RTOL / value) ** _STEPS_EXPONENT
     return math.log(max(steps, 1.0) * task.repetitions)
 
 
@@ -111,67 +197,9 @@ def _max_duration(task: Task) -> float:
 
 
 def _run_duration(task: Task, outcome: Outcome) -> float | None:
-    """What a run took, if its outcome says so [s]."""
-    times = [outcome.values.get(f"{what} time [s]") for what in ("setup", "wall", "measuring")]
+    """Return the duration that an outcome records [s]; None if it records none."""
+    times = [outcome.values.get(f"{phase} time [s]") for phase in ("setup", "wall", "measuring")]
     if not all(isinstance(x, float) and math.isfinite(x) for x in times):
         return None
-    setup, wall, rest = (float(x) for x in times if x is not None)
-    return setup + task.repetitions * wall + rest
-
-
-@dataclass(frozen=True)
-class StudyProgress:
-    """How far a study is.
-
-    Attributes
-    ----------
-    total, done, failed, kept, running
-        Runs there are (references included), done by now, failed among them, found on disk, and
-        under way.
-    last
-        Label of the run that ended last.
-    left
-        Estimate of the remaining time [s] at the end of that run; None if nothing is known yet.
-    """
-
-    total: int
-    done: int
-    failed: int
-    kept: int
-    running: int
-    last: str
-    left: float | None = None
-
-
-class ProgressCounter:
-    """How far a study is, for those who want to hear of it."""
-
-    def __init__(
-        self,
-        tasks: list[Task],
-        outcomes: Mapping[str, Outcome],
-        workers: int,
-        progress: Callable[[StudyProgress], None] | None,
-    ) -> None:
-        self._progress, self._workers = progress, workers
-        self._total, self._done, self._kept = len(tasks), len(outcomes), len(outcomes)
-        self._failed = sum(not outcome.status.success for outcome in outcomes.values())
-        self._forecast = TimeEstimator(tasks, workers)
-        for task in tasks:
-            if task.key in outcomes:
-                self._forecast.add(task, outcomes[task.key])
-
-    def add(self, task: Task, outcome: Outcome) -> None:
-        """Count a run that has ended."""
-        self._done += 1
-        self._failed += not outcome.status.success
-        self._forecast.add(task, outcome)
-
-    def tell(self, last: str) -> None:
-        """Tell how far it is, and what has ended last."""
-        if self._progress is None:
-            return
-        self._forecast.begin()
-        running = min(self._workers, self._total - self._done)
-        counts = (self._total, self._done, self._failed, self._kept, running)
-        self._progress(StudyProgress(*counts, last, self._forecast.left))
+    setup, wall, measuring = (float(x) for x in times if x is not None)
+    return setup + task.repetitions * wall + measuring

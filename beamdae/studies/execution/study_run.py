@@ -1,4 +1,4 @@
-"""All runs of a study: its cases and their references, each once."""
+"""Run of a study: load stored outcomes, run the missing tasks, and tabulate the results."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from beamdae.studies.case_summaries import summarize_cases, summarize_mesh_study
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import select_observed_columns
-from beamdae.studies.execution.case_run import NOT_RUN, Outcome, Task
 from beamdae.studies.execution.deferred_interrupts import DeferredInterrupts
 from beamdae.studies.execution.executors import Executor
 from beamdae.studies.execution.study_progress import ProgressCounter, StudyProgress
-from beamdae.studies.references import REFERENCE_NOT_RUN as NO_REFERENCE
+from beamdae.studies.execution.tasks import NOT_RUN, Outcome, Task
 from beamdae.studies.references import (
+    REFERENCE_NOT_RUN,
     Reference,
     build_reference,
     create_reference_tasks,
@@ -34,87 +34,84 @@ from beamdae.studies.references import (
 from beamdae.studies.store.store import Store
 from beamdae.studies.unique_names import create_file_names
 
+_MAX_NOTES = 20  # on damaged files; further ones are counted
+
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """All runs of a study, with fingerprints that were taken once.
+    """Tasks of a study, with fingerprints that are computed once.
 
     Attributes
     ----------
-    of_cases
-        The task of each case, by its identity.
-    group_of
-        The group of each case, likewise.
+    task_by_case
+        Task of each case, by the identity of the case.
+    group_by_case
+        Group of each case, likewise.
     methods
-        The tasks of the two methods of the reference of each group in which errors are asked for.
+        Tasks of the two reference methods of each group whose errors are computed.
     tasks
-        Each run once.
+        All tasks without duplicates.
     """
 
     study: Study
-    of_cases: dict[int, Task]
-    group_of: dict[int, str]
+    task_by_case: dict[int, Task]
+    group_by_case: dict[int, str]
     methods: dict[str, list[list[Task]]]
     tasks: list[Task]
 
     @classmethod
     def of(cls, study: Study) -> StudyPlan:
-        """The plan of a study as its models are now."""
+        """Return the plan of a study with its models in their present state."""
         digests: DigestCache = {}
-        of_cases = {id(case): study.task(case, digests=digests) for case in study.cases}
-        found = group_cases(study, of_cases, digests)
+        task_by_case = {id(case): study.task(case, digests=digests) for case in study.cases}
+        groups = group_cases(study, task_by_case, digests)
         methods = {
             group: create_reference_tasks(study, cases, digests)
-            for group, cases in found.items()
-            if study.computes_errors(len({of_cases[id(case)].key for case in cases}))
+            for group, cases in groups.items()
+            if study.computes_errors(len({task_by_case[id(case)].key for case in cases}))
         }
-        of_references = [task for group in methods.values() for m in group for task in m]
-        group_of = {id(case): group for group, cases in found.items() for case in cases}
-        return cls(
-            study, of_cases, group_of, methods, _merge_tasks([*of_references, *of_cases.values()])
-        )
+        reference_tasks = [task for group in methods.values() for m in group for task in m]
+        group_by_case = {id(case): group for group, cases in groups.items() for case in cases}
+        tasks = _merge_tasks([*reference_tasks, *task_by_case.values()])
+        return cls(study, task_by_case, group_by_case, methods, tasks)
 
 
 def _merge_tasks(tasks: list[Task]) -> list[Task]:
-    """Each run once, with all that any of those who want it ask for, and a name of its own."""
-    found: dict[str, Task] = {}
+    """Return one task per key, which records all that any of them records, with unique names."""
+    merged: dict[str, Task] = {}
     for task in tasks:
-        earlier = found.setdefault(task.key, task)
-        found[task.key] = replace(
+        earlier = merged.setdefault(task.key, task)
+        merged[task.key] = replace(
             earlier,
             repetitions=max(earlier.repetitions, task.repetitions),
             animated=earlier.animated or task.animated,
         )
-    names = create_file_names((task.case.group, task.case.label) for task in found.values())
-    return [replace(x, name=name) for x, name in zip(found.values(), names, strict=True)]
-
-
-# More sentences of one kind are counted.
-_MAX_NOTES = 20
+    names = create_file_names((task.case.group, task.case.label) for task in merged.values())
+    return [replace(x, name=name) for x, name in zip(merged.values(), names, strict=True)]
 
 
 @dataclass(frozen=True)
 class StudyResults:
-    """What became of a study.
+    """Results of a study.
 
     Attributes
     ----------
     table
-        One row a case, failures included.
+        One row per case, failures included.
     summary
-        What the rows come to, by group.
+        Summary of the rows, by group.
     references
-        By group, of those in which errors are asked for.
+        References by group, for the groups whose errors are computed.
     outcomes
-        By fingerprint.
+        Outcomes by the key of their task.
     frames
         Shapes of the bodies over time, by `Case.mechanism_fingerprint`.
     interrupted
-        Whether there was an interrupt; a second start goes on.
+        Whether the study was interrupted; running it again resumes it.
     notes
-        What there is to say of results on disk that could not be used.
-    keys
-        Fingerprints of the cases, as they were when it was run.
+        Sentences on stored results that were damaged.
+    task_by_case
+        Task of each case when the study was run, by the identity of the case.
     """
 
     study: Study
@@ -126,34 +123,34 @@ class StudyResults:
     frames: dict[str, Any]
     interrupted: bool
     notes: tuple[str, ...] = ()
-    keys: Mapping[int, Task] = field(default_factory=dict, repr=False)
+    task_by_case: Mapping[int, Task] = field(default_factory=dict, repr=False)
 
     def outcome(self, case: Case) -> Outcome:
-        """The outcome of a case."""
-        return self.outcomes.get(self._task(case).key, NOT_RUN)
+        """Return the outcome of a case."""
+        return self.outcomes.get(self._find_task(case).key, NOT_RUN)
 
     def frames_of(self, case: Case) -> dict[str, Any] | None:
-        """Shapes of the bodies over time, of whatever run of the same mechanism has them."""
-        return self.frames.get(self._task(case).mechanism_fingerprint)
+        """Return the shapes of the bodies over time, from any run of the same mechanism."""
+        return self.frames.get(self._find_task(case).mechanism_fingerprint)
 
-    def _task(self, case: Case) -> Task:
-        # By identity: what a model refers to may have changed since.
-        return self.keys.get(id(case)) or self.study.task(case)
+    def _find_task(self, case: Case) -> Task:
+        # By identity: objects that a model refers to may have changed since.
+        return self.task_by_case.get(id(case)) or self.study.task(case)
 
     @property
     def tables(self) -> dict[str, pd.DataFrame]:
-        """By the names of their files; where no error can be asked for there is no summary."""
-        asked = self.study.computes_errors(len(self.study.cases))
-        return {"cases.csv": self.table} | ({"summary.csv": self.summary} if asked else {})
+        """Tables by file name; without errors there is no summary."""
+        with_errors = self.study.computes_errors(len(self.study.cases))
+        return {"cases.csv": self.table} | ({"summary.csv": self.summary} if with_errors else {})
 
     @property
     def failed(self) -> bool:
-        """Whether no case succeeded, or a group has no reference to be measured against."""
-        nothing = not (self.table["status"] == "ok").any()
-        return nothing or any(r.table is None for r in self.references.values())
+        """Whether no case succeeded, or a group has no reference."""
+        any_success = (self.table["status"] == "ok").any()
+        return not any_success or any(r.table is None for r in self.references.values())
 
     def to_parquet(self) -> list[Path]:
-        """Write the trajectories as Parquet beside their CSV; returns the paths.
+        """Write the trajectories as Parquet files beside their CSV files and return the paths.
 
         Raises
         ------
@@ -180,94 +177,52 @@ def run_study(
 ) -> StudyResults:
     """Run the cases of a study and their references, and write its tables to `folder`.
 
-    Finished runs are kept there by a hash of what they depend on; they are not done again. An
-    interrupt (Ctrl-C) ends the runs under way and measures what there is.
-
-    An interrupt at any other time, and any further one, waits until the tables are written.
+    Finished runs are stored there under a hash of all they depend on, and are not repeated. An
+    interrupt (Ctrl-C) ends the current runs, and the tables are written from the outcomes so far.
+    While files are read or written, and after the first interrupt, interrupts wait until the
+    tables are written.
 
     Raises
     ------
     BeamdaeError
-        If the folder cannot be written, or the first case has no such columns.
+        If the folder cannot be written, or the first case does not observe the study's columns.
 
     Warns
     -----
     BeamdaeWarning
-        Of results on disk that are damaged, which are run again.
+        If stored results are damaged; they are run again.
     """
     with DeferredInterrupts() as interrupts:
         plan = StudyPlan.of(study)
         store = Store(folder)
         store.remove_scratch_files()
-        notes, outcomes = load_stored_outcomes(plan, store, interrupts)
+        notes, outcomes = _load_stored_outcomes(plan, store, interrupts)
         for sentence in notes:
             warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
         interrupted = _run_missing_tasks(plan, outcomes, store, executor, progress, interrupts)
         results = _evaluate_outcomes(plan, folder, outcomes, notes)
         _write_tables(results)
-        return replace(results, interrupted=interrupted or interrupts.noted)
+        return replace(results, interrupted=interrupted or interrupts.received)
 
 
-def load_stored_outcomes(
+def _load_stored_outcomes(
     plan: StudyPlan, store: Store, interrupts: DeferredInterrupts
 ) -> tuple[tuple[str, ...], dict[str, Outcome]]:
-    """Sentences on what is damaged, and the outcomes that are on disk and serve."""
+    """Return sentences on damaged files, and the usable outcomes by key."""
     outcomes: dict[str, Outcome] = {}
-    damaged: list[str] = []
+    notes: list[str] = []
     for task in plan.tasks:
-        if interrupts.noted:
+        if interrupts.received:
             break
         outcome, problem = store.load(task)
         if outcome is not None:
             outcomes[task.key] = outcome
         if problem:
-            damaged.append(f"{store.folder}: {problem}, so {task.case.label} is run again.")
-    if len(damaged) > _MAX_NOTES:
-        more = len(damaged) - _MAX_NOTES
-        damaged[_MAX_NOTES:] = [f"{store.folder}: {more} more results are damaged and run again."]
-    return tuple(damaged), outcomes
-
-
-def _evaluate_outcomes(
-    plan: StudyPlan,
-    folder: Path,
-    outcomes: dict[str, Outcome],
-    notes: tuple[str, ...],
-) -> StudyResults:
-    """The tables, from whatever outcomes there are."""
-    study = plan.study
-    references = {
-        group: build_reference(study, tasks_of, outcomes)
-        if all(task.key in outcomes for method in tasks_of for task in method)
-        else NO_REFERENCE
-        for group, tasks_of in plan.methods.items()
-    }
-    rows = [_create_row(plan, case, outcomes, references) for case in study.cases]
-    table = assemble_case_table(rows)
-    found = (
-        summarize_cases(table) if study.over is None else summarize_mesh_study(table, study.over)
-    )
-    frames = {
-        task.mechanism_fingerprint: outcomes[task.key].frames
-        for task in plan.tasks
-        if task.key in outcomes and outcomes[task.key].frames is not None
-    }
-    return StudyResults(
-        study, folder, table, found, references, outcomes, frames, False, notes, plan.of_cases
-    )
-
-
-def _create_row(
-    plan: StudyPlan, case: Case, outcomes: dict[str, Outcome], references: dict[str, Reference]
-) -> dict[str, Any]:
-    group = plan.group_of[id(case)]
-    outcome = outcomes.get(plan.of_cases[id(case)].key, NOT_RUN)
-    try:
-        found = tabulate_case(case, group, outcome, references.get(group))
-    except BeamdaeError as problem:
-        failed = Outcome(Status("failed", str(problem)), outcome.values)
-        found = tabulate_case(case, group, failed, NO_REFERENCE)
-    return found | {"trajectory": f"trajectories/{outcome.file}" if outcome.file else ""}
+            notes.append(f"{store.folder}: {problem}, so {task.case.label} is run again.")
+    if len(notes) > _MAX_NOTES:
+        more = len(notes) - _MAX_NOTES
+        notes[_MAX_NOTES:] = [f"{store.folder}: {more} more results are damaged and run again."]
+    return tuple(notes), outcomes
 
 
 def _run_missing_tasks(
@@ -278,40 +233,93 @@ def _run_missing_tasks(
     progress: Callable[[StudyProgress], None] | None,
     interrupts: DeferredInterrupts,
 ) -> bool:
-    """Do what is not there yet and add it; returns whether it was interrupted."""
+    """Run the tasks without an outcome and add theirs; return whether this was interrupted."""
     missing = [task for task in plan.tasks if task.key not in outcomes]
-    count = ProgressCounter(plan.tasks, outcomes, executor.workers, progress)
-    count.tell("")
-    if interrupts.noted:
+    counter = ProgressCounter(plan.tasks, outcomes, executor.workers, progress)
+    counter.report("")
+    if interrupts.received:
         return True
     try:
-        interrupts.raising = True
-        # Where nothing is missing as well: a pool ends what it has opened once it is gone through.
-        with closing(executor.outcomes(missing)) as found:
-            for task, outcome, keep in found:
+        interrupts.immediate = True
+        # Also if nothing is missing: an executor releases its resources when it is exhausted.
+        with closing(executor.run_tasks(missing)) as results:
+            for task, outcome, storable in results:
                 _require_columns(plan, task, outcome)
-                if keep and outcome.status.kind != "interrupted":
+                if storable and outcome.status.kind != "interrupted":
                     outcome = store.save(task, outcome)
                 outcomes[task.key] = outcome
-                count.add(task, outcome)
-                count.tell(f"{task.case.group}, {task.case.label}")
-        interrupts.raising = False
+                counter.add(task, outcome)
+                counter.report(f"{task.case.group}, {task.case.label}")
+        interrupts.immediate = False
     except KeyboardInterrupt:
         return True
     finally:
-        interrupts.raising = False
+        interrupts.immediate = False
     return False
 
 
 def _require_columns(plan: StudyPlan, task: Task, outcome: Outcome) -> None:
-    """Refuse a column the model of the first case does not observe, as soon as that is known.
+    """Reject columns of the study that the first model does not observe, after its first run.
 
-    Not by a look at the model: whatever it does when it is built, no process but its own does it.
+    The model is not built here to find out: it runs in the processes of its tasks only.
     """
     study = plan.study
     table = outcome.table if study.columns and task.case.model is study.cases[0].model else None
     if table is not None:
         select_observed_columns(study.name, study.columns, observed_columns(table))
+
+
+def _evaluate_outcomes(
+    plan: StudyPlan,
+    folder: Path,
+    outcomes: dict[str, Outcome],
+    notes: tuple[str, ...],
+) -> StudyResults:
+    """Return the results of the outcomes so far: references, tables and frames."""
+    study = plan.study
+    references = {
+        group: build_reference(study, methods, outcomes)
+        if all(task.key in outcomes for method in methods for task in method)
+        else REFERENCE_NOT_RUN
+        for group, methods in plan.methods.items()
+    }
+    table = assemble_case_table(
+        [_create_row(plan, case, outcomes, references) for case in study.cases]
+    )
+    if study.over is None:
+        summary = summarize_cases(table)
+    else:
+        summary = summarize_mesh_study(table, study.over)
+    frames = {
+        task.mechanism_fingerprint: outcomes[task.key].frames
+        for task in plan.tasks
+        if task.key in outcomes and outcomes[task.key].frames is not None
+    }
+    return StudyResults(
+        study,
+        folder,
+        table,
+        summary,
+        references,
+        outcomes,
+        frames,
+        interrupted=False,
+        notes=notes,
+        task_by_case=plan.task_by_case,
+    )
+
+
+def _create_row(
+    plan: StudyPlan, case: Case, outcomes: dict[str, Outcome], references: dict[str, Reference]
+) -> dict[str, Any]:
+    group = plan.group_by_case[id(case)]
+    outcome = outcomes.get(plan.task_by_case[id(case)].key, NOT_RUN)
+    try:
+        row = tabulate_case(case, group, outcome, references.get(group))
+    except BeamdaeError as problem:
+        failed = Outcome(Status("failed", str(problem)), outcome.values)
+        row = tabulate_case(case, group, failed, REFERENCE_NOT_RUN)
+    return row | {"trajectory": f"trajectories/{outcome.file}" if outcome.file else ""}
 
 
 def _write_tables(results: StudyResults) -> None:

@@ -1,4 +1,4 @@
-"""Processes that do one packed task after the other, and whose end is the end of a task alone."""
+"""Worker processes that run one serialized task at a time; a crash ends only the current task."""
 
 from __future__ import annotations
 
@@ -9,122 +9,132 @@ import sys
 import time as clock
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from multiprocessing import connection as connections
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
-from multiprocessing.connection import wait as _wait
 from types import ModuleType
-from typing import Any
+from typing import Any, Generic, TypeVar
 
-from beamdae.studies.execution.case_run import Outcome, run_task
+from beamdae.studies.execution.case_run import run_task
+from beamdae.studies.execution.tasks import Outcome
+
+_EXIT_CODE_TIMEOUT = 1.0  # for a process that closed its connection to end [s]
+
+Label = TypeVar("Label")
 
 
 class WorkerError(Exception):
-    """A process ended before its task; the message says how."""
+    """A worker process ended before its task; the message says how."""
 
 
-class Worker:
-    """One process, started when it is made, and the task it has, if any.
+class WorkerProcess(Generic[Label]):
+    """A process that runs tasks, and the task it is running.
 
     Attributes
     ----------
-    task
-        Whatever its user says it has been given.
+    current
+        Label of the task that is running; None if the process is idle.
     deadline
-        When it is to have ended [s of `time.monotonic`]; None: whenever it likes.
+        Time at which the task must have ended [s of `time.monotonic`]; None: no limit.
     """
 
     def __init__(self) -> None:
         context = get_context("spawn")
-        self._connection, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs,), name="beamdae worker")
-        with _block_interrupts(), _hide_main_module(), theirs:
+        self._connection, worker_connection = context.Pipe()
+        self._process = context.Process(
+            target=_serve_tasks, args=(worker_connection,), name="beamdae worker"
+        )
+        with _block_interrupts(), _hide_main_module(), worker_connection:
             self._process.start()
-        self.task: Any = None
+        self.current: Label | None = None
         self.deadline: float | None = None
 
-    def begin(self, task: Any, packed: bytes, seconds: float | None) -> None:
-        """Give it a task, known as `task`, and so many seconds for it."""
-        self.task = task
-        self.deadline = None if seconds is None else clock.monotonic() + seconds
-        # One that is dead is found so when it is asked for the outcome.
+    def start_task(self, label: Label, serialized: bytes, time_limit: float | None) -> None:
+        """Send a task, known to the caller as `label`, with its time limit [s]."""
+        self.current = label
+        self.deadline = None if time_limit is None else clock.monotonic() + time_limit
+        # A process that has died is noticed when its outcome is received.
         with suppress(OSError):
-            self._connection.send_bytes(packed)
+            self._connection.send_bytes(serialized)
 
     @property
-    def late(self) -> bool:
-        """Whether it has had its time."""
+    def is_late(self) -> bool:
+        """Whether the task has exceeded its deadline."""
         return self.deadline is not None and clock.monotonic() > self.deadline
 
-    def outcome(self) -> Outcome:
-        """What it came to; it is free then.
+    def receive_outcome(self) -> Outcome:
+        """Return the outcome of the task; the process is idle afterwards.
 
         Raises
         ------
         WorkerError
-            If it will not tell any more.
+            If the process ended without an outcome.
         """
         if not self._process.is_alive():
-            # What it has started may hold the other end of the connection open.
-            self._end_group()
+            # Processes it started may hold the other end of the connection open.
+            self._kill_group()
         try:
-            found = pickle.loads(self._connection.recv_bytes())
+            outcome = pickle.loads(self._connection.recv_bytes())
         except (EOFError, OSError):
-            self._process.join(timeout=1.0)
+            self._process.join(timeout=_EXIT_CODE_TIMEOUT)
             raise WorkerError(_describe_exit(self._process.exitcode)) from None
-        self.task = self.deadline = None
-        assert isinstance(found, Outcome)
-        return found
+        self.current = self.deadline = None
+        assert isinstance(outcome, Outcome)
+        return outcome
 
-    def end(self) -> None:
-        """End it and all it has started, whatever it does."""
-        self._end_group()
+    def kill(self) -> None:
+        """Kill the process and all processes it started."""
+        self._kill_group()
         self._process.kill()
         self._process.join()
         self._connection.close()
 
-    def _end_group(self) -> None:
-        number = self._process.pid
-        if number is not None and hasattr(os, "killpg"):
-            # There is none yet, if it has only just begun.
+    def _kill_group(self) -> None:
+        pid = self._process.pid
+        if pid is not None and hasattr(os, "killpg"):
+            # A process that has just started has no group yet.
             with suppress(ProcessLookupError, PermissionError):
-                os.killpg(number, signal.SIGKILL)
+                os.killpg(pid, signal.SIGKILL)
 
     @property
-    def signs(self) -> list[Any]:
-        """What is ready when it has an outcome, or has died."""
+    def handles(self) -> list[Any]:
+        """Handles that become ready when the process has sent an outcome or has died."""
         return [self._connection, self._process.sentinel]
 
 
-def wait_for_workers(workers: list[Worker], seconds: float) -> list[Worker]:
-    """Those that have an outcome, or have died, or do so within so many seconds."""
-    found = _wait([sign for worker in workers for sign in worker.signs], timeout=seconds)
-    return [worker for worker in workers if any(sign in found for sign in worker.signs)]
+def wait_for_workers(
+    workers: list[WorkerProcess[Label]], timeout: float
+) -> list[WorkerProcess[Label]]:
+    """Return the workers that send an outcome or die within `timeout` [s]."""
+    handles = [handle for worker in workers for handle in worker.handles]
+    ready = connections.wait(handles, timeout=timeout)
+    return [worker for worker in workers if any(handle in ready for handle in worker.handles)]
 
 
 @contextmanager
 def _block_interrupts() -> Iterator[None]:
-    """What is started inside never hears of Ctrl-C, not even before its first line."""
+    """Block Ctrl-C for processes started inside, also before their first line runs."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    # Python starts it with the first process, and then hears of Ctrl-C again.
+    # Python starts the tracker with the first process, which would unblock the signal.
     resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 @contextmanager
 def _hide_main_module() -> Iterator[None]:
-    """What is started inside does not run the main program, of which tasks bring what they need."""
-    own = sys.modules["__main__"]
+    """Keep processes started inside from running the main program: tasks carry what they need."""
+    main = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
     try:
         yield
     finally:
-        sys.modules["__main__"] = own
+        sys.modules["__main__"] = main
 
 
 def _describe_exit(code: int | None) -> str:
@@ -138,18 +148,24 @@ def _describe_exit(code: int | None) -> str:
         return f"was killed by signal {-code}"
 
 
-def _serve(connection: Connection) -> None:
-    """Perform what comes, until nothing can come any more."""
+def _serve_tasks(connection: Connection) -> None:
+    """Run tasks from the connection until it is closed; the main function of a worker process."""
     _isolate_process()
-    own = os.getpid()
+    pid = os.getpid()
     while True:
         try:
-            packed = connection.recv_bytes()
+            serialized = connection.recv_bytes()
         except (EOFError, OSError):
             _exit_group()
-        outcome = _run_packed_task(packed)
-        if os.getpid() != own:
-            # A model that forks returns twice.
+        try:
+            outcome = run_task(serialized)
+        except KeyboardInterrupt:
+            # Not Ctrl-C: the process ignores it.
+            outcome = Outcome.failed("the model raised KeyboardInterrupt")
+        except BaseException as problem:  # Nothing may end the process.
+            outcome = Outcome.failed(f"it cannot be performed, {type(problem).__name__}")
+        if os.getpid() != pid:
+            # The model has forked, and this is the child.
             os._exit(0)
         try:
             connection.send_bytes(pickle.dumps(outcome))
@@ -157,34 +173,24 @@ def _serve(connection: Connection) -> None:
             _exit_group()
 
 
-def _run_packed_task(packed: bytes) -> Outcome:
-    try:
-        return run_task(packed)
-    except KeyboardInterrupt:
-        # No key was pressed: the process does not hear of them.
-        return Outcome.failed("the model raised KeyboardInterrupt")
-    except BaseException as problem:  # Of what no task is: the process has to go on.
-        return Outcome.failed(f"it cannot be performed, {type(problem).__name__}")
-
-
 def _isolate_process() -> None:
-    """A group of its own, deaf to Ctrl-C, with nothing to say on the screen."""
+    """Make the process a group leader that ignores Ctrl-C and writes nothing to the terminal."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "setsid"):
         with suppress(OSError):
             os.setsid()
-    silence = os.open(os.devnull, os.O_RDWR)
-    for stream in (0, 1, 2):
-        os.dup2(silence, stream)
-    os.close(silence)
-    for text in (sys.stdout, sys.stderr):
-        # Whatever cannot be written to must not end a model.
-        if text is not None and hasattr(text, "reconfigure"):
-            text.reconfigure(errors="backslashreplace")
+    null = os.open(os.devnull, os.O_RDWR)
+    for descriptor in (0, 1, 2):
+        os.dup2(null, descriptor)
+    os.close(null)
+    for stream in (sys.stdout, sys.stderr):
+        # Characters that cannot be encoded must not end a model.
+        if stream is not None and hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _exit_group() -> None:
-    """End at once, with all that was started here."""
+    """End this process at once, with all processes it started."""
     if hasattr(os, "killpg") and os.getpgrp() == os.getpid():
         os.killpg(0, signal.SIGKILL)
     os._exit(0)

@@ -1,7 +1,7 @@
-"""Files a run reads, told by Python itself, so that results follow them.
+"""Recorder of the files that a run reads, so that stored results expire when one of them changes.
 
-Whatever opens files without Python (HDF5, SQLite) is not seen; a model names such files with
-`@bd.model(data=)`.
+An audit hook of Python reports them. Libraries that open files without Python (HDF5, SQLite) are
+not seen; models declare such files with `@bd.model(data=...)`.
 """
 
 from __future__ import annotations
@@ -15,55 +15,61 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from beamdae.studies.store.file_hashes import digest_file, file_signature, is_installed
+from beamdae.studies.store.file_hashes import (
+    FileSignature,
+    digest_file,
+    file_signature,
+    is_installed,
+)
 
 _WRITE_FLAGS = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
-# A file that is not what was read: no hash is this.
+_WRITE_MODES = frozenset("wax+")
+# In place of the hash of a file that changed after it was read: equal to no hash.
 _CHANGED_WHILE_READ = "changed while it was read"
+_HOOK_FRAMES = 3  # frames between `_is_read_by_module` and the code that opens the file
 
-Signature = tuple[int, int, int] | None
-# Files by the name they are known by, "./" for those read relative to the working directory.
-FileReads = dict[str, Signature]
+# Absolute names, or names that begin with "./" and are relative to the working directory.
+FileReads = dict[str, FileSignature]
 
 
 class _FileWatcher:
-    """What Python says of files it opens; one a process, for hooks stay until its end."""
+    """Audit hook for opened files; one per process, because hooks cannot be removed."""
 
     def __init__(self) -> None:
-        self.begun = False
-        self.current: list[FileReads] = []
-        # Read by modules that stay loaded: all later runs of a worker have it as well.
-        self.lasting: FileReads = {}
+        self.is_started = False
+        self.recordings: list[FileReads] = []
+        # Files read by modules, which stay loaded: all later runs of the process depend on them.
+        self.module_reads: FileReads = {}
         self.written: set[str] = set()
         self.folder = ""
 
-    def begin(self) -> None:
-        if not self.begun:
-            self.begun = True
-            sys.addaudithook(self._hear)
+    def start(self) -> None:
+        if not self.is_started:
+            self.is_started = True
+            sys.addaudithook(self._handle_event)
 
-    def _hear(self, event: str, arguments: tuple[Any, ...]) -> None:
+    def _handle_event(self, event: str, arguments: tuple[Any, ...]) -> None:
         if event != "open" or not isinstance(arguments[0], (str, bytes)):
             return
         try:
-            self._opened(os.fsdecode(arguments[0]), *arguments[1:])
+            self._record(os.fsdecode(arguments[0]), *arguments[1:])
         except (OSError, ValueError):
-            # What has no place cannot be opened either.
+            # Paths that cannot be resolved cannot be opened either.
             return
 
-    def _opened(self, path: str, mode: str | None, flags: int) -> None:
+    def _record(self, path: str, mode: str | None, flags: int) -> None:
         absolute = os.path.abspath(path)
         if is_installed(absolute):
             return
-        if (mode and set(mode) & set("wax+")) or (flags or 0) & _WRITE_FLAGS:
+        if (mode and set(mode) & _WRITE_MODES) or (flags or 0) & _WRITE_FLAGS:
             self.written.add(absolute)
             return
-        code = path.endswith((".py", ".pyc"))
+        is_code = path.endswith((".py", ".pyc"))
         if path.endswith(".pyc"):
             absolute = path = _source_path(absolute)
-        moved = os.path.isabs(path) or os.getcwd() != self.folder
-        name = absolute if moved else f"./{os.path.normpath(path)}"
-        for reads in [self.lasting] if code or _is_read_by_module() else self.current:
+        is_relative = not os.path.isabs(path) and os.getcwd() == self.folder
+        name = f"./{os.path.normpath(path)}" if is_relative else absolute
+        for reads in [self.module_reads] if is_code or _is_read_by_module() else self.recordings:
             reads.setdefault(name, file_signature(absolute))
 
 
@@ -79,8 +85,8 @@ def _source_path(compiled: str) -> str:
 
 
 def _is_read_by_module() -> bool:
-    """Whether a loaded module of the user's own reads, which may keep what it has read."""
-    frame = sys._getframe(3)
+    """Return whether an imported module of the user opens the file; it may keep the content."""
+    frame = sys._getframe(_HOOK_FRAMES)
     while frame is not None:
         module = sys.modules.get(frame.f_globals.get("__name__", ""))
         if (
@@ -94,49 +100,47 @@ def _is_read_by_module() -> bool:
     return False
 
 
-def start_watching() -> None:
-    """Take notice of files from now on."""
-    _WATCHER.begin()
-
-
 @contextmanager
 def record_file_reads() -> Iterator[FileReads]:
-    """Files read inside, whatever thread reads them, and those loaded modules have read before."""
-    _WATCHER.begin()
+    """Record files read in the block by any thread, and those that imported modules have read."""
+    _WATCHER.start()
     reads: FileReads = {}
     _WATCHER.folder = os.getcwd()
-    _WATCHER.current.append(reads)
+    _WATCHER.recordings.append(reads)
     try:
         yield reads
     finally:
-        _WATCHER.current[:] = [x for x in _WATCHER.current if x is not reads]
-        reads |= _WATCHER.lasting
+        _WATCHER.recordings[:] = [x for x in _WATCHER.recordings if x is not reads]
+        reads |= _WATCHER.module_reads
 
 
 def clear_module_reads() -> None:
-    """Begin anew: modules this process had loaded before are no part of what is run now."""
-    _WATCHER.lasting.clear()
+    """Forget the reads of modules imported so far, on which the next run does not depend."""
+    _WATCHER.module_reads.clear()
     _WATCHER.written.clear()
 
 
-def digest_reads(reads: Mapping[str, Signature], home: Path) -> dict[str, str | None]:
-    """Hashes of files that were read; absolute names become relative to `home`.
+def digest_reads(reads: Mapping[str, FileSignature], home: Path) -> dict[str, str | None]:
+    """Return the hashes of files by name; absolute names become relative to `home`.
 
-    So that a model and its files may move together. Files this process has written are left out.
+    Relative names allow a model and its files to move together. Files that this process has written
+    are left out.
     """
-    found: dict[str, str | None] = {}
-    for name, before in sorted(reads.items()):
+    digests: dict[str, str | None] = {}
+    for name, signature in sorted(reads.items()):
         absolute = os.path.abspath(name)
         if absolute in _WATCHER.written or os.path.isdir(absolute):
             continue
-        now = digest_file(absolute) if file_signature(absolute) == before else _CHANGED_WHILE_READ
-        found[_portable_name(name, home)] = now
-    return found
+        is_same = file_signature(absolute) == signature
+        digests[_portable_name(name, home)] = (
+            digest_file(absolute) if is_same else _CHANGED_WHILE_READ
+        )
+    return digests
 
 
-def are_unchanged(reads: Mapping[str, Signature]) -> bool:
-    """Whether files are still what they were when they were read."""
-    return all(file_signature(os.path.abspath(name)) == before for name, before in reads.items())
+def are_unchanged(reads: Mapping[str, FileSignature]) -> bool:
+    """Return whether the files are the same as when they were read."""
+    return all(file_signature(os.path.abspath(name)) == x for name, x in reads.items())
 
 
 def _portable_name(name: str, home: Path) -> str:
@@ -144,15 +148,17 @@ def _portable_name(name: str, home: Path) -> str:
         return name
     try:
         return f"model:{Path(os.path.relpath(name, home)).as_posix()}"
-    except ValueError:  # Another drive.
+    except ValueError:  # On another drive.
         return name
 
 
-def changed_files(found: Mapping[str, str | None], home: Path) -> list[str]:
-    """Those of the files that are not what they were."""
+def changed_files(digests: Mapping[str, str | None], home: Path) -> list[str]:
+    """Return the paths of the files whose hash has changed; `digests` as from `digest_reads`."""
 
-    def place(name: str) -> str:
-        inside = name.removeprefix("model:")
-        return os.path.abspath(inside if inside == name else home / inside)
+    def resolve(name: str) -> str:
+        relative = name.removeprefix("model:")
+        return os.path.abspath(relative if relative == name else home / relative)
 
-    return [place(name) for name, known in found.items() if digest_file(place(name)) != known]
+    return [
+        resolve(name) for name, digest in digests.items() if digest_file(resolve(name)) != digest
+    ]

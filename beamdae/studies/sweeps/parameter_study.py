@@ -20,7 +20,7 @@ from beamdae.studies.case import (
     grid,
 )
 from beamdae.studies.definition import Study
-from beamdae.studies.execution.case_run import Task
+from beamdae.studies.execution.tasks import Task
 from beamdae.studies.store.fingerprints import FingerprintError, digest
 
 Output = Callable[[Solution], Any]

@@ -26,10 +26,10 @@ from beamdae.model_functions import model as create_model
 from beamdae.studies.case import Case
 from beamdae.studies.definition import call_definition
 from beamdae.studies.deviations import require_column_names
-from beamdae.studies.execution.case_run import Limits
 from beamdae.studies.execution.executors import SerialPool, create_executor
 from beamdae.studies.execution.study_progress import StudyProgress
 from beamdae.studies.execution.study_run import run_study
+from beamdae.studies.execution.tasks import Limits
 from beamdae.studies.sweeps.parameter_study import (
     TRAJECTORY,
     Output,

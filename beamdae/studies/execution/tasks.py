@@ -1,0 +1,202 @@
+"""Tasks of a study: a case with its limits, its outcome, and its transfer to other processes."""
+
+from __future__ import annotations
+
+import copyreg
+import io
+import pickle
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import _lru_cache_wrapper, cached_property, lru_cache
+from typing import Any
+
+import cloudpickle
+import numpy as np
+import pandas as pd
+
+from beamdae.errors import format_exception, require_positive, set_fields, short_repr
+from beamdae.results.outcome import REACHED_END, Status
+from beamdae.results.solution import Solution
+from beamdae.studies.case import Case
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of a case; None: no limit.
+
+    Attributes
+    ----------
+    time
+        Wall time of the integration [s].
+    memory
+        Memory of its process [GB].
+    patience
+        Wall time in which the simulated time must advance by 1e-5 of the run [s].
+    """
+
+    time: float | None = None
+    memory: float | None = None
+    patience: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("time", "memory", "patience"):
+            if getattr(self, name) is not None:
+                set_fields(self, **{name: require_positive("Limits", name, getattr(self, name))})
+
+
+# Models by their identity, which lasts as long as they do, and their serialized form.
+SerializedModels = dict[int, tuple[Any, bytes]]
+
+
+@dataclass(frozen=True)
+class Task:
+    """A case to be run, and the key of its stored outcome.
+
+    Attributes
+    ----------
+    key
+        `Case.fingerprint`.
+    t_end, output_step
+        End time and time between rows [s].
+    repetitions
+        Number of runs, of which the last one is recorded; wall times are those of all.
+    animated
+        Whether the outcome includes the shapes of the bodies.
+    mechanism_fingerprint
+        `Case.mechanism_fingerprint`, or "" if it is not known.
+    name
+        Name of its files, unique in the study.
+    outputs
+        Functions of the solution by name, whose values are recorded.
+    """
+
+    key: str
+    case: Case
+    t_end: float
+    output_step: float
+    limits: Limits = Limits()
+    repetitions: int = 1
+    animated: bool = False
+    mechanism_fingerprint: str = ""
+    name: str = ""
+    outputs: Mapping[str, Callable[[Solution], Any]] = field(default_factory=dict)
+
+    def serialize(self, models: SerializedModels) -> bytes:
+        """Return the task as bytes for another process, with the source of its model.
+
+        A model is serialized once and kept in `models`. This needs a task whose other values are plain
+        numbers and strings: what else a user defines may refer to the same objects as the model.
+        """
+        case = self.case
+        values = (*case.parameters.values(), *vars(case.integrator).values())
+        builtin_integrator = type(case.integrator).__module__.startswith("beamdae.")
+        if not builtin_integrator or self.outputs or not all(map(_is_plain, values)):
+            return serialize_value(self)
+        return serialize_with_model(self, case.model, models)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Result of a task.
+
+    Attributes
+    ----------
+    status
+        How the run ended.
+    values
+        Cost and quality by column of the case table.
+    rows
+        Trajectory table, or a function that reads it from the store.
+    frames
+        Shapes of the bodies over time for an animation; None unless requested.
+    read
+        Hashes of the files that were read, by name; see `beamdae.studies.store.file_reads`.
+    file
+        Name of the stored trajectory file, or "".
+    text
+        Content of that file until it is stored; formatted in the process that ran the case.
+    """
+
+    status: Status = REACHED_END
+    values: dict[str, Any] = field(default_factory=dict)
+    rows: pd.DataFrame | Callable[[], pd.DataFrame] | None = field(default=None, repr=False)
+    frames: dict[str, Any] | None = None
+    read: dict[str, str | None] = field(default_factory=dict)
+    file: str = ""
+    text: bytes = field(default=b"", repr=False)
+
+    @property
+    def table(self) -> pd.DataFrame | None:
+        """Observed columns, energies and drift by time; None if there was no consistent start."""
+        return self.rows() if callable(self.rows) else self.rows
+
+    @classmethod
+    def failed(cls, sentence: str) -> Outcome:
+        """Return a failed outcome without values."""
+        return cls(Status("failed", sentence))
+
+
+NOT_RUN = Outcome(Status("interrupted", "not run, the study was interrupted"))
+
+
+def describe_exception(problem: BaseException, function: str = "the model") -> str:
+    """Return an exception of a user's function as text for a status."""
+    if isinstance(problem, SystemExit):
+        code = "" if problem.code is None else short_repr(problem.code)
+        return f"{function} called sys.exit({code})"
+    return format_exception(problem)
+
+
+def serialize_value(value: Any) -> bytes:
+    """Return a value as bytes, with the code that is not defined in installed modules."""
+    return cloudpickle.dumps(value)
+
+
+def serialize_with_model(task: Task, model: Any, models: SerializedModels) -> bytes:
+    """Return a task without other functions than its model's as bytes; serialize the model once.
+
+    Every task that is deserialized gets its own copy of the model.
+    """
+    if id(model) not in models:
+        models[id(model)] = model, serialize_value(model)
+    stream = io.BytesIO()
+    pickler = pickle.Pickler(stream)
+    table: dict[type, Callable[[Any], Any]] = {**copyreg.dispatch_table}
+    table[type(model)] = lambda x: (cloudpickle.loads, (models[id(x)][1],))
+    pickler.dispatch_table = table
+    pickler.dump(task)
+    return stream.getvalue()
+
+
+def _is_plain(value: Any) -> bool:
+    """Return whether a value is a number, a string or None, and refers to no other object."""
+    return type(value) in (bool, int, float, str, type(None)) or isinstance(value, np.generic)
+
+
+def _create_cached_property(
+    function: Callable[[Any], Any], name: str | None
+) -> cached_property[Any]:
+    rebuilt = cached_property(function)
+    if name is not None:
+        rebuilt.__set_name__(object, name)
+    return rebuilt
+
+
+def _create_cached_function(
+    function: Callable[..., Any], parameters: dict[str, Any]
+) -> _lru_cache_wrapper[Any]:
+    return lru_cache(**parameters)(function)
+
+
+def _reduce_cached_function(function: _lru_cache_wrapper[Any]) -> Any:
+    """Return the name of an importable function, else the wrapped function and its parameters."""
+    module = sys.modules.get(function.__module__)
+    if getattr(module, function.__qualname__, None) is function:
+        return function.__qualname__
+    return _create_cached_function, (function.__wrapped__, function.cache_parameters())
+
+
+# Neither has a pickled form: a cached property holds a lock in CPython 3.11, a function its cache.
+copyreg.pickle(cached_property, lambda x: (_create_cached_property, (x.func, x.attrname)))
+copyreg.pickle(_lru_cache_wrapper, _reduce_cached_function)
