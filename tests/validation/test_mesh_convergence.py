@@ -1,22 +1,20 @@
-"""Mesh convergence of the hub beam, 60 degrees: the orders the README states."""
+"""Mesh convergence of the hub beam, 60 degrees: the orders stated in the README."""
 
 import numpy as np
 import pytest
-from mesh_convergence.run import compute_mesh_errors, compute_orders
-
-ELEMENTS = (1, 2, 3, 4, 6, 8, 12)
+from mesh_convergence.run import ELEMENTS, compute_mesh_errors, compute_orders
 
 
 @pytest.mark.slow(reason="eight runs of the hub beam a variant")
 @pytest.mark.parametrize(
     ("parameters", "order", "at_eight"),
     [
-        # Cubic elements: order 4 is what interpolation promises; reduced integration of the
-        # membrane terms gives more than one beyond that before time errors are reached.
+        # Interpolation by cubic elements is of order 4; reduced integration of the membrane terms
+        # gains more than one order until time errors dominate.
         ({"quadrature": "reduced"}, 5.0, 1e-5),
         ({"quadrature": "full"}, 4.5, 1e-3),
-        # The kink between interpolated axes that "local" continuity overlooks is O(h^3) a node,
-        # O(h^2) in all.
+        # "local" continuity ignores the kink between interpolated axes: O(h^3) per node, O(h^2) in
+        # total.
         ({"quadrature": "reduced", "continuity": "local"}, 1.8, 1.5e-3),
         ({"quadrature": "reduced", "elements_shape": "straight"}, 1.9, 4e-2),
     ],

@@ -1,4 +1,4 @@
-"""Systems with published or closed-form answers, each stated once, as models of a file."""
+"""Models of systems with published or closed-form motions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from scipy.special import ellipj, ellipk
 
 import beamdae as bd
 
-# The period of a pendulum of 1 m released from the horizontal, 4 sqrt(l/g) K(1/sqrt 2), is 2 s.
+# [m/s^2]; a 1 m pendulum released from the horizontal has the period 4 sqrt(l/g) K(1/sqrt 2) = 2 s.
 PERIOD_TWO_GRAVITY = 4.0 * float(ellipk(0.5)) ** 2
 
 
@@ -17,7 +17,7 @@ def create_symbols(n: int) -> tuple[ca.SX, ca.SX, ca.SX]:
 
 
 def lagrange_force(q: ca.SX, v: ca.SX, mass: ca.SX, applied: ca.SX) -> ca.SX:
-    """Right-hand side f of M q'' = f where the kinetic energy is v . M(q) v / 2."""
+    """Return f of M q'' = f for the kinetic energy v . M(q) v / 2 and the applied force."""
     kinetic = 0.5 * ca.dot(v, mass @ v)
     return applied + ca.gradient(kinetic, q) - ca.jtimes(mass @ v, q, v)
 
@@ -36,25 +36,25 @@ def car_axis(epsilon=1e-2):
     wheel = ca.vertcat(ca.sqrt(1.0 - bump**2), bump)
     weight = ca.vertcat(0.0, -mass)
 
-    def spring(stretched: ca.SX) -> ca.SX:
-        now = ca.norm_2(stretched)
-        return (0.5 - now) / now * stretched
+    def spring_force(span: ca.SX) -> ca.SX:
+        length = ca.norm_2(span)
+        return (0.5 - length) / length * span
 
-    def stored(stretched: ca.SX) -> ca.SX:
-        return 0.5 * (ca.norm_2(stretched) - 0.5) ** 2
+    def spring_energy(span: ca.SX) -> ca.SX:
+        return 0.5 * (ca.norm_2(span) - 0.5) ** 2
 
     return bd.ConstrainedSystem(
         t=t,
         q=q,
         v=v,
         mass=[mass] * 4,
-        force=ca.vertcat(spring(left) + weight, spring(right - wheel) + weight),
+        force=ca.vertcat(spring_force(left) + weight, spring_force(right - wheel) + weight),
         constraints=ca.vertcat(ca.dot(left, wheel), ca.sumsqr(left - right) - 1.0),
         q0=[0.0, 0.5, 1.0, 0.5],
         v0=[-0.5, 0.0, -0.5, 0.0],
         names=("xl", "yl", "xr", "yr"),
         units=("m",) * 4,
-        strain_energy=stored(left) + stored(right - wheel),
+        strain_energy=spring_energy(left) + spring_energy(right - wheel),
         gravity_energy=mass * (left[1] + right[1]),
     )
 
@@ -69,7 +69,7 @@ CAR_AXIS_END = {
 
 @bd.model(t_end=2.0)
 def arevalo():
-    """Particle on a circle, ever faster, index 3: x = sin t^2, y = cos t^2.
+    """Accelerating particle on a circle, index 3: x = sin t^2, y = cos t^2.
 
     C. Arevalo, P. Loetstedt, Improving the accuracy of BDF methods for index 3
     differential-algebraic equations, BIT 35 (1995) 297, doi:10.1007/BF01732606.
@@ -90,13 +90,13 @@ def arevalo():
 
 
 def arevalo_motion(t: np.ndarray) -> np.ndarray:
-    """(x, y) of `arevalo`."""
+    """Return (x, y) of `arevalo`."""
     return np.stack([np.sin(t**2), np.cos(t**2)], axis=-1)
 
 
 @bd.model(t_end=4.0)
 def particle_pendulum(gravity=PERIOD_TWO_GRAVITY, angle=0.5 * np.pi, speed=0.0):
-    """Particle on a rod of 1 m; angle [rad] and speed [m/s] at the start, from straight down.
+    """Particle on a rod of 1 m; initial angle [rad] from straight down and speed [m/s].
 
     With gravity 9.81 and angle -pi/2: IFToMM multibody benchmark A01, M. Gonzalez, D. Dopico,
     U. Lugris, J. Cuadrado, Multibody Syst. Dyn. 16 (2006) 179, doi:10.1007/s11044-006-9020-8.
@@ -120,18 +120,18 @@ def particle_pendulum(gravity=PERIOD_TWO_GRAVITY, angle=0.5 * np.pi, speed=0.0):
 
 
 def released_pendulum_motion(t: np.ndarray, gravity: float = PERIOD_TWO_GRAVITY, side: float = 1.0):
-    """(x, y) of `particle_pendulum`: the sine of half its angle is cd(sqrt(g) t) / sqrt 2."""
+    """Return (x, y) of `particle_pendulum`: sin(angle / 2) = cd(sqrt(g) t) / sqrt 2."""
     _, cn, dn, _ = ellipj(np.sqrt(gravity) * t, 0.5)
     half = np.sqrt(0.5) * cn / dn
     return np.stack([2.0 * side * half * np.sqrt(1.0 - half**2), 2.0 * half**2 - 1.0], axis=-1)
 
 
 def iftomm_motion(t: np.ndarray) -> np.ndarray:
-    """The same with the numbers of IFToMM A01."""
+    """Return (x, y) of `particle_pendulum` with the parameters of IFToMM A01."""
     return released_pendulum_motion(t, 9.81, -1.0)
 
 
-# Twelve digits as Exudyn's Examples/pendulumIftommBenchmark.py asks for.
+# Twelve digits of Exudyn's Examples/pendulumIftommBenchmark.py.
 IFTOMM_END = {"x [m]": -0.275087462577, "y [m]": -0.961419205099}
 
 
@@ -148,8 +148,8 @@ def spring_slider_crank():
     crank = 0.5 * a * ca.vertcat(ca.cos(q), ca.sin(q))
     rod = ca.vertcat(x - 0.5 * ca.cos(p), -0.5 * ca.sin(p))
     length = ca.norm_2(rod - crank)
-    stretching = ca.jtimes(length, u, v)
-    tension = (length - 1.0) + stretching
+    length_rate = ca.jtimes(length, u, v)
+    tension = (length - 1.0) + length_rate
     push = ca.jacobian(x + ca.cos(p), u).T
     return bd.ConstrainedSystem(
         t=t,
@@ -163,7 +163,7 @@ def spring_slider_crank():
         names=("crank", "slider", "rod"),
         units=("rad", "m", "rad"),
         strain_energy=0.5 * (length - 1.0) ** 2,
-        dissipated_power=stretching**2,
+        dissipated_power=length_rate**2,
     )
 
 
@@ -190,7 +190,7 @@ def free_particle(offset=0.5):
 
 
 def free_particle_motion(t: np.ndarray, offset: float = 0.5) -> np.ndarray:
-    """(r, phi) of `free_particle`: at speed 1 from 2 m before the nearest point to 2 m after it."""
+    """Return (r, phi) of `free_particle`, at speed 1 from 2 m before the nearest point."""
     return np.stack([np.hypot(t - 2.0, offset), np.arctan2(t - 2.0, offset)], axis=-1)
 
 
@@ -198,9 +198,9 @@ def free_particle_motion(t: np.ndarray, offset: float = 0.5) -> np.ndarray:
 def cycloid_slide(radius=0.5, gravity=9.81, start=-0.95):
     """Particle that slides without friction down the brachistochrone, a cycloid.
 
-    Its arc length s from the lowest point is a third coordinate, without inertia; it starts at
-    `start` of its largest value. C. Huygens, Horologium oscillatorium (1673): s swings as a
-    harmonic oscillator, however far.
+    Its arc length s from the lowest point is a third coordinate, without inertia; it starts at the
+    fraction `start` of its largest value. C. Huygens, Horologium oscillatorium (1673): s is a
+    harmonic oscillation at any amplitude.
     """
     t, q, v = create_symbols(3)
     r, g = ca.SX.sym("r"), ca.SX.sym("g")
@@ -231,7 +231,7 @@ def cycloid_slide(radius=0.5, gravity=9.81, start=-0.95):
 
 @bd.model(t_end=2.0)
 def rotating_rod(radius=0.1, rate=2.0):
-    """Particle free to slide along a rod that is turned at a constant rate, released at rest on it.
+    """Particle on a rod that rotates at a constant rate, released at rest relative to the rod.
 
     Closed form: r = r0 cosh(w t).
     """
@@ -256,10 +256,10 @@ def rotating_rod(radius=0.1, rate=2.0):
 
 @bd.model(t_end=4.0)
 def knife_edge(pull=5.0, spin=2.0):
-    """Knife edge (skate) on an inclined plane, spinning, released at rest: index 2, nonholonomic.
+    """Knife edge (skate) on an inclined plane, released with a spin: index 2, nonholonomic.
 
     A. M. Bloch, Nonholonomic Mechanics and Control (2003), section 1.6; JonasBreuling/scipy_dae,
-    examples/daes/knife_edge.py. `pull` is gravity along the plane [m/s^2]. It moves on a cycloid,
+    examples/daes/knife_edge.py. `pull` is gravity along the plane [m/s^2]. The path is a cycloid
     across the slope.
     """
     t, q, v = create_symbols(3)
@@ -284,7 +284,7 @@ def knife_edge(pull=5.0, spin=2.0):
 def parallelogram(crank=0.5, coupler=1.0, rate=2.0, angle=0.3):
     """Parallelogram linkage of rigid bars without gravity, through its change points.
 
-    Closed form: both cranks turn at the rate they begin with, the coupler does not turn.
+    Closed form: both cranks keep their initial rate, the coupler does not rotate.
     """
     mech = bd.Mechanism(gravity=(0.0, 0.0))
     span = np.array([coupler, 0.0])
@@ -292,8 +292,8 @@ def parallelogram(crank=0.5, coupler=1.0, rate=2.0, angle=0.3):
     velocity = rate * np.array([-pin[1], pin[0]])
     bridge = mech.add(bd.RigidBody("coupler", 1.0, 0.1, tuple(pin + 0.5 * span), tuple(velocity)))
     for name, pivot in (("left", 0.0 * span), ("right", span)):
-        center, moving = tuple(pivot + 0.5 * pin), tuple(0.5 * velocity)
-        bar = mech.add(bd.RigidBody(name, 1.0, 0.1, center, moving, rate))
+        center, center_velocity = tuple(pivot + 0.5 * pin), tuple(0.5 * velocity)
+        bar = mech.add(bd.RigidBody(name, 1.0, 0.1, center, center_velocity, rate))
         mech.add(bd.Revolute(f"{name} pivot", mech.ground.at(*pivot), bar.at(*pivot)))
         mech.add(bd.Revolute(f"{name} pin", bar.at(*(pivot + pin)), bridge.at(*(pivot + pin))))
     return mech

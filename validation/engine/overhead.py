@@ -1,9 +1,9 @@
-"""What a study costs beside its integrations.
+"""Measure the overhead of the study engine.
 
     python validation/engine/overhead.py [--cases 1000]
 
-Runs the pendulum so many times with different parameters and prints wall time by kind, as shares of
-the processor time of all processes.
+Runs the pendulum with many parameter sets and prints the time by kind as shares of the processor
+time of all processes.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ pendulum = bd.load_model(Path(__file__).parents[2] / "models" / "pendulum.py")
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", type=int, default=1000)
-    number = parser.parse_args().cases
-    # Ten models, the rest integrators: what a study is.
+    parser.add_argument("--cases", type=int, default=1000, help="number of cases (default: 1000)")
+    case_count = parser.parse_args().cases
+    # Few models and many integrator settings, as in a typical study.
     cases = tuple(
         bd.Case(pendulum, {"tip_mass": mass}, bd.GeneralizedAlpha(step=step))
-        for mass in np.linspace(0.01, 0.1, max(number // 100, 1)).round(4).tolist()
-        for step in np.geomspace(1e-3, 5e-4, min(number, 100)).tolist()
+        for mass in np.linspace(0.01, 0.1, max(case_count // 100, 1)).round(4).tolist()
+        for step in np.geomspace(1e-3, 5e-4, min(case_count, 100)).tolist()
     )
     references = (bd.Ida(rtol=1e-5), bd.GeneralizedAlpha(step=5e-4))
     study = bd.Study("overhead", cases, references=references, t_end=2.0)
     pool = LocalPool()
     with tempfile.TemporaryDirectory() as folder:
-        begin = time.perf_counter()
+        start = time.perf_counter()
         results = study_run.run_study(study, Path(folder), pool)
-        total = (time.perf_counter() - begin) * pool.workers
+        total = (time.perf_counter() - start) * pool.workers
     outcomes = results.outcomes.values()
     integration = sum(o.values["wall time [s]"] for o in outcomes)
     setup = sum(o.values["setup time [s]"] for o in outcomes)

@@ -1,4 +1,4 @@
-"""The pictures of models in the readme: a motion, and drawings.
+"""Create the pictures of models in the readme: an animation and six drawings.
 
 python validation/figures/models.py
 """
@@ -28,12 +28,12 @@ COLUMNS = 3
 
 
 def render_drawing(name: str):
-    """Of a model, as an image."""
+    """Return the drawing of an example model as an image array."""
     figure = create_drawing(bd.load_model(f"example:{name}")(), size=(5.0, 3.6))
-    found = io.BytesIO()
-    figure.savefig(found, dpi=110, format="png")
-    found.seek(0)
-    return mpimg.imread(found)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, dpi=110, format="png")
+    buffer.seek(0)
+    return mpimg.imread(buffer)
 
 
 def main() -> None:
@@ -48,9 +48,9 @@ def main() -> None:
     folder = Path(__file__).parent
     figure.savefig(folder / "models.png", dpi=80)
     four_bar = bd.load_model("example:four_bar")
-    # Of a coupler half as thick, which bends far.
-    thin = four_bar(height=0.002, speed=3.0 * np.pi, stiffness=60.0, formulation="exact")
-    run = bd.simulate(thin, bd.Radau(1e-6), t_end=3.0)
+    # A coupler of half the thickness bends visibly.
+    mechanism = four_bar(height=0.002, speed=3.0 * np.pi, stiffness=60.0, formulation="exact")
+    run = bd.simulate(mechanism, bd.Radau(1e-6), t_end=3.0)
     run.animate(folder / "four_bar.gif", speed=0.6, color="stress", trail="rocker")
 
 

@@ -1,1 +1,1 @@
-"""What each formulation of a beam converges to, and how fast."""
+"""Convergence of the beam formulations."""

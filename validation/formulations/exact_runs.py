@@ -1,11 +1,11 @@
-"""Hub beam and pendulum of the paper by the exact beam, and where other strains part from it.
+"""Hub beam and pendulum of the paper: the exact beam, and the errors of other strains.
 
     python validation/formulations/exact_runs.py
 
-The tip every 10 ms. Stored references are 32 exact elements by Radau(1e-9); `known.csv` says how
-far from them a floating frame with exact strains, generalized-alpha, and Exudyn's beam end,
-`eight_elements.csv` what 8 elements reach by each integrator, `parting.csv` and its picture how far
-the other strains are off up to a time.
+Compares the tip every 10 ms. The stored references are 32 exact elements by Radau(1e-9).
+`known.csv` lists the deviations of a floating frame with exact strains, of generalized-alpha and of
+Exudyn's beam, `eight_elements.csv` the errors of 8 elements by integrator. `parting.csv` and its
+picture show the largest error of the other strains up to a given time.
 """
 
 from __future__ import annotations
@@ -37,50 +37,50 @@ EXUDYN_FILES = {
 EXACT, EXACT_STRAIN = {"formulation": "exact"}, {"strain": "exact"}
 REFERENCE_INTEGRATOR = bd.Radau(1e-9)
 CHECK_INTEGRATOR = bd.GeneralizedAlpha(5e-5, newton_tolerance=1e-9)
-# How near to the converged answer 8 exact elements are to stay [m].
-BOUNDS = {"hub_beam": 1e-5, "pendulum": 2e-5}
+# Largest error allowed for 8 exact elements [m].
+TOLERANCES = {"hub_beam": 1e-5, "pendulum": 2e-5}
 INTEGRATORS = {
     "Ida rtol 1e-07": bd.Ida(1e-7),
     "Radau rtol 1e-05": bd.Radau(1e-5),
     "GeneralizedAlpha step 0.00025": bd.GeneralizedAlpha(2.5e-4),
 }
-# Strains in a frame, in 16 elements: what is left is not of the mesh.
+# Strains in a frame, with 16 elements: the error of the mesh is negligible.
 STRAINS: dict[str, tuple[dict[str, Any], str]] = {
     "linear, tangent frame": ({"strain": "linear"}, GRAY),
     "nonlinear (the paper's), tangent frame": ({"strain": "nonlinear"}, RED),
     "green, tangent frame": ({"strain": "green"}, ORANGE),
     "exact strain in a frame": (EXACT_STRAIN, GREEN),
 }
-STEP = 1e-2
+OUTPUT_STEP = 1e-2  # [s]
 
 
-def simulate_tip(name: str, integrator: Any, elements: int, **words: Any) -> Array:
-    """The tip (rows, 2) [m] every 10 ms."""
+def simulate_tip(name: str, integrator: Any, elements: int, **settings: Any) -> Array:
+    """Return the tip (rows, 2) [m] every 10 ms."""
     model = MODELS[name]
     with warnings.catch_warnings():
-        # Of strains that do not reach: that is what is measured.
+        # Warnings about the validity of the strains, which is measured here.
         warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        mech = model(elements=elements, **words)
-        solution = bd.simulate(mech, integrator, model.t_end, output_step=STEP)
+        mech = model(elements=elements, **settings)
+        solution = bd.simulate(mech, integrator, model.t_end, output_step=OUTPUT_STEP)
     assert solution.status.success, solution.status.sentence
     return solution.observed[["tip.x [m]", "tip.y [m]"]].to_numpy()
 
 
 def load_reference(name: str) -> Array:
-    """The stored reference."""
+    """Return the stored reference of a model, (rows, 2) [m]."""
     return pd.read_csv(RESULTS / f"{name}.csv")[["x [m]", "y [m]"]].to_numpy()
 
 
-def max_distance(found: Array, right: Array) -> float:
-    """Largest distance [m]."""
-    return float(np.max(np.linalg.norm(found - right, axis=1)))
+def max_distance(tips: Array, reference: Array) -> float:
+    """Return the largest distance of two paths of the tip [m]."""
+    return float(np.max(np.linalg.norm(tips - reference, axis=1)))
 
 
 def store_reference(name: str) -> list[dict[str, Any]]:
-    """Store the reference; how far others are from it."""
-    right = simulate_tip(name, REFERENCE_INTEGRATOR, 32, **EXACT)
-    table = pd.DataFrame(right, columns=["x [m]", "y [m]"])
-    table.insert(0, "t [s]", STEP * np.arange(len(table)))
+    """Store the reference of a model; return the deviations of other computations from it."""
+    reference = simulate_tip(name, REFERENCE_INTEGRATOR, 32, **EXACT)
+    table = pd.DataFrame(reference, columns=["x [m]", "y [m]"])
+    table.insert(0, "t [s]", OUTPUT_STEP * np.arange(len(table)))
     table.to_csv(RESULTS / f"{name}.csv", index=False, float_format="%.10g")
     exudyn = pd.read_csv(EXUDYN_FOLDER / EXUDYN_FILES[name])[["x [m]", "y [m]"]].to_numpy()
     others = {
@@ -99,40 +99,44 @@ def store_reference(name: str) -> list[dict[str, Any]]:
         "Exudyn, 64 elements, step 5e-05": exudyn,
     }
     return [
-        {"model": name, "computation": label, "off [mm]": f"{1e3 * max_distance(found, right):.2g}"}
-        for label, found in others.items()
+        {
+            "model": name,
+            "computation": label,
+            "off [mm]": f"{1e3 * max_distance(tips, reference):.2g}",
+        }
+        for label, tips in others.items()
     ]
 
 
 def measure_eight_elements(name: str, label: str) -> dict[str, Any]:
-    """Eight exact elements by an integrator."""
+    """Return the error of eight exact elements with one integrator."""
     error = max_distance(simulate_tip(name, INTEGRATORS[label], 8, **EXACT), load_reference(name))
     return {"model": name, "integrator": label, "off [mm]": f"{1e3 * error:.2g}"}
 
 
 def error_histories(name: str) -> dict[str, Array]:
-    """How far each strain has been off until a time [m]."""
-    right = load_reference(name)
-    found = {
-        label: simulate_tip(name, bd.Radau(1e-7), 16, **words)
-        for label, (words, _) in STRAINS.items()
+    """Return the largest error so far [m] over time, by strain."""
+    reference = load_reference(name)
+    tips = {
+        label: simulate_tip(name, bd.Radau(1e-7), 16, **settings)
+        for label, (settings, _) in STRAINS.items()
     }
-    found["exact, 8 elements"] = simulate_tip(name, REFERENCE_INTEGRATOR, 8, **EXACT)
+    tips["exact, 8 elements"] = simulate_tip(name, REFERENCE_INTEGRATOR, 8, **EXACT)
     return {
-        label: np.maximum.accumulate(np.linalg.norm(own - right, axis=1))
-        for label, own in found.items()
+        label: np.maximum.accumulate(np.linalg.norm(path - reference, axis=1))
+        for label, path in tips.items()
     }
 
 
-def plot_error_histories(parted: dict[str, dict[str, Array]]) -> None:
-    """How far each strain has been off until a time, of both models."""
+def plot_error_histories(histories: dict[str, dict[str, Array]]) -> None:
+    """Plot the largest error so far over time, by strain, for both models."""
     figure, axes = panels(columns=2, height=3.6)
     colors = {label: color for label, (_, color) in STRAINS.items()} | {"exact, 8 elements": BLUE}
-    for axis, (name, curves) in zip(axes, parted.items(), strict=True):
+    for axis, (name, curves) in zip(axes, histories.items(), strict=True):
         for label, error in curves.items():
-            t = STEP * np.arange(len(error))
+            t = OUTPUT_STEP * np.arange(len(error))
             axis.semilogy(t, 1e3 * error, color=colors[label], lw=1.3, label=label)
-        axis.axhline(1e3 * BOUNDS[name], color="black", lw=0.7, ls=":")
+        axis.axhline(1e3 * TOLERANCES[name], color="black", lw=0.7, ls=":")
         axis.set_title(name.replace("_", " "), fontsize=9)
         axis.set_xlabel("t [s]", fontsize=9)
         axis.set_ylim(1e-6, 1e3)
@@ -146,18 +150,18 @@ def main() -> None:
     tables["eight_elements"] = [
         measure_eight_elements(name, x) for name in MODELS for x in INTEGRATORS
     ]
-    parted = {name: error_histories(name) for name in MODELS}
-    plot_error_histories(parted)
+    histories = {name: error_histories(name) for name in MODELS}
+    plot_error_histories(histories)
     tables["parting"] = [
         {
             "model": name,
             "strain": label,
             **{
-                f"{share:.0%} of the run": f"{1e3 * error[round(share * (len(error) - 1))]:.2g}"
-                for share in (0.1, 0.25, 0.5, 1.0)
+                f"{part:.0%} of the run": f"{1e3 * error[round(part * (len(error) - 1))]:.2g}"
+                for part in (0.1, 0.25, 0.5, 1.0)
             },
         }
-        for name, curves in parted.items()
+        for name, curves in histories.items()
         for label, error in curves.items()
     ]
     for name, rows in tables.items():

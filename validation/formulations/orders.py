@@ -1,12 +1,12 @@
-"""Order of convergence of each formulation, of cantilevers bent by a force and a moment.
+"""Orders of convergence of the beam formulations for cantilevers under a force and a moment.
 
     python validation/formulations/orders.py
 
-Straight, an arc, a parabola and a curve with an inflection, 1 m long, bent by about a radian. What
-has Reissner's strains is compared with a solution by shooting; strains of moderate rotations get a
-fifth of the loads, and are compared with their own solution by 128 elements. Errors of energy, of
-the tip's displacement and of the moment at 15 sections, relative to the energy, the displacement
-and the largest moment.
+The axes are straight, an arc, a parabola and a curve with an inflection, 1 m long and bent by about
+one radian. Formulations with Reissner's strains are compared with a solution by shooting; strains
+for moderate rotations get a fifth of the loads and are compared with their own solution by 128
+elements. The table lists errors of the energy, of the tip displacement and of the moment at 15
+sections, relative to the energy, the displacement and the largest moment.
 """
 
 from __future__ import annotations
@@ -31,7 +31,10 @@ Array = np.ndarray
 
 TABLE = Path(__file__).parent / "results" / "orders.csv"
 SECTION = bd.Section.rectangle(bd.Material(E=1e7, nu=0.3, rho=1e3), width=1.0, height=0.01)
-FORCE, MOMENT = 1.5 * SECTION.EI, 0.5 * SECTION.EI
+FORCE = 1.5 * SECTION.EI  # [N]
+MOMENT = 0.5 * SECTION.EI  # [N m]
+# Factor of the loads for strains that assume moderate rotations.
+MODERATE_LOAD_FACTOR = 0.2
 CURVES = {
     "straight": bd.Line((0.0, 0.0), (1.0, 0.0)),
     "arc": bd.Arc(radius=0.8, length=1.0),
@@ -50,105 +53,110 @@ FORMULATIONS: dict[str, dict[str, Any]] = {
     "frame, nonlinear, local": {"strain": "nonlinear", "frame": "tangent", "continuity": "local"},
 }
 ELEMENTS = (4, 8, 16, 32)
-FINEST = 128
+REFERENCE_ELEMENTS = 128  # of formulations that converge to their own limit
+# Smallest relative error that is not dominated by rounding.
+ROUNDING_LEVEL = 3e-11
 QUANTITIES = ("energy", "tip", "moment")
-# Where moments are looked at: so far along these parts of the length, in the same places of an
-# element whatever the mesh.
-LENGTH_FRACTIONS, ELEMENT_POSITIONS = (
-    np.array([0.0, 0.25, 0.5, 0.75, 1.0]),
-    np.array([0.07, 0.5, 0.9]),
-)
+# Moments are compared in the elements at these fractions of the length, and in each of them at the
+# same relative positions in every mesh.
+LENGTH_FRACTIONS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+ELEMENT_POSITIONS = np.array([0.07, 0.5, 0.9])
 POSITIONS = {
     n: np.ravel((np.minimum(LENGTH_FRACTIONS * n, n - 1)[:, None] + ELEMENT_POSITIONS) / n).tolist()
     for n in ELEMENTS
 }
-ALL_POSITIONS = sorted({share for shares in POSITIONS.values() for share in shares})
+ALL_POSITIONS = sorted({position for positions in POSITIONS.values() for position in positions})
 
 
-def is_exact(words: Mapping[str, Any]) -> bool:
-    """Whether a formulation has Reissner's strains."""
-    return "exact" in words.values()
+def is_exact(settings: Mapping[str, Any]) -> bool:
+    """Return True for formulations with Reissner's strains."""
+    return "exact" in settings.values()
 
 
-def end_loads(words: Mapping[str, Any]) -> tuple[tuple[float, float], float]:
-    """Force and moment of the end."""
-    share = 1.0 if is_exact(words) else 0.2
-    return (0.0, share * FORCE), share * MOMENT
+def end_loads(settings: Mapping[str, Any]) -> tuple[tuple[float, float], float]:
+    """Return force [N] and moment [N m] at the end."""
+    factor = 1.0 if is_exact(settings) else MODERATE_LOAD_FACTOR
+    return (0.0, factor * FORCE), factor * MOMENT
 
 
-def _cantilever(curve: Any, elements: int, words: Mapping[str, Any]) -> bd.Mechanism:
+def _cantilever(curve: Any, elements: int, settings: Mapping[str, Any]) -> bd.Mechanism:
     mech = bd.Mechanism()
-    beam = mech.add(bd.Beam("beam", curve, SECTION, elements, **words))
+    beam = mech.add(bd.Beam("beam", curve, SECTION, elements, **settings))
     mech.add(bd.Weld("clamp", mech.ground.at(*curve.point(0.0)), beam.start))
-    force, moment = end_loads(words)
+    force, moment = end_loads(settings)
     mech.add(bd.Force("force", beam.end, force))
     mech.add(bd.Moment("moment", beam.end, moment))
     mech.observe("tip", beam.end)
-    for k, share in enumerate(ALL_POSITIONS):
-        mech.observe(f"at {k}", beam.section_forces(share * curve.length))
+    for k, position in enumerate(ALL_POSITIONS):
+        mech.observe(f"at {k}", beam.section_forces(position * curve.length))
     return mech
 
 
-def solve_equilibrium(curve: Any, elements: int, words: Mapping[str, Any]) -> CantileverSolution:
-    """The cantilever by so many elements."""
+def solve_equilibrium(curve: Any, elements: int, settings: Mapping[str, Any]) -> CantileverSolution:
+    """Return the equilibrium of the cantilever with the given mesh and formulation."""
     with warnings.catch_warnings():
-        # Of coarse meshes, and that it bends farther than strains of moderate rotations reach.
+        # Coarse meshes, and rotations beyond the range of moderate strains.
         warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        found = bd.equilibrium(_cantilever(curve, elements, words))
-    assert found.status.success, found.status.sentence
-    columns = found.columns
+        equilibrium = bd.equilibrium(_cantilever(curve, elements, settings))
+    assert equilibrium.status.success, equilibrium.status.sentence
+    columns = equilibrium.columns
     tip = [columns[f"tip.{name}"][-1] for name in ("x [m]", "y [m]", "angle [rad]")]
-    q, still = found.q[-1:], np.zeros((1, found.q.shape[1]))
-    books = balance_rows(found.equations)(np.zeros((1, 2)), q, still, still, found.lam[-1:])
+    q, zero = equilibrium.q[-1:], np.zeros((1, equilibrium.q.shape[1]))
+    energies = balance_rows(equilibrium.equations)(
+        np.zeros((1, 2)), q, zero, zero, equilibrium.lam[-1:]
+    )
     moments = [columns[f"at {k}.M [N m]"][-1] for k in range(len(ALL_POSITIONS))]
-    return CantileverSolution(np.array(tip), float(books[0, 1]), np.array(moments))
+    return CantileverSolution(np.array(tip), float(energies[0, 1]), np.array(moments))
 
 
 @cache
 def reference_solution(curve: str, formulation: str) -> CantileverSolution:
-    """What a formulation converges to: Reissner's beam, or its own."""
-    words, axis = FORMULATIONS[formulation], CURVES[curve]
-    if not is_exact(words):
-        return solve_equilibrium(axis, FINEST, words)
-    found = solve_cantilever(
-        axis, SECTION, *end_loads(words), np.append(ALL_POSITIONS, 1.0) * axis.length
+    """Return the limit of a formulation: Reissner's beam, or its own on the finest mesh."""
+    settings, axis = FORMULATIONS[formulation], CURVES[curve]
+    if not is_exact(settings):
+        return solve_equilibrium(axis, REFERENCE_ELEMENTS, settings)
+    solution = solve_cantilever(
+        axis, SECTION, *end_loads(settings), np.append(ALL_POSITIONS, 1.0) * axis.length
     )
-    return found._replace(moments=found.moments[:-1])
+    return solution._replace(moments=solution.moments[:-1])
 
 
 def relative_errors(curve: str, formulation: str, elements: int) -> tuple[float, float, float]:
-    """Of energy, tip and moment, relative."""
-    right, axis = reference_solution(curve, formulation), CURVES[curve]
-    ours = solve_equilibrium(axis, elements, FORMULATIONS[formulation])
-    own = np.searchsorted(ALL_POSITIONS, POSITIONS[elements])
-    moved = np.linalg.norm(right.tip[:2] - axis.point(axis.length))
+    """Return the relative errors of energy, tip and moment."""
+    reference, axis = reference_solution(curve, formulation), CURVES[curve]
+    computed = solve_equilibrium(axis, elements, FORMULATIONS[formulation])
+    rows = np.searchsorted(ALL_POSITIONS, POSITIONS[elements])
+    displacement = np.linalg.norm(reference.tip[:2] - axis.point(axis.length))
     return (
-        abs(ours.energy - right.energy) / right.energy,
-        float(np.linalg.norm((ours.tip - right.tip)[:2]) / moved),
-        float(np.max(np.abs(ours.moments - right.moments)[own]) / np.max(np.abs(right.moments))),
+        abs(computed.energy - reference.energy) / reference.energy,
+        float(np.linalg.norm((computed.tip - reference.tip)[:2]) / displacement),
+        float(
+            np.max(np.abs(computed.moments - reference.moments)[rows])
+            / np.max(np.abs(reference.moments))
+        ),
     )
 
 
-def fit_order(found: Array) -> float:
-    """Slope over the finer meshes, down to where rounding begins."""
-    x, y = np.log(ELEMENTS), np.log(np.maximum(found, 1e-300))
-    good = np.asarray(found) > 3e-11
-    last = np.flatnonzero(good)[-3:]
-    return float(-np.polyfit(x[last], y[last], 1)[0]) if len(last) > 1 else float("nan")
+def fit_order(errors: Array) -> float:
+    """Return the order over the finest three meshes above the rounding level."""
+    x, y = np.log(ELEMENTS), np.log(np.maximum(errors, 1e-300))
+    above_rounding = np.asarray(errors) > ROUNDING_LEVEL
+    finest = np.flatnonzero(above_rounding)[-3:]
+    return float(-np.polyfit(x[finest], y[finest], 1)[0]) if len(finest) > 1 else float("nan")
 
 
 def tabulate(curve: str, formulation: str) -> list[dict[str, Any]]:
-    """A row for each quantity: errors by number of elements, and the order."""
-    found = np.array([relative_errors(curve, formulation, n) for n in ELEMENTS]).T
+    """Return one row per quantity: errors by number of elements, and the order."""
+    table = np.array([relative_errors(curve, formulation, n) for n in ELEMENTS]).T
     return [
         {
             "curve": curve,
             "formulation": formulation,
             "quantity": quantity,
-            **{f"{n} elements": f"{e:.1e}" for n, e in zip(ELEMENTS, own, strict=True)},
-            "order": f"{fit_order(own):.1f}",
+            **{f"{n} elements": f"{e:.1e}" for n, e in zip(ELEMENTS, errors, strict=True)},
+            "order": f"{fit_order(errors):.1f}",
         }
-        for quantity, own in zip(QUANTITIES, found, strict=True)
+        for quantity, errors in zip(QUANTITIES, table, strict=True)
     ]
 
 

@@ -1,4 +1,4 @@
-"""Bent cantilevers of Reissner's theory by shooting: an answer without elements."""
+"""Cantilevers of Reissner's theory by shooting: a reference without elements."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = np.ndarray
 
 
 class CantileverSolution(NamedTuple):
-    """A cantilever at rest: place and angle of its tip, strain energy [J], moments at `places`."""
+    """Tip (x, y, angle), strain energy [J] and moments [N m] of a cantilever in equilibrium."""
 
     tip: Array
     energy: float
@@ -22,12 +22,13 @@ class CantileverSolution(NamedTuple):
 
 
 def solve_cantilever(
-    curve: Any, section: bd.Section, force: tuple[float, float], moment: float, places: Array
+    curve: Any, section: bd.Section, force: tuple[float, float], moment: float, positions: Array
 ) -> CantileverSolution:
-    """A cantilever under a dead force and a moment of its end, to 1e-12.
+    """Return the equilibrium under a dead force and a moment at the end, to 1e-12.
 
     x' = (1 + N / EA) t + Q / GA n, psi' = psi0' + m / EI, m' = -(x' x F), along the curve;
-    beamdae's moment is -m. Shooting for the moment at the clamp brings that of the end about.
+    beamdae's moment is -m. The moment at the clamp is adjusted until the moment at the end is met.
+    `positions` are arc lengths [m]; the last one is the end.
     """
     fx, fy = force
 
@@ -37,20 +38,19 @@ def solve_cantilever(
         stretch, shear = 1.0 + N / section.EA, Q / section.GA
         along, up = stretch * c - shear * d, stretch * d + shear * c
         energy = 0.5 * (N**2 / section.EA + Q**2 / section.GA + m**2 / section.EI)
-        turn = float(curve.curvature(s)) + m / section.EI
-        return [along, up, turn, up * fx - along * fy, energy]
+        curvature = float(curve.curvature(s)) + m / section.EI
+        return [along, up, curvature, up * fx - along * fy, energy]
 
-    def shot(at_clamp: float) -> Any:
-        begin = [*curve.point(0.0), float(curve.tangent_angle(0.0)), at_clamp, 0.0]
+    def integrate(clamp_moment: float) -> Any:
+        start = [*curve.point(0.0), float(curve.tangent_angle(0.0)), clamp_moment, 0.0]
         ends = (0.0, curve.length)
-        return solve_ivp(slopes, ends, begin, "DOP853", places, rtol=1e-13, atol=1e-14)
+        return solve_ivp(slopes, ends, start, "DOP853", positions, rtol=1e-13, atol=1e-14)
 
     lever = np.subtract(curve.point(curve.length), curve.point(0.0))
     guess = moment + lever[0] * fy - lever[1] * fx
-    # The end is not among the places where it is looked at.
-    end = len(places) - 1
+    end = len(positions) - 1
     root = newton(
-        lambda m: shot(m).y[3, end] - moment, guess, x1=0.9 * guess, tol=1e-12 * abs(guess)
+        lambda m: integrate(m).y[3, end] - moment, guess, x1=0.9 * guess, tol=1e-12 * abs(guess)
     )
-    found = shot(float(root)).y
-    return CantileverSolution(found[:3, end], float(found[4, end]), -found[3])
+    states = integrate(float(root)).y
+    return CantileverSolution(states[:3, end], float(states[4, end]), -states[3])

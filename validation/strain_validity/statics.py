@@ -1,4 +1,4 @@
-"""Cantilevers under slowly growing loads: equilibria of a mechanism, and the exact ones."""
+"""Cantilevers under proportional loads: equilibria of a mechanism and of Reissner's beam."""
 
 from __future__ import annotations
 
@@ -13,9 +13,13 @@ from beamdae.equations.formulations.first_order import formulate_first_order
 
 SECTION = bd.Section.rectangle(bd.Material(E=1e7, nu=0.3, rho=1e3), width=1.0, height=0.01)
 
+_MAX_ITERATIONS = 50
+_MAX_ROTATION_CHANGE = 0.5  # largest change of a coordinate in one Newton iteration [rad or m]
+_CONVERGENCE_TOLERANCE = 1e-10  # largest change of a coordinate [rad or m]
+
 
 def cantilever(curve, force, moment, bodies, **settings):
-    """A clamped beam whose end force and moment grow with time, at 1 s to the values given."""
+    """Return the equations of a clamped beam whose end loads reach the given values at t = 1 s."""
     mech = bd.Mechanism()
     elements = max(8 // bodies, 2)
     beams = bd.welded_beams(mech, "beam", curve, SECTION, bodies, elements=elements, **settings)
@@ -28,55 +32,56 @@ def cantilever(curve, force, moment, bodies, **settings):
 
 
 def solve_path(equations, times):
-    """Coordinates (k, n) of equilibrium at load parameters `times`, as far as it goes."""
+    """Return equilibria (k, n) at the load factors `times`, up to the first that fails."""
     form = formulate_first_order(equations, "index3")
     pattern, n = form.pattern, equations.n
-    y, rows = np.zeros(form.size), []
+    y, equilibria = np.zeros(form.size), []
     y[:n] = equations.q0
-    rest = np.zeros(form.size)
+    rates = np.zeros(form.size)
     for t in times:
-        for _ in range(50):
-            residual = form.residual(np.array([t, t]), y, rest)
-            values = form.jacobian(np.array([t, t]), y, rest, 0.0)
+        for _ in range(_MAX_ITERATIONS):
+            residual = form.residual(np.array([t, t]), y, rates)
+            values = form.jacobian(np.array([t, t]), y, rates, 0.0)
             matrix = sp.csc_array((values, pattern.indices, pattern.indptr), shape=pattern.shape)
             change = splu(matrix).solve(residual)
-            # No section turns by more than this in one iteration.
-            y -= change * min(1.0, 0.5 / np.max(np.abs(change[:n])))
-            if np.max(np.abs(change[:n])) < 1e-10:
+            y -= change * min(1.0, _MAX_ROTATION_CHANGE / np.max(np.abs(change[:n])))
+            if np.max(np.abs(change[:n])) < _CONVERGENCE_TOLERANCE:
                 break
         else:
             break
-        rows.append(y[:n].copy())
-    return np.array(rows)
+        equilibria.append(y[:n].copy())
+    return np.array(equilibria)
 
 
 def solve_tips_and_rotations(equations, times):
-    """Tips (k, 2) and largest rotations (k,) relative to the frames along the path."""
+    """Return tips (k, 2) [m] and largest rotations (k,) [rad] relative to the frames."""
     q = solve_path(equations, times)
     zeros = np.zeros((len(q), 2)), np.zeros_like(q), np.zeros((len(q), equations.m))
-    observed = measures.ObservedRows(equations)(zeros[0], q, zeros[1], zeros[1], zeros[2])
-    rotation = [max(term.largest(row[None])[1] for term in equations.ranges) for row in q]
-    return observed[:, :2], np.array(rotation)
+    observables = measures.ObservedRows(equations)(zeros[0], q, zeros[1], zeros[1], zeros[2])
+    rotation = [
+        max(term.largest_deformation(row[None])[1] for term in equations.ranges) for row in q
+    ]
+    return observables[:, :2], np.array(rotation)
 
 
 def solve_exact_tips(curve, force, moment, times):
-    """Tips (k, 2) of Reissner's beam (J. Appl. Math. Phys. 23 (1972) 795) along the path."""
-    x, found = SECTION, []
+    """Return tips (k, 2) [m] of Reissner's beam (J. Appl. Math. Phys. 23 (1972) 795)."""
+    tips = []
     s = np.linspace(0.0, curve.length, 400)
     guess = np.vstack([curve.point(s).T, np.zeros((2, len(s)))])
     for t in times:
-        (fx, fy), end = np.multiply(force, t), moment * t
+        (fx, fy), end_moment = np.multiply(force, t), moment * t
 
         def slope(s, y, fx=fx, fy=fy):
             c, d = np.cos(curve.tangent_angle(s) + y[2]), np.sin(curve.tangent_angle(s) + y[2])
-            stretch, shear = 1.0 + (c * fx + d * fy) / x.EA, (c * fy - d * fx) / x.GA
+            stretch, shear = 1.0 + (c * fx + d * fy) / SECTION.EA, (c * fy - d * fx) / SECTION.GA
             along, up = stretch * c - shear * d, stretch * d + shear * c
-            return np.stack([along, up, y[3] / x.EI, up * fx - along * fy])
+            return np.stack([along, up, y[3] / SECTION.EI, up * fx - along * fy])
 
-        def ends(a, b, end=end):
-            return np.array([*(a[:2] - curve.point(0.0)), a[2], b[3] - end])
+        def boundary_residual(a, b, end_moment=end_moment):
+            return np.array([*(a[:2] - curve.point(0.0)), a[2], b[3] - end_moment])
 
-        solution = solve_bvp(slope, ends, s, guess, tol=1e-8, max_nodes=20000)
+        solution = solve_bvp(slope, boundary_residual, s, guess, tol=1e-8, max_nodes=20000)
         s, guess = solution.x, solution.y
-        found.append(guess[:2, -1])
-    return np.array(found)
+        tips.append(guess[:2, -1])
+    return np.array(tips)

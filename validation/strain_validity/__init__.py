@@ -1,0 +1,1 @@
+"""Range of validity of the strains in a floating frame."""
