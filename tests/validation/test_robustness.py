@@ -1,19 +1,24 @@
-"""Some of every kind of validation/robustness: each ends as it says there is right."""
+"""A sample of the trials of validation/robustness: each has an accepted outcome."""
 
 from functools import cache
 
 import pytest
-from robustness import faults, inputs, mechanisms
-from robustness.workers import Processes
+from robustness import mechanisms
+from robustness.faults import catalog as fault_catalog
+from robustness.inputs import catalog as input_catalog
+from robustness.inputs.bad_input import MODEL_GROUPS
+from robustness.isolation import ProcessPool
 
 SEED = 1
-GROUPS = (*sorted({inputs.public_name(base) for base in inputs.BASES}), *inputs.SITUATIONS)
+PUBLIC_NAMES = {input_catalog.public_name_of(key) for key in input_catalog.WORKING_CALLS}
+GROUPS = (*sorted(PUBLIC_NAMES), *MODEL_GROUPS)
+SAMPLE_SEEDS = range(0, mechanisms.SEED_COUNT, mechanisms.SEED_COUNT // mechanisms.SAMPLE_SIZE)
 
 
 @cache
-def chosen():
-    known = inputs.all_inputs()
-    return [known[name] for name in inputs.thinned(known, SEED)]
+def sample():
+    inputs = input_catalog.collect_inputs()
+    return [inputs[name] for name in input_catalog.sample_inputs(inputs, SEED)]
 
 
 pytestmark = pytest.mark.slow(reason="thousands of short runs, and real commands")
@@ -21,36 +26,40 @@ pytestmark = pytest.mark.slow(reason="thousands of short runs, and real commands
 
 @pytest.fixture(scope="module")
 def processes():
-    with Processes(1) as running:
-        yield running
+    with ProcessPool(1) as pool:
+        yield pool
 
 
-def test_no_group_of_inputs_is_left_out():
-    assert {one.group for one in chosen()} == set(GROUPS)
+def test_no_group_of_inputs_is_missing_from_the_sample():
+    assert {bad_input.group for bad_input in sample()} == set(GROUPS)
 
 
 @pytest.mark.parametrize("group", GROUPS)
 def test_bad_inputs_end_in_a_sentence(processes, group):
-    names = [one.name for one in chosen() if one.group == group and not one.hopeless]
+    names = [x.name for x in sample() if x.group == group and not x.hopeless]
     assert names
-    wrong = {}
-    for name, found in processes.tried(inputs.see_by_name, names, inputs.LIMIT):
-        if found is None or found is ...:
-            wrong[name] = "it crashed" if found is None else "it hung"
-        elif found[1]:
-            wrong[name] = f"{found[1]}: {found[0].text[:200]}"
-    assert not wrong, "\n".join(f"{name}: {why}" for name, why in wrong.items())
+    complaints = {}
+    trials = processes.run_trials(
+        input_catalog.try_input_by_name, names, input_catalog.INPUT_TIME_LIMIT
+    )
+    for name, answer in trials:
+        if answer is None or answer is ...:
+            complaints[name] = "it crashed" if answer is None else "it hung"
+            continue
+        outcome, complaint = answer
+        if complaint:
+            complaints[name] = f"{complaint}: {outcome.text[:200]}"
+    assert not complaints, "\n".join(f"{name}: {why}" for name, why in complaints.items())
 
 
-@pytest.mark.parametrize("seed", range(0, mechanisms.COUNT, mechanisms.COUNT // mechanisms.THINNED))
-def test_random_mechanisms_agree_or_tell(seed):
-    wrong = [line for line in mechanisms.see_seed(str(seed)) if line.complaint]
-    assert not wrong
+@pytest.mark.parametrize("seed", SAMPLE_SEEDS)
+def test_methods_agree_on_random_mechanisms_or_warn(seed):
+    assert not [row for row in mechanisms.try_seed(str(seed)) if row.complaint]
 
 
-@pytest.mark.parametrize("name", list(faults.all_faults(slow=False)))
-def test_faults_end_as_is_right(name):
-    line = faults.see_fault(name)
-    if line.ended.startswith("skipped"):
-        pytest.skip(line.ended)
-    assert line.ended == "right", f"{line.complaint}; right: {line.right}"
+@pytest.mark.parametrize("name", list(fault_catalog.collect_faults(slow=False)))
+def test_faults_have_the_right_outcome(name):
+    row = fault_catalog.try_fault(name)
+    if row.ended.startswith("skipped"):
+        pytest.skip(row.ended)
+    assert row.ended == "right", f"{row.complaint}; right: {row.right}"

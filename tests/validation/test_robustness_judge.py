@@ -1,4 +1,4 @@
-"""The program of validation/robustness itself: what it takes for right, and what not."""
+"""Rules of validation/robustness: accepted and rejected outcomes, coverage, isolation."""
 
 import os
 import sys
@@ -6,12 +6,19 @@ import warnings
 
 import numpy as np
 import pytest
-from robustness import inputs, mechanisms
-from robustness.bench import NotRightError, Ran, told
-from robustness.inputs import Input, see
-from robustness.judge import LONGEST, Seen, command_seen, complaint, not_a_sentence
-from robustness.workers import Processes
-from robustness_trials import trial
+from isolated_trials import run_trial
+from robustness import mechanisms
+from robustness.faults.bench import CommandResult, WrongBehaviorError, expect_exit
+from robustness.inputs import catalog
+from robustness.inputs.bad_input import BadInput, try_input
+from robustness.isolation import ProcessPool
+from robustness.judge import (
+    MAX_SENTENCE_LENGTH,
+    TrialOutcome,
+    check_sentence,
+    find_complaint,
+    outcome_of_command,
+)
 
 import beamdae as bd
 
@@ -28,13 +35,13 @@ RIGHT = "beam: elements must be a whole number of at least 1, got 0."
         "torque: the law failed, TypeError: f() takes 0 positional arguments but 1 was given.",
     ],
 )
-def test_a_sentence_is_right(sentence):
-    assert not_a_sentence(sentence) == ""
-    assert complaint(Seen("refused", sentence)) == ""
+def test_sentence_is_accepted(sentence):
+    assert check_sentence(sentence) == ""
+    assert find_complaint(TrialOutcome("refused", sentence)) == ""
 
 
 @pytest.mark.parametrize(
-    ("sentence", "why"),
+    ("sentence", "complaint"),
     [
         ("beam: it is wrong. Take another.", "two sentences"),
         ("beam: it is wrong", "period"),
@@ -42,62 +49,64 @@ def test_a_sentence_is_right(sentence):
         ("beam: it failed: .../casadi/core/sx_elem.cpp:166: no truth value.", "another library"),
         ("beam: it failed: setting an array element with a sequence.", "another library"),
         ("beam: it failed: maximum recursion depth exceeded.", "another library"),
-        (f"beam: it must be a number, got '{'x' * LONGEST}'.", "characters"),
+        (f"beam: it must be a number, got '{'x' * MAX_SENTENCE_LENGTH}'.", "characters"),
         ("beam\x1b[31m: it is wrong.", "control characters"),
     ],
 )
-def test_what_is_no_sentence_is_not_right(sentence, why):
-    assert why in complaint(Seen("refused", sentence))
+def test_message_that_is_no_sentence_is_rejected(sentence, complaint):
+    assert complaint in find_complaint(TrialOutcome("refused", sentence))
 
 
 @pytest.mark.parametrize(
-    ("seen", "why"),
+    ("outcome", "complaint"),
     [
-        (Seen("crashed"), "crashed"),
-        (Seen("hung"), "hung"),
-        (Seen("raised", "TypeError: 'int' object is not iterable"), "raised"),
-        (Seen("refused", f"{RIGHT}\n{RIGHT}"), "2 lines"),
-        (Seen("refused", ""), "0 lines"),
-        (Seen("failed", ""), "no reason"),
-        (Seen("ran", output="RuntimeWarning: overflow"), "output beside"),
-        (Seen("ran", files=("core",)), "files are left"),
+        (TrialOutcome("crashed"), "crashed"),
+        (TrialOutcome("hung"), "hung"),
+        (TrialOutcome("raised", "TypeError: 'int' object is not iterable"), "raised"),
+        (TrialOutcome("refused", f"{RIGHT}\n{RIGHT}"), "2 lines"),
+        (TrialOutcome("refused", ""), "0 lines"),
+        (TrialOutcome("failed", ""), "no reason"),
+        (TrialOutcome("ran", output="RuntimeWarning: overflow"), "output beside"),
+        (TrialOutcome("ran", files=("core",)), "files are left"),
     ],
 )
-def test_other_ends_are_not_right(seen, why):
-    assert why in complaint(seen)
+def test_other_outcomes_are_rejected(outcome, complaint):
+    assert complaint in find_complaint(outcome)
 
 
-def test_a_refusal_names_what_it_is_about():
-    assert complaint(Seen("refused", RIGHT), ["beam"]) == ""
-    assert "names neither" in complaint(Seen("refused", RIGHT), ["element", "bea"])
+def test_refusal_names_the_part_or_argument():
+    assert find_complaint(TrialOutcome("refused", RIGHT), ["beam"]) == ""
+    assert "names neither" in find_complaint(TrialOutcome("refused", RIGHT), ["element", "bea"])
 
 
-def test_a_command_is_judged_by_its_exit_code_and_standard_error():
-    assert command_seen(0, "table", "") == Seen("ran")
-    assert command_seen(2, "", f"error: {RIGHT}\n") == Seen("refused", RIGHT)
-    assert command_seen(1, "table", "failed: time limit of 2 s\n") == Seen(
+def test_command_outcome_follows_from_exit_code_and_standard_error():
+    assert outcome_of_command(0, "table", "") == TrialOutcome("ran")
+    assert outcome_of_command(2, "", f"error: {RIGHT}\n") == TrialOutcome("refused", RIGHT)
+    assert outcome_of_command(1, "table", "failed: time limit of 2 s\n") == TrialOutcome(
         "failed", "time limit of 2 s"
     )
-    assert command_seen(1, "", "Traceback (most recent call last):\nE: x\n").ended == "raised"
-    assert command_seen(-11, "", "").ended == "crashed"
-    assert "output beside" in complaint(command_seen(2, "half a table", f"error: {RIGHT}"))
+    assert outcome_of_command(1, "", "Traceback (most recent call last):\nE: x\n").ended == "raised"
+    assert outcome_of_command(-11, "", "").ended == "crashed"
+    assert "output beside" in find_complaint(
+        outcome_of_command(2, "half a table", f"error: {RIGHT}")
+    )
     box = "Usage: beamdae run\nTry 'beamdae --help'\n╭─ Error ─╮\n│ No such │\n│ option │\n╰───╯\n"
-    assert command_seen(2, "", box) == Seen("refused", "No such option.")
+    assert outcome_of_command(2, "", box) == TrialOutcome("refused", "No such option.")
 
 
-@pytest.mark.slow(reason="processes of its own")
-def test_a_process_that_dies_or_hangs_is_named_and_others_go_on():
-    names = ["first", "dies", "hangs", "leaves", "last"]
-    with Processes(1) as processes:
-        found = dict(processes.tried(trial, names, 0.5))
-    assert found == {"first": "first", "dies": None, "hangs": ..., "leaves": None, "last": "last"}
+@pytest.mark.slow(reason="starts worker processes")
+def test_process_that_dies_or_hangs_is_replaced():
+    names = ["first", "dies", "hangs", "exits", "last"]
+    with ProcessPool(1) as processes:
+        results = dict(processes.run_trials(run_trial, names, 0.5))
+    assert results == {"first": "first", "dies": None, "hangs": ..., "exits": None, "last": "last"}
 
 
-def _seen(attempt, **settings):
-    return see(Input("place", "value", attempt, **settings))
+def _try(attempt, **settings):
+    return try_input(BadInput("place", "value", attempt, **settings))
 
 
-def test_what_an_attempt_prints_warns_and_leaves_is_seen():
+def test_output_warnings_and_files_of_an_attempt_are_recorded():
     def loud(words):
         os.write(2, b"from below\n")
         sys.stdout.write("from above\n")
@@ -105,45 +114,45 @@ def test_what_an_attempt_prints_warns_and_leaves_is_seen():
         with open("left.txt", "w"):
             pass
 
-    seen, why = _seen(loud)
-    assert seen.output.splitlines() == ["from below", "from above", "RuntimeWarning: of numpy"]
-    assert seen.files == ("left.txt",)
-    assert "output beside" in why
+    outcome, complaint = _try(loud)
+    assert outcome.output.splitlines() == ["from below", "from above", "RuntimeWarning: of numpy"]
+    assert outcome.files == ("left.txt",)
+    assert "output beside" in complaint
 
 
-def test_an_attempt_is_refused_by_a_sentence_alone():
+def test_attempt_is_refused_by_a_beamdae_error_alone():
     def refused(words):
         words.add("beam")
         raise bd.BeamdaeError(RIGHT)
 
-    assert _seen(refused) == (Seen("refused", RIGHT), "")
-    assert "raised ZeroDivisionError" in _seen(lambda words: 1 / 0)[1]
-    assert "raised SystemExit" in _seen(lambda words: exit(0))[1]
+    assert _try(refused) == (TrialOutcome("refused", RIGHT), "")
+    assert "raised ZeroDivisionError" in _try(lambda words: 1 / 0)[1]
+    assert "raised SystemExit" in _try(lambda words: exit(0))[1]
 
 
-def test_every_public_name_is_tried(monkeypatch):
-    assert inputs.uncovered() == []
+def test_every_public_name_has_a_working_call(monkeypatch):
+    assert catalog.list_uncovered_names() == []
     monkeypatch.setattr(bd, "__all__", ["Weld", "Lever", "Arc"])
-    assert inputs.uncovered() == ["Lever"]
-    monkeypatch.delitem(inputs.BASES, "Weld")
+    assert catalog.list_uncovered_names() == ["Lever"]
+    monkeypatch.delitem(catalog.WORKING_CALLS, "Weld")
     monkeypatch.setattr(bd, "Arc", lambda radius, length, start, angle, turns: None)
-    assert inputs.uncovered() == ["Weld", "Lever", "Arc(turns=)"]
+    assert catalog.list_uncovered_names() == ["Weld", "Lever", "Arc(turns=)"]
 
 
-def test_the_thinned_sample_has_each_public_name_with_each_value(monkeypatch):
-    few = {name: inputs.VALUES[name] for name in ("nan", "None", "object")}
-    monkeypatch.setattr(inputs, "VALUES", few)
-    known = {one.name: one for one in inputs.argument_inputs()}
-    sample = inputs.thinned(known, seed=3)
-    kinds = {(known[name].group, known[name].value) for name in sample}
-    assert kinds == {(one.group, one.value) for one in known.values()}
+def test_sample_has_each_value_of_each_public_name(monkeypatch):
+    values = {name: catalog.BAD_VALUES[name] for name in ("nan", "None", "object")}
+    monkeypatch.setattr(catalog, "BAD_VALUES", values)
+    inputs = {x.name: x for x in catalog.argument_inputs()}
+    sample = catalog.sample_inputs(inputs, seed=3)
+    kinds = {(inputs[name].group, inputs[name].value) for name in sample}
+    assert kinds == {(x.group, x.value) for x in inputs.values()}
     assert len(sample) == len(kinds)
-    assert inputs.thinned(known, seed=3) == sample
-    assert inputs.thinned(known, seed=4) != sample
+    assert catalog.sample_inputs(inputs, seed=3) == sample
+    assert catalog.sample_inputs(inputs, seed=4) != sample
 
 
 @pytest.mark.parametrize(
-    ("line", "why"),
+    ("run", "complaint"),
     [
         (("ok", "", 1e-3, 50.0, ""), ""),
         (("ok", "", 0.2, 50.0, ""), "energies do not close"),
@@ -156,13 +165,13 @@ def test_the_thinned_sample_has_each_public_name_with_each_value(monkeypatch):
         (("interrupted", "by the user", 1e-3, 1.0, ""), "it ended interrupted"),
     ],
 )
-def test_a_mechanism_closes_its_books_and_agrees_or_tells(line, why):
-    assert why in mechanisms.complaint(*line)
-    assert bool(mechanisms.complaint(*line)) == bool(why)
+def test_run_balances_its_energy_and_agrees_or_warns(run, complaint):
+    assert complaint in mechanisms.find_run_complaint(*run)
+    assert bool(mechanisms.find_run_complaint(*run)) == bool(complaint)
 
 
-def test_a_fault_is_right_by_exit_code_and_sentence():
-    assert told(Ran(2, "", f"error: {RIGHT}", 0.0), 1, 2).code == 2
-    for ran in (Ran(0, "", "", 0.0), Ran(2, "", "error: it is. It was.", 0.0)):
-        with pytest.raises(NotRightError):
-            told(ran, 2)
+def test_fault_is_judged_by_exit_code_and_messages():
+    assert expect_exit(CommandResult(2, "", f"error: {RIGHT}", 0.0), 1, 2).code == 2
+    for ran in (CommandResult(0, "", "", 0.0), CommandResult(2, "", "error: it is. It was.", 0.0)):
+        with pytest.raises(WrongBehaviorError):
+            expect_exit(ran, 2)

@@ -1,1 +1,4 @@
-"""Bad inputs, random mechanisms and faults: what is right of each, and what happened."""
+"""Robustness trials: bad inputs, random mechanisms and faults of the environment.
+
+`run.py` runs them, `judge.py` states which outcomes are accepted. Next: a trial of a new kind.
+"""

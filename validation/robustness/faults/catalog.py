@@ -1,0 +1,68 @@
+"""Catalog of faults, and the trial of one."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from robustness.faults import (
+    cache,
+    case_failures,
+    changed_studies,
+    damaged_studies,
+    output,
+    runs,
+)
+from robustness.faults.bench import Bench, UnsupportedMachineError, WrongBehaviorError
+from robustness.isolation import ScratchFolder
+
+THEMES = {
+    "cache": cache,
+    "case failures": case_failures,
+    "output": output,
+    "runs": runs,
+    "changed studies": changed_studies,
+    "damaged studies": damaged_studies,
+}
+FAULT_TIME_LIMIT = 600.0  # s
+
+
+@dataclass(frozen=True)
+class FaultRow:
+    """Row of the table of faults: the expected behavior, and the complaint if it was violated."""
+
+    fault: str
+    right: str
+    ended: str
+    complaint: str = ""
+    wall: float = 0.0
+
+
+def collect_faults(slow: bool = True) -> dict[str, Callable[[Bench], None]]:
+    """Return every fault by theme and name; its docstring states the right behavior."""
+    return {
+        f"{theme}: {fault.__name__.replace('_', ' ')}": fault
+        for theme, module in THEMES.items()
+        for fault in (*module.FAULTS, *(module.SLOW if slow else ()))
+    }
+
+
+def try_fault(name: str) -> FaultRow:
+    """Set up the fault and return its row: right, not right, or skipped on this machine."""
+    # A process started in the background ignores interrupts, and so would the commands it starts.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    fault, begin = collect_faults()[name], time.perf_counter()
+    ended, complaint = "right", ""
+    with ScratchFolder() as scratch:
+        try:
+            fault(Bench(scratch.folder))
+        except UnsupportedMachineError as reason:
+            ended = f"skipped: {reason}"
+        except WrongBehaviorError as error:
+            ended, complaint = "not right", str(error)
+        except Exception as error:  # An expected file is missing, for example.
+            ended, complaint = "not right", f"{type(error).__name__}: {error}"
+    right = " ".join((fault.__doc__ or "").split())
+    return FaultRow(name, right, ended, complaint, round(time.perf_counter() - begin, 1))

@@ -1,0 +1,272 @@
+"""Working calls of analyses: modes, periodic motions, equilibria, section forces."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import beamdae as bd
+from robustness.inputs.sandbox import KNEE, OUTPUT_STEP, Sandbox, WorkingCall, return_result
+
+
+def _spinning_disk(sandbox: Sandbox) -> bd.Mechanism:
+    """Return a disk on an axle with a small body on springs, which may spin steadily."""
+    mech = bd.Mechanism()
+    disk = mech.add(bd.RigidBody("bar", 1.0, 0.1))
+    bob = mech.add(bd.RigidBody("bob", 0.5, 0.01))
+    hub = disk.at(0.0, 0.0)
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), hub))
+    mech.add(bd.Bushing("cross", hub, bob.at(0.0, 0.0), 100.0, 200.0, 10.0))
+    return mech
+
+
+def _pushed_bar(sandbox: Sandbox) -> bd.Mechanism:
+    sandbox.mech.add(bd.Force("push", sandbox.bar.at(*KNEE), (0.0, 0.0)))
+    return sandbox.mech
+
+
+MODE_CALLS: dict[str, WorkingCall] = {
+    "modes": WorkingCall(
+        lambda box: {"model": box.mech, "about": "reference", "n": 3, "damping": True, "t": 0.0},
+        lambda box, result: result.table(),
+    ),
+    "modes about": WorkingCall(
+        lambda box: {"about": {"bar.angle": -1.0}},
+        lambda box, result: result.table(),
+        lambda box, about: bd.modes(box.mech, about=about),
+    ),
+    "rotation": WorkingCall(
+        lambda box: {"speed": 1.0, "center": (0.0, 0.0)},
+        lambda box, about: bd.modes(_spinning_disk(box), about=about).table(),
+    ),
+    "Solution.at": WorkingCall(
+        lambda box: {"t": 0.005},
+        lambda box, at: bd.modes(box.mech, at),
+        lambda box, t: box.solution.at(t),
+    ),
+    "Modes.mac": WorkingCall(
+        lambda box: {"other": bd.modes(box.mech)},
+        return_result,
+        lambda box, other: bd.modes(box.mech).mac(other),
+    ),
+    "campbell": WorkingCall(
+        lambda box: {
+            "model": _spinning_disk(box),
+            "speeds": [0.0, 1.0],
+            "n": 2,
+            "center": (0.0, 0.0),
+            "damping": True,
+        },
+        lambda box, result: result.table(),
+    ),
+    "linearize": WorkingCall(
+        lambda box: {
+            "model": _pushed_bar(box),
+            "about": "equilibrium",
+            "inputs": ["push"],
+            "outputs": ["knee"],
+            "t": 0.0,
+        },
+        return_result,
+    ),
+    "LinearModel.frequency_response": WorkingCall(
+        lambda box: {"frequencies": [0.0, 1.0]},
+        return_result,
+        lambda box, frequencies: bd.linearize(_pushed_bar(box)).frequency_response(frequencies),
+    ),
+    "draw_modes": WorkingCall(lambda box: {"modes": bd.modes(box.mech)}, return_result),
+    "animate_mode": WorkingCall(
+        lambda box: {
+            "modes": bd.modes(box.mech),
+            "mode": 1,
+            "path": Path("out/mode.gif"),
+            "frames": 2,
+        },
+        return_result,
+    ),
+    "draw_campbell": WorkingCall(
+        lambda box: {"diagram": bd.campbell(_spinning_disk(box), [0.0, 1.0])}, return_result
+    ),
+}
+
+
+_PERIOD = 0.01
+
+
+def _shaken_bar(sandbox: Sandbox) -> bd.Mechanism:
+    """Return the hinged bar on a spring and damper, excited by a harmonic moment."""
+    mech, hinge = sandbox.mech, sandbox.mech.parts["hinge"]
+    mech.add(bd.TorsionSpring("spring", hinge.a, hinge.b, 1e4))
+    mech.add(bd.TorsionDamper("damper", hinge.a, hinge.b, 100.0))
+    mech.add(bd.Moment("shaking", sandbox.bar.at(0.0, 0.0), bd.sine(1.0, frequency=1.0 / _PERIOD)))
+    return mech
+
+
+def _shaken_model(sandbox: Sandbox) -> bd.Model:
+    """Return a model of an excited oscillator with the frequency as parameter."""
+
+    @bd.model(t_end=_PERIOD)
+    def shaken(frequency=100.0, name="bob"):
+        mech = bd.Mechanism()
+        bob = mech.add(bd.PointMass(name, 1.0, at=(1.0, 0.0)))
+        mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), bob.point, (1.0, 0.0)))
+        mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), bob.point, 1e4, 100.0))
+        mech.add(bd.Force("shaking", bob.point, (bd.sine(1.0, frequency=frequency), 0.0)))
+        mech.observe("bob", bob.point)
+        return mech
+
+    return shaken
+
+
+PERIODIC_CALLS: dict[str, WorkingCall] = {
+    "periodic": WorkingCall(
+        lambda box: {
+            "model": _shaken_bar(box),
+            "period": _PERIOD,
+            "integrator": box.integrator,
+            "start": {"bar.angle": 0.0},
+            "begin": 0.0,
+            "settle": 1,
+            "tolerance": 1e-3,
+        },
+        lambda box, motion: motion.amplitudes(),
+    ),
+    "frequency_response": WorkingCall(
+        lambda box: {
+            "model": _shaken_model(box),
+            "parameter": "frequency",
+            "between": (100.0, 101.0),
+            "period": lambda frequency: 1.0 / frequency,
+            "integrator": replace(box.integrator, time_limit=1.0),
+            "step": 0.5,
+            "longest_step": 1.0,
+            "settle": 1,
+            "tolerance": 1e-3,
+            "most_points": 4,
+            "begin": 0.0,
+        },
+        lambda box, response: response.table(),
+    ),
+    "FrequencyResponse.plot": WorkingCall(
+        lambda box: {"column": "bob.x [m]"},
+        return_result,
+        lambda box, column: bd.frequency_response(
+            _shaken_model(box), "frequency", (100.0, 101.0), step=0.5, settle=1
+        ).plot(column),
+    ),
+    "FrequencyResponse.peaks": WorkingCall(
+        lambda box: {"column": "bob.x [m]"},
+        return_result,
+        lambda box, column: bd.frequency_response(
+            _shaken_model(box), "frequency", (100.0, 101.0), step=0.5, settle=1
+        ).peaks(column),
+    ),
+}
+
+
+def _bar_on_torsion_spring(sandbox: Sandbox) -> bd.Mechanism:
+    """Return the bar on a torsion spring with a transverse force."""
+    foot = sandbox.mech.ground.at(0.0, 0.0)
+    sandbox.mech.add(bd.TorsionSpring("spring", foot, sandbox.bar.at(0.0, 0.0), 10.0))
+    sandbox.mech.add(bd.Force("push", sandbox.bar.at(*KNEE), (0.0, 1.0)))
+    return sandbox.mech
+
+
+STATIC_CALLS: dict[str, WorkingCall] = {
+    "equilibrium": WorkingCall(
+        lambda box: {
+            "model": box.mech,
+            "loads": ["gravity"],
+            "to": [0.5, 1.0],
+            "control": "load",
+            "step": 0.5,
+            "switch": 0,
+            "most_points": 20,
+            "t": 0.0,
+            "start": {"bar.angle": -1.0},
+        },
+        lambda box, result: result.table(),
+    ),
+    "equilibrium displaced": WorkingCall(
+        lambda box: {"to": {"knee.x": 0.1}, "switch": 0},
+        lambda box, result: result.table(),
+        lambda box, **arguments: bd.equilibrium(_bar_on_torsion_spring(box), **arguments),
+    ),
+    "Equilibrium.at": WorkingCall(
+        lambda box: {"row": 0}, return_result, lambda box, row: bd.equilibrium(box.mech).at(row)
+    ),
+    "equilibrium switched": WorkingCall(
+        lambda box: {"to": {"knee.x": 0.1}, "switch": [1, -1], "most_points": 20},
+        lambda box, result: result.table(),
+        lambda box, **arguments: bd.equilibrium(_bar_on_torsion_spring(box), **arguments),
+    ),
+    "Equilibrium.__getitem__": WorkingCall(
+        lambda box: {"name": "knee.x"},
+        return_result,
+        lambda box, name: bd.equilibrium(box.mech)[name],
+    ),
+    "Equilibrium.plot": WorkingCall(
+        lambda box: {"name": "knee"},
+        return_result,
+        lambda box, name: bd.equilibrium(box.mech).plot(name),
+    ),
+    "modes about a path": WorkingCall(
+        lambda box: {"about": bd.equilibrium(box.mech)},
+        return_result,
+        lambda box, about: bd.modes(box.mech, about=about),
+    ),
+}
+
+
+def _section_forces(sandbox: Sandbox, **arguments: Any) -> bd.SectionForces:
+    """Return section forces of a falling beam."""
+    beam = sandbox.beam
+    solution = sandbox.run()
+    return solution.section_forces(**{"beam": beam, **arguments})
+
+
+def _loaded_cantilever(sandbox: Sandbox) -> bd.Equilibrium:
+    """Return the equilibrium of a clamped beam under its weight."""
+    beam = sandbox.beam
+    sandbox.mech.add(bd.Weld("clamp", sandbox.mech.ground.at(*beam.start.point), beam.start))
+    return bd.equilibrium(sandbox.mech, loads=["gravity"], step=1.0)
+
+
+SECTION_FORCE_CALLS: dict[str, WorkingCall] = {
+    "Solution.section_forces": WorkingCall(
+        lambda box: {"beam": "beam", "t": [0.0, OUTPUT_STEP], "s": [0.0, 0.5]},
+        lambda box, forces: forces.table(),
+        lambda box, **arguments: _section_forces(box, **arguments),
+    ),
+    "Solution.diagram": WorkingCall(
+        lambda box: {"beam": "beam", "what": "M", "t": OUTPUT_STEP},
+        return_result,
+        lambda box, **arguments: (box.beam, box.run())[1].diagram(**arguments),
+    ),
+    "Equilibrium.section_forces": WorkingCall(
+        lambda box: {"beam": "beam", "s": [0.0, 0.5]},
+        lambda box, forces: forces.table(),
+        lambda box, **arguments: _loaded_cantilever(box).section_forces(**arguments),
+    ),
+    "Equilibrium.diagram": WorkingCall(
+        lambda box: {"beam": "beam", "what": "M"},
+        return_result,
+        lambda box, **arguments: _loaded_cantilever(box).diagram(**arguments),
+    ),
+    "SectionForces.stress": WorkingCall(
+        lambda box: {"offset": "top"},
+        return_result,
+        lambda box, offset: _section_forces(box).stress(offset),
+    ),
+    "SectionForces.safety": WorkingCall(
+        lambda box: {"yield_stress": 235e6},
+        return_result,
+        lambda box, yield_stress: _section_forces(box).safety(yield_stress),
+    ),
+    "SectionForces.diagram": WorkingCall(
+        lambda box: {"what": "M", "t": OUTPUT_STEP},
+        return_result,
+        lambda box, **arguments: _section_forces(box).diagram(**arguments),
+    ),
+}

@@ -1,0 +1,91 @@
+"""Values that most arguments reject."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from decimal import Decimal
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+import beamdae as bd
+
+
+def _nested(depth: int) -> list[Any]:
+    value: list[Any] = []
+    for _ in range(depth):
+        value = [value]
+    return value
+
+
+# Functions of the sandbox, so that each trial gets a new value.
+BAD_VALUES: dict[str, Callable[[Any], Any]] = {
+    "nan": lambda box: math.nan,
+    "inf": lambda box: math.inf,
+    "-inf": lambda box: -math.inf,
+    "-1": lambda box: -1,
+    "0": lambda box: 0,
+    "-0.0": lambda box: -0.0,
+    "10**400": lambda box: 10**400,
+    "1e308": lambda box: 1e308,
+    "-1e308": lambda box: -1e308,
+    "1e-308": lambda box: 1e-308,
+    "5e-324": lambda box: 5e-324,
+    "1e12": lambda box: 1e12,
+    "1e-12": lambda box: 1e-12,
+    "True": lambda box: True,
+    "None": lambda box: None,
+    "empty text": lambda box: "",
+    "text": lambda box: "abc",
+    "text of a number": lambda box: "1.0",
+    "bytes": lambda box: b"x",
+    "empty list": lambda box: [],
+    "empty dictionary": lambda box: {},
+    "empty set": lambda box: set(),
+    "tuple of one": lambda box: (1,),
+    "tuple of three": lambda box: (1, 2, 3),
+    "pair with nan": lambda box: (1.0, math.nan),
+    "pair of texts": lambda box: ("a", "b"),
+    "object": lambda box: object(),
+    "function of nothing": lambda box: lambda: None,
+    "function that gives None": lambda box: lambda *t: None,
+    "function that fails": lambda box: lambda *t: 1 / 0,
+    "complex": lambda box: 1 + 2j,
+    "nested lists": lambda box: [[1, [2]], [3]],
+    "ragged list": lambda box: [[1, 2], [3]],
+    "list in a thousand lists": lambda box: _nested(1000),
+    "array of two": lambda box: np.array([1.0, 2.0]),
+    "array of shape (3, 3)": lambda box: np.ones((3, 3)),
+    "array of shape (0,)": lambda box: np.zeros(0),
+    "array without a dimension": lambda box: np.array(1.0),
+    "array of nan": lambda box: np.full(2, np.nan),
+    "array of texts": lambda box: np.array(["a", "b"]),
+    "array of objects": lambda box: np.array([None, {}], object),
+    "numpy integer": lambda box: np.int8(-1),
+    "numpy nan": lambda box: np.float32("nan"),
+    "SX symbol": lambda box: ca.SX.sym("s"),
+    "MX symbol": lambda box: ca.MX.sym("m"),
+    "SX vector": lambda box: ca.SX.sym("s", 3),
+    "DM": lambda box: ca.DM([1.0, math.nan]),
+    "long text": lambda box: "x" * 100_000,
+    "control characters": lambda box: "a\x1b[31m\r\n\tb\x00",
+    "markup": lambda box: "[bold]a[/bold] <b>&amp;</b>",
+    "half a surrogate": lambda box: "\ud800",
+    "separators": lambda box: "../a/b\\c",
+    "generator": lambda box: (x for x in (1.0, 2.0)),
+    "range": lambda box: range(2),
+    "Decimal nan": lambda box: Decimal("nan"),
+    "Fraction": lambda box: Fraction(10**400, 3),
+    "path": lambda box: Path("nowhere"),
+    "another part": lambda box: box.bar,
+    "a part of another mechanism": lambda box: bd.RigidBody("stranger", 1.0, 1.0),
+    "an attachment": lambda box: box.bar.at(1.0, 0.0),
+    "a mechanism": lambda box: box.mech,
+    "a class": lambda box: int,
+    "a module": lambda box: np,
+    "Ellipsis": lambda box: ...,
+}

@@ -1,0 +1,187 @@
+"""Catalog of all bad inputs: every value in place of every argument, bad models and commands."""
+
+from __future__ import annotations
+
+import inspect
+import random
+import re
+import zlib
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import beamdae as bd
+from robustness.inputs.analysis_calls import (
+    MODE_CALLS,
+    PERIODIC_CALLS,
+    SECTION_FORCE_CALLS,
+    STATIC_CALLS,
+)
+from robustness.inputs.bad_input import NO_BAD_VALUE, BadInput, try_input
+from robustness.inputs.bad_values import BAD_VALUES
+from robustness.inputs.command_line import command_inputs, file_inputs
+from robustness.inputs.model_calls import (
+    MECHANISM_CALLS,
+    NUMBER_CALLS,
+    PART_CALLS,
+    SYSTEM_CALLS,
+    VARIANT_CALLS,
+)
+from robustness.inputs.run_calls import (
+    INTEGRATOR_CALLS,
+    MODEL_CALLS,
+    SOLUTION_CALLS,
+    STUDY_CALLS,
+    SWEEP_CALLS,
+)
+from robustness.inputs.sandbox import Sandbox, WorkingCall
+from robustness.inputs.situations import situation_inputs
+from robustness.judge import TrialOutcome
+
+WORKING_CALLS: dict[str, WorkingCall] = (
+    PART_CALLS
+    | VARIANT_CALLS
+    | NUMBER_CALLS
+    | MECHANISM_CALLS
+    | SYSTEM_CALLS
+    | MODEL_CALLS
+    | INTEGRATOR_CALLS
+    | STUDY_CALLS
+    | SOLUTION_CALLS
+    | STATIC_CALLS
+    | SECTION_FORCE_CALLS
+    | PERIODIC_CALLS
+    | MODE_CALLS
+    | SWEEP_CALLS
+)
+
+# Public names without a working call: results, and base classes. Results are arguments of other
+# calls, where they are replaced.
+NOT_CALLABLE = {
+    "Animation": "result of animate",
+    "BeamRange": "row of Solution.validity",
+    "BeamdaeError": "exception",
+    "BeamdaeWarning": "warning category",
+    "Campbell": "result of campbell",
+    "Check": "result of check",
+    "CriticalPoint": "row of Equilibrium.critical",
+    "EquationsOfMotion": "result of equations_of_motion",
+    "Frame": "result of frame",
+    "Joint": "base class of joints",
+    "PeriodicMotion": "result of periodic",
+    "Plot": "result of plot",
+    "ResponsePoint": "point of FrequencyResponse",
+    "SavedRun": "result of load",
+    "Sweep": "result of the decorator sweep",
+    "SweepResults": "result of sweep",
+}
+# Result classes whose methods are tested, but not their constructors.
+RESULT_CLASSES = frozenset(
+    {
+        "Equilibrium",
+        "FrequencyResponse",
+        "LinearModel",
+        "Modes",
+        "SectionForces",
+        "Solution",
+    }
+)
+# Their arguments are members of the class that a user's subclass overrides.
+USER_BASE_CLASSES = frozenset({"Integrator", "Part"})
+INPUT_TIME_LIMIT = 20.0  # s
+_MAX_REPLACED_ENTRIES = 4  # a tuple or list of at most this length gets values in each entry
+
+
+def public_name_of(key: str) -> str:
+    """Return the public name that a working call with this key tests."""
+    return re.split(r"[ .]", key)[0]
+
+
+def list_uncovered_names() -> list[str]:
+    """Return public names without a working call, and arguments that no such call passes."""
+    missing = []
+    for name in bd.__all__:
+        calls = [call for key, call in WORKING_CALLS.items() if public_name_of(key) == name]
+        if not calls and name not in NOT_CALLABLE:
+            missing.append(name)
+        elif calls and name not in RESULT_CLASSES | USER_BASE_CLASSES:
+            passed = {argument for call in calls for argument in call.arguments(Sandbox())}
+            parameters = inspect.signature(getattr(bd, name)).parameters.values()
+            named = {p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)}
+            missing += [f"{name}({argument}=)" for argument in sorted(named - passed)]
+    return missing
+
+
+def argument_inputs() -> Iterator[BadInput]:
+    """Yield each working call, and each bad value in place of each argument and entry of it."""
+    for key, call in WORKING_CALLS.items():
+        yield BadInput(key, NO_BAD_VALUE, _make_attempt(key))
+        for argument, good in call.arguments(Sandbox()).items():
+            for place, index in _list_places(f"{key}.{argument}", good):
+                for value in BAD_VALUES:
+                    yield BadInput(
+                        place,
+                        value,
+                        _make_attempt(key, argument, index, value),
+                        (argument, key.split(" ")[0], public_name_of(key)),
+                    )
+
+
+def _list_places(place: str, good: Any) -> Iterator[tuple[str, int | None]]:
+    yield place, None
+    if isinstance(good, (tuple, list)) and len(good) <= _MAX_REPLACED_ENTRIES:
+        yield from ((f"{place}[{k}]", k) for k in range(len(good)))
+
+
+def _make_attempt(
+    key: str, argument: str = "", index: int | None = None, value: str = ""
+) -> Callable[[set[str]], Any]:
+    """Return a function that makes the working call `key` with the bad value in its place."""
+
+    def attempt(words: set[str]) -> Any:
+        call = WORKING_CALLS[key]
+        sandbox = Sandbox(zlib.crc32(f"{key}.{argument}[{index}]: {value}".encode()))
+        arguments = call.arguments(sandbox)
+        words |= sandbox.names | {x for x in arguments.values() if isinstance(x, str)}
+        if argument:
+            bad = BAD_VALUES[value](sandbox)
+            if index is not None:
+                entries = list(arguments[argument])
+                entries[index] = bad
+                kind = type(arguments[argument])
+                # A named tuple takes its entries one by one, or all of them by _make.
+                bad = getattr(kind, "_make", kind)(entries)
+            arguments[argument] = bad
+            words |= {str(bad), repr(bad).strip("'")} if isinstance(bad, (str, Path)) else set()
+        function = partial(call.call, sandbox) if call.call else getattr(bd, key.split(" ")[0])
+        return call.use(sandbox, function(**arguments))
+
+    return attempt
+
+
+def collect_inputs() -> dict[str, BadInput]:
+    """Return every input by name."""
+    inputs = [*argument_inputs(), *situation_inputs(), *file_inputs(), *command_inputs()]
+    by_name = {bad_input.name: bad_input for bad_input in inputs}
+    assert len(by_name) == len(inputs), "two inputs have one name"
+    return by_name
+
+
+def sample_inputs(inputs: dict[str, BadInput], seed: int) -> list[str]:
+    """Return names of a sample with each value of each group at least once."""
+    rng = random.Random(seed)
+    names_by_kind: dict[tuple[str, str], list[str]] = {}
+    for name, bad_input in inputs.items():
+        names_by_kind.setdefault((bad_input.group, bad_input.value), []).append(name)
+    return [rng.choice(names) for names in names_by_kind.values()]
+
+
+_inputs_by_name: dict[str, BadInput] = {}
+
+
+def try_input_by_name(name: str) -> tuple[TrialOutcome, str]:
+    """Try an input in a worker process, to which only names can be sent."""
+    if not _inputs_by_name:
+        _inputs_by_name.update(collect_inputs())
+    return try_input(_inputs_by_name[name])

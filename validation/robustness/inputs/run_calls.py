@@ -1,0 +1,376 @@
+"""Working calls of models, integrators, solutions, studies and sweeps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import chdir
+from pathlib import Path
+from typing import Any
+
+import beamdae as bd
+from beamdae.studies.execution.tasks import Limits
+from robustness.inputs.sandbox import (
+    KNEE,
+    OUTPUT_STEP,
+    RUN_TIME_LIMIT,
+    T_END,
+    Sandbox,
+    WorkingCall,
+    return_result,
+    run_study,
+    run_with_integrator,
+)
+
+
+def _function_returning(values: Any) -> Any:
+    def few() -> Any:
+        return values
+
+    return few
+
+
+def _run_decorated_sweep(sandbox: Sandbox, over: Any) -> bd.SweepResults:
+    return bd.sweep(sandbox.swing, integrator=sandbox.integrator, t_end=T_END)(
+        _function_returning(over)
+    )()
+
+
+def _run_sweep(sandbox: Sandbox) -> bd.SweepResults:
+    return bd.sweep(sandbox.swing, {"mass": [1.0, 2.0]}, integrator=sandbox.integrator, t_end=T_END)
+
+
+def _sweep_into_folder(sandbox: Sandbox, folder: Any, **arguments: Any) -> bd.SweepResults:
+    results: list[bd.SweepResults] = []
+    write_two_folders_down(
+        sandbox, lambda path: results.append(bd.sweep(**arguments, folder=path)), folder
+    )
+    return results[0]
+
+
+def _get_table(sandbox: Sandbox, result: bd.SweepResults) -> Any:
+    return result.table
+
+
+def _plot_sweep(sandbox: Sandbox, names: Any, x: Any) -> None:
+    _run_sweep(sandbox).plot(names, x=x)
+
+
+SWEEP_CALLS: dict[str, WorkingCall] = {
+    "sweep": WorkingCall(
+        lambda box: {
+            "model": box.swing,
+            "over": {"mass": [1.0, 2.0]},
+            "of": ("bob.x",),
+            "outputs": {"rows": lambda run: len(run.t)},
+            "integrator": box.integrator,
+            "t_end": T_END,
+            "output_step": OUTPUT_STEP,
+            "time_limit": 10.0,
+            "folder": "sweep",
+            "jobs": 1,
+            "scheduler": None,
+            "progress": lambda standing: None,
+        },
+        _get_table,
+        _sweep_into_folder,
+    ),
+    "sweep values": WorkingCall(
+        lambda box: {"mass": [1.0, 2.0], "spin": (1,)},
+        _get_table,
+        lambda box, **over: bd.sweep(box.swing, over, t_end=T_END, integrator=box.integrator),
+    ),
+    "sweep combinations": WorkingCall(
+        lambda box: {"over": [{"mass": 1.0}]}, _get_table, _run_decorated_sweep
+    ),
+    "sweep.plot": WorkingCall(
+        lambda box: {"names": "bob.x max", "x": "mass"}, lambda box, _: None, _plot_sweep
+    ),
+    "sweep.run": WorkingCall(
+        lambda box: {"mass": 2.0},
+        lambda box, run: run.table(),
+        lambda box, **arguments: _run_sweep(box).run(**arguments),
+    ),
+}
+
+
+SOLUTION_CALLS: dict[str, WorkingCall] = {
+    "error_estimate": WorkingCall(lambda box: {"solution": box.solution}, return_result),
+    "verify": WorkingCall(
+        lambda box: {"solution": box.solution, "by": bd.Radau(1e-4)}, return_result
+    ),
+    "load": WorkingCall(
+        lambda box: {"path": "run.beamdae", "model": box.mech},
+        return_result,
+        lambda box, **arguments: _save_and_load(box, **arguments),
+    ),
+    "Solution.save": WorkingCall(
+        lambda box: {"path": "run.beamdae"},
+        return_result,
+        lambda box, path: write_two_folders_down(box, box.solution.save, path),
+    ),
+    "Solution.difference": WorkingCall(
+        lambda box: {"other": box.solution},
+        return_result,
+        lambda box, other: box.solution.difference(other),
+    ),
+    "draw": WorkingCall(lambda box: {"mechanism": box.mech}, return_result),
+    "plot": WorkingCall(
+        lambda box: {"solutions": [box.solution], "labels": ["run"]}, return_result
+    ),
+    "animate": WorkingCall(
+        lambda box: {
+            "solution": (box.beam, box.solution)[1],
+            "path": box.folder / "run.gif",
+            "speed": 1.0,
+            "frames": 3,
+            "color": "M",
+            "trail": True,
+        },
+        return_result,
+    ),
+    "Solution.observe": WorkingCall(
+        lambda box: {"name": "middle", "what": box.bar.at(*KNEE)},
+        return_result,
+        lambda box, **arguments: box.solution.observe(**arguments),
+    ),
+    "Solution.__getitem__": WorkingCall(
+        lambda box: {"name": "bar.angle"}, return_result, lambda box, name: box.solution[name]
+    ),
+    "Solution.to_csv": WorkingCall(
+        lambda box: {"path": Path("run.csv")},
+        return_result,
+        lambda box, path: write_two_folders_down(box, box.solution.to_csv, path),
+    ),
+}
+
+
+def _save_and_load(sandbox: Sandbox, path: Any, model: Any) -> Any:
+    file = sandbox.solution.save("run.beamdae")
+    try:
+        return bd.load(path, model)
+    finally:
+        file.unlink()
+
+
+def write_two_folders_down(sandbox: Sandbox, write: Callable[[Any], object], path: Any) -> None:
+    """Write from two folders down, because a relative path may lead up."""
+    (sandbox.folder / "deep").mkdir(parents=True)
+    with chdir(sandbox.folder / "deep"):
+        write(path)
+
+
+_LIMITS = {"max_step": None, "max_steps": 1000, "time_limit": RUN_TIME_LIMIT}
+_INTEGRATOR_MEMBERS = ("method", "label", "order", "accuracy")
+
+
+def _make_integrator(sandbox: Sandbox, **members: Any) -> bd.Integrator:
+    """Return an integrator of a user's class that overrides members with constant values."""
+    answers = {
+        name: property(lambda self, value=value: value)
+        for name, value in members.items()
+        if name in _INTEGRATOR_MEMBERS
+    }
+    result = members["integrate"]
+    answers["integrate"] = lambda self, *a, **more: result
+    return type("Odd", (bd.GeneralizedAlpha,), answers)(2e-3)
+
+
+def _integrator_members(sandbox: Sandbox) -> dict[str, Any]:
+    like = bd.GeneralizedAlpha(2e-3)
+    return {name: getattr(like, name) for name in _INTEGRATOR_MEMBERS} | {
+        "integrate": sandbox.solution
+    }
+
+
+def _study_arguments(sandbox: Sandbox) -> dict[str, Any]:
+    return {
+        "references": (bd.Radau(1e-5), bd.GeneralizedAlpha(5e-4)),
+        "columns": ("bob.x [m]",),
+        "t_end": T_END,
+        "output_step": OUTPUT_STEP,
+        "repetitions": 1,
+        "over": None,
+        "errors": None,
+    }
+
+
+def _run_decorated_study(sandbox: Sandbox, decorate: Any) -> Any:
+    def few() -> list[bd.Case]:
+        return [sandbox.case(mass=2.0)]
+
+    return run_study(sandbox, decorate(few))
+
+
+def _swing_of(sandbox: Sandbox, build: Any, t_end: Any, parameters: Any) -> Any:
+    return bd.Model(build, t_end, parameters)
+
+
+def _compare_arguments(sandbox: Sandbox) -> dict[str, Any]:
+    return {
+        "cases": [sandbox.case(mass=2.0)],
+        "reference": sandbox.case(),
+        "columns": ("bob.x [m]",),
+        "t_end": T_END,
+        "output_step": OUTPUT_STEP,
+        "progress": None,
+    }
+
+
+def _run_model(sandbox: Sandbox, model: Any) -> bd.Solution:
+    return sandbox.run(model)
+
+
+def _model_returning(mechanism: Any) -> bd.Model:
+    def swing() -> Any:
+        return mechanism
+
+    return bd.model(t_end=T_END)(swing)
+
+
+def _study_listing(cases: Any) -> bd.Study:
+    def few() -> Any:
+        return cases
+
+    return bd.study(output_step=OUTPUT_STEP)(few)
+
+
+def _load_written_model(sandbox: Sandbox, path: Any, name: Any) -> bd.Model:
+    sandbox.write_model()
+    return bd.load_model(path, name)
+
+
+MODEL_CALLS: dict[str, WorkingCall] = {
+    "Model": WorkingCall(
+        lambda box: {
+            "build": box.swing.build,
+            "t_end": T_END,
+            "parameters": box.swing.parameters,
+            "data": (__file__,),
+        },
+        _run_model,
+    ),
+    "Model of": WorkingCall(
+        lambda box: {"mass": 1.0, "spin": 1, "stiff": True, "name": "bob", "at": (1.0, 0.0)},
+        _run_model,
+        lambda box, **arguments: box.swing(**arguments),
+    ),
+    "model": WorkingCall(
+        lambda box: {"t_end": T_END, "data": (__file__,)},
+        lambda box, decorate: bd.simulate(decorate(box.swing.build), box.integrator),
+    ),
+    "model defaults": WorkingCall(
+        lambda box: {"mass": 1.0, "spin": 1, "name": "bob", "at": (1.0, 0.0)},
+        _run_model,
+        lambda box, **defaults: bd.Model(box.swing.build, T_END, {"stiff": True, **defaults}),
+    ),
+    "model returning": WorkingCall(
+        lambda box: {"mechanism": box.mech},
+        _run_model,
+        lambda box, mechanism: _model_returning(mechanism),
+    ),
+    "load_model": WorkingCall(
+        lambda box: {"path": "out/swing.py", "name": "swing"}, _run_model, _load_written_model
+    ),
+    "simulate": WorkingCall(
+        lambda box: {
+            "model": box.mech,
+            "integrator": box.integrator,
+            "t_end": T_END,
+            "output_step": OUTPUT_STEP,
+            "progress": lambda t: None,
+            "start": "as drawn",
+            "accept_changes": False,
+        },
+        return_result,
+    ),
+    "check": WorkingCall(
+        lambda box: {"model": box.mech, "t_end": T_END, "predict": False}, return_result
+    ),
+    "Equilibrium.to_csv": WorkingCall(
+        lambda box: {"path": Path("path.csv")},
+        return_result,
+        lambda box, path: write_two_folders_down(box, bd.equilibrium(box.mech).to_csv, path),
+    ),
+}
+
+INTEGRATOR_CALLS: dict[str, WorkingCall] = {
+    "Auto": WorkingCall(lambda box: {"rtol": 1e-3, **_LIMITS}, run_with_integrator),
+    "GeneralizedAlpha": WorkingCall(
+        lambda box: {
+            "step": 2e-3,
+            "rho_inf": 0.8,
+            "formulation": "index3",
+            "start": "cured",
+            "newton_tolerance": 1e-7,
+            "linear_solver": "auto",
+            "time_limit": RUN_TIME_LIMIT,
+            "family": "hht",
+        },
+        run_with_integrator,
+    ),
+    "GeneralizedAlpha adaptive": WorkingCall(
+        lambda box: {"rtol": 1e-3, "max_steps": 1000, "time_limit": RUN_TIME_LIMIT, "step": 1e-3},
+        run_with_integrator,
+        lambda box, **arguments: bd.GeneralizedAlpha(**arguments),
+    ),
+    "Ida": WorkingCall(
+        lambda box: {
+            "rtol": 1e-3,
+            "formulation": "ggl",
+            "error_control": "positions",
+            "max_order": 2,
+            "linear_solver": "auto",
+            **_LIMITS,
+        },
+        run_with_integrator,
+    ),
+    "Integrator": WorkingCall(_integrator_members, run_with_integrator, _make_integrator),
+    "Radau": WorkingCall(
+        lambda box: {
+            "rtol": 1e-3,
+            "error_control": "positions",
+            "linear_solver": "auto",
+            **_LIMITS,
+        },
+        run_with_integrator,
+    ),
+}
+
+STUDY_CALLS: dict[str, WorkingCall] = {
+    "Case": WorkingCall(
+        lambda box: {"model": box.swing, "parameters": {"mass": 2.0}, "integrator": box.integrator},
+        lambda box, case: case.solve(T_END, OUTPUT_STEP),
+    ),
+    "Case parameters": WorkingCall(
+        lambda box: {"mass": 2.0, "spin": 1, "at": (1.0, 0.0)},
+        lambda box, case: run_study(box, bd.Study("few", (case,), output_step=OUTPUT_STEP)),
+        lambda box, **values: box.case(**values),
+    ),
+    "Study": WorkingCall(
+        lambda box: (
+            {"name": "few", "cases": (box.case(mass=2.0),), "limits": Limits(10.0)}
+            | _study_arguments(box)
+        ),
+        run_study,
+    ),
+    "study": WorkingCall(
+        lambda box: {
+            **_study_arguments(box),
+            "time_limit": 10.0,
+            "memory_limit": 4.0,
+            "patience": 5.0,
+        },
+        _run_decorated_study,
+    ),
+    "study listing": WorkingCall(
+        lambda box: {"cases": [box.case(mass=2.0)]},
+        run_study,
+        lambda box, cases: _study_listing(cases),
+    ),
+    "compare": WorkingCall(_compare_arguments, return_result),
+    "grid": WorkingCall(
+        lambda box: {"mass": [1.0, 2.0]},
+        lambda box, rows: bd.compare([box.case(**row) for row in rows]),
+        lambda box, **lists: bd.grid(**lists),
+    ),
+}

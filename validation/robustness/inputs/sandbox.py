@@ -1,0 +1,218 @@
+"""Small working mechanism in which bad values are tried, and short runs of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+
+import beamdae as bd
+from beamdae.studies.execution import study_run as study_execution
+from beamdae.studies.execution.executors import SerialPool
+from beamdae.testing import SampleMechanism
+
+T_END = 0.01  # s
+OUTPUT_STEP = 0.002  # s
+RUN_TIME_LIMIT = 5.0  # s; a run that takes longer ends with its limit as the reason
+INTEGRATORS: tuple[Callable[[], bd.Integrator], ...] = (
+    lambda: bd.Auto(1e-3, time_limit=RUN_TIME_LIMIT),
+    lambda: bd.GeneralizedAlpha(2e-3, time_limit=RUN_TIME_LIMIT),
+    lambda: bd.Radau(1e-3, time_limit=RUN_TIME_LIMIT),
+    lambda: bd.GeneralizedAlpha(rtol=1e-3, time_limit=RUN_TIME_LIMIT),
+    lambda: bd.Ida(1e-3, time_limit=RUN_TIME_LIMIT),
+)
+KNEE = (1.0, 0.0)  # m, observed point of the bar
+# Parts, observables, models and studies that working calls create outside the sandbox.
+_OTHER_NAMES = frozenset(
+    {
+        "beam",
+        "bob",
+        "compare",
+        "constraint",
+        "disk",
+        "end",
+        "event",
+        "few",
+        "ground",
+        "joint",
+        "Law",
+        "mass",
+        "odd",
+        "pin",
+        "place",
+        "simulate",
+        "spring",
+        "start",
+        "Study",
+        "swing",
+        "system",
+        "torque",
+        "watched",
+        "x",
+        "y",
+    }
+)
+
+
+class Sandbox(SampleMechanism):
+    """Sample mechanism with a hinged bar, which short runs simulate."""
+
+    def __init__(self, integrator: int = 0, folder: Path = Path("out")) -> None:
+        self.integrator = INTEGRATORS[integrator % len(INTEGRATORS)]()
+        self.folder = folder
+        super().__init__()
+        self.mech = self.mechanism
+        self.bar = self.mech.add(bd.RigidBody("bar", 1.0, 0.1, (0.5, 0.0)))
+        self.mech.add(bd.Revolute("hinge", self.mech.ground.at(0.0, 0.0), self.bar.at(0.0, 0.0)))
+        self.mech.observe("knee", self.bar.at(*KNEE))
+
+    @property
+    def hinge(self) -> bd.Joint:
+        """Hinge of the bar."""
+        return self.mech.part("hinge")
+
+    @cached_property
+    def beam(self) -> bd.Beam:
+        """Unconstrained beam, observed at its end."""
+        return self.falling()
+
+    def falling(self, curve: Any = None, section: Any = None) -> bd.Beam:
+        """Add an unconstrained beam, observed at its end."""
+        curve = bd.Line((0.0, 1.0), (1.0, 1.0)) if curve is None else curve
+        section = self.section if section is None else section
+        beam = self.mech.add(bd.Beam("beam", curve, section, elements=1))
+        self.mech.observe("end", beam.end)
+        return beam
+
+    def run(self, model: Any = None, **settings: Any) -> bd.Solution:
+        """Simulate a few steps of a model, by default of the mechanism."""
+        options = {"t_end": T_END, "output_step": OUTPUT_STEP} | settings
+        return bd.simulate(self.mech if model is None else model, self.integrator, **options)
+
+    @property
+    def solution(self) -> bd.Solution:
+        """Solution of the mechanism."""
+        return self.run()
+
+    @property
+    def swing(self) -> bd.Model:
+        """Model with parameters of each type, which it passes on unchecked."""
+
+        @bd.model(t_end=T_END)
+        def swing(mass=1.0, spin=0, stiff=True, name="bob", at=(1.0, 0.0), extra=None):
+            mech = bd.Mechanism(gravity=(0.0, -9.81))
+            bob = mech.add(bd.RigidBody(name, mass, 0.1, at, (0.0, 0.0), spin))
+            mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+            mech.observe("bob", bob.at(0.5, 0.5))
+            return mech
+
+        return swing
+
+    def case(self, **parameters: Any) -> bd.Case:
+        """Return a case of `swing`."""
+        return bd.Case(self.swing, parameters, self.integrator)
+
+    @cached_property
+    def symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Time, coordinates and velocities of a constrained system."""
+        return ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+
+    @property
+    def circle(self) -> dict[str, Any]:
+        """Arguments of a constrained system: a point mass on a circle."""
+        t, q, v = self.symbols
+        return {
+            "t": t,
+            "q": q,
+            "v": v,
+            "mass": [1.0, 1.0],
+            "force": ca.vertcat(0.0, -9.81),
+            "constraints": ca.dot(q, q) - 1.0,
+            "q0": [1.0, 0.0],
+            "v0": [0.0, 0.0],
+        }
+
+    def write_model(self) -> None:
+        """Write the model file swing.py."""
+        self.folder.mkdir(exist_ok=True)
+        (self.folder / "swing.py").write_text(
+            "import beamdae as bd\n\n@bd.model(t_end=0.01)\ndef swing(mass=1.0):\n"
+            "    mech = bd.Mechanism()\n    mech.add(bd.RigidBody('bob', mass, 0.1))\n"
+            "    return mech\n"
+        )
+
+    @property
+    def names(self) -> set[str]:
+        """Names that a message may contain."""
+        return {*self.mech.parts, *self.mech.observables, *_OTHER_NAMES}
+
+
+@dataclass(frozen=True)
+class WorkingCall:
+    """Small working call of a public name.
+
+    Attributes
+    ----------
+    arguments
+        Function that returns the arguments by name.
+    use
+        Function that uses the result of the call; what it returns is judged.
+    call
+        Function to call with the arguments, None for the public name itself.
+    """
+
+    arguments: Callable[[Sandbox], dict[str, Any]]
+    use: Callable[[Sandbox, Any], Any]
+    call: Callable[..., Any] | None = None
+
+
+def return_result(sandbox: Sandbox, result: Any) -> Any:
+    return result
+
+
+def run_with_part(sandbox: Sandbox, part: Any) -> bd.Solution:
+    """Simulate with the part added."""
+    sandbox.mech.add(part)
+    return sandbox.run()
+
+
+def run_with_law(sandbox: Sandbox, law: Any) -> bd.Solution:
+    """Simulate with a moment that follows the law."""
+    return run_with_part(sandbox, bd.Moment("torque", sandbox.bar.at(*KNEE), law))
+
+
+def run_with_curve(sandbox: Sandbox, curve: Any) -> bd.Solution:
+    """Simulate with a beam along the curve."""
+    sandbox.falling(curve=curve)
+    return sandbox.run()
+
+
+def run_with_section(sandbox: Sandbox, section: Any) -> bd.Solution:
+    """Simulate with a beam of the section."""
+    sandbox.falling(section=section)
+    return sandbox.run()
+
+
+def run_with_observable(sandbox: Sandbox, quantity: Any) -> bd.Solution:
+    """Simulate with the quantity observed."""
+    sandbox.mech.observe("watched", quantity)
+    return sandbox.run()
+
+
+def run_with_mass_at(sandbox: Sandbox, attachment: Any) -> bd.Solution:
+    """Simulate with a point mass on the attachment."""
+    return run_with_part(sandbox, bd.PointMass("mass", 0.1, on=attachment))
+
+
+def run_with_integrator(sandbox: Sandbox, integrator: Any) -> bd.Solution:
+    """Simulate with the integrator."""
+    return bd.simulate(sandbox.mech, integrator, T_END, OUTPUT_STEP)
+
+
+def run_study(sandbox: Sandbox, study: Any) -> Any:
+    """Run the study in this process and return its table of cases."""
+    return study_execution.run_study(study, sandbox.folder, SerialPool()).table
