@@ -1,4 +1,9 @@
-"""Hashes of values that are the same in every process, whatever the values are."""
+"""Hashes of Python values that are equal in every process, for values of any kind.
+
+A value is decomposed into parts down to scalars: a function into its code and the values the code
+refers to, a class into its members, any other object into what it is pickled as. Installed
+functions, classes and modules are identified by name and version.
+"""
 
 from __future__ import annotations
 
@@ -30,58 +35,149 @@ import numpy as np
 
 from beamdae.studies.store.file_hashes import PACKAGE_FOLDER, is_installed
 
-# Members of classes that Python makes, some of them late or in no fixed order.
+# Class members that Python generates, some of them lazily or in no fixed order.
 _GENERATED_MEMBERS = {
+    "__abstractmethods__",
+    "__annotate_func__",
+    "__annotations_cache__",
+    "__classcell__",
     "__dict__",
-    "__weakref__",
+    "__firstlineno__",
     "__module__",
     "__slotnames__",
-    "__abstractmethods__",
-}
-_GENERATED_MEMBERS |= {
-    "_abc_impl",
-    "__firstlineno__",
     "__static_attributes__",
-    "__annotations_cache__",
+    "__weakref__",
+    "_abc_impl",
 }
-_GENERATED_MEMBERS |= {"__annotate_func__", "__classcell__"}
-# Globals that Python makes of each module, and of each place it is in.
-_GENERATED_GLOBALS = {"__annotations__", "__builtins__", "__cached__", "__doc__", "__file__"}
-_GENERATED_GLOBALS |= {"__loader__", "__name__", "__package__", "__path__", "__spec__"}
+# Module globals that Python generates; some depend on the folder of the module.
+_GENERATED_GLOBALS = {
+    "__annotations__",
+    "__builtins__",
+    "__cached__",
+    "__doc__",
+    "__file__",
+    "__loader__",
+    "__name__",
+    "__package__",
+    "__path__",
+    "__spec__",
+}
 _GLOBAL_READS = {"LOAD_GLOBAL", "LOAD_NAME"}
-# What a value consists of: names of its parts, and the parts.
+_PICKLE_PROTOCOL = 4
+# Names, which appear in error messages, and values.
 Parts = Iterable[tuple[str, Any]]
 
 
 class FingerprintError(TypeError):
-    """A value that nothing tells again in another process.
+    """A value that other processes cannot reproduce.
 
     Attributes
     ----------
     kind
-        Its type.
-    inside
-        What it is a part of, from the inside out.
+        Name of its type.
+    containers
+        Names of the parts that contain it, from the inside out.
     """
 
     def __init__(self, value: Any) -> None:
         super().__init__(type(value).__name__)
         self.kind = type(value).__qualname__
-        self.inside: list[str] = []
+        self.containers: list[str] = []
 
     @property
     def place(self) -> str:
-        """Where it is, from the outside in."""
-        return ", ".join(name for name in reversed(self.inside) if name) or "the value"
+        """Names of the parts that contain the value, from the outside in."""
+        return ", ".join(name for name in reversed(self.containers) if name) or "the value"
 
 
-def encode_scalar(value: Any) -> bytes | None:
-    """The text of a value without parts."""
+def digest(value: Any) -> str:
+    """Return the hash of a value: the same for equal values, in every process.
+
+    Raises
+    ------
+    FingerprintError
+        If the value or a part of it cannot be reproduced: a lock, a generator, an open file, an
+        object that pickles an address.
+    """
+    return _Hasher().digest(value).hex()
+
+
+def digest_transferable(value: Any) -> str:
+    """Return the `digest` of a value that is sent to other processes.
+
+    Raises
+    ------
+    FingerprintError
+        As `digest`, and if the unpickled copy of the value has another hash.
+    """
+    original = digest(value)
+    if not isinstance(value, (bool, int, float, str, bytes, type(None), np.ndarray)):
+        try:
+            copy = cloudpickle.loads(cloudpickle.dumps(value))
+        except Exception as problem:  # __reduce__ of any object.
+            raise FingerprintError(value) from problem
+        if digest(copy) != original:
+            raise FingerprintError(value)
+    return original
+
+
+class _Hasher:
+    """Recursive hash of a value and its parts; cycles are hashed by their length."""
+
+    def __init__(self) -> None:
+        self._depths: dict[int, int] = {}
+        # Values are stored with their hashes, so that their identities are not used again.
+        self._digests: dict[tuple[int, bool], tuple[bytes, Any]] = {}
+        self._in_module = False
+
+    def digest(self, value: Any) -> bytes:
+        encoded = _encode_scalar(value)
+        if encoded is not None:
+            return hashlib.sha256(encoded).digest()
+        in_module = self._in_module
+        key = (id(value), in_module)
+        if key in self._digests:
+            return self._digests[key][0]
+        if id(value) in self._depths:
+            length = len(self._depths) - self._depths[id(value)]
+            return hashlib.sha256(b"cycle %d" % length).digest()
+        self._depths[id(value)] = len(self._depths)
+        self._in_module = in_module or isinstance(value, ModuleType)
+        try:
+            result = self._digest_parts(value)
+        except RecursionError:
+            raise FingerprintError(value) from None
+        finally:
+            del self._depths[id(value)]
+            self._in_module = in_module
+        self._digests[key] = (result, value)
+        return result
+
+    def _digest_parts(self, value: Any) -> bytes:
+        kind, parts = _decompose(value)
+        digests = []
+        for name, part in parts:
+            try:
+                digests.append(hashlib.sha256(name.encode()).digest() + self.digest(part))
+            except FingerprintError as problem:
+                if self._in_module:
+                    # The model may not use this member of a module; its other members count.
+                    digests.append(f"{name} {problem.kind}".encode())
+                    continue
+                problem.containers.append(name)
+                raise
+        if isinstance(value, (set, frozenset)):
+            digests.sort()
+        return hashlib.sha256(b"\0".join([kind.encode(), *digests])).digest()
+
+
+def _encode_scalar(value: Any) -> bytes | None:
+    """Return the bytes of a value without parts, or None."""
     kind = type(value)
     if value is None or value is Ellipsis or value is NotImplemented or kind is bool:
         return repr(value).encode()
     if kind is int:
-        # Of any length, in hexadecimal digits.
+        # Decimal digits of long integers take quadratic time.
         return b"int %x" % value if value >= 0 else b"int -%x" % -value
     if kind is float:
         return b"float " + struct.pack(">d", value)
@@ -93,25 +189,28 @@ def encode_scalar(value: Any) -> bytes | None:
 
 
 @singledispatch
-def decompose(value: Any) -> tuple[str, Parts]:
-    """What a value is, in words, and what it consists of: here, what it is pickled as."""
+def _decompose(value: Any) -> tuple[str, Parts]:
+    """Return the kind of a value and its parts; by default, the parts of its pickle."""
     try:
         reducer = copyreg.dispatch_table.get(type(value))
-        reduced = reducer(value) if reducer else value.__reduce_ex__(4)
-    except Exception as problem:  # Whatever objects do when they are pickled.
+        reduced = reducer(value) if reducer else value.__reduce_ex__(_PICKLE_PROTOCOL)
+    except Exception as problem:  # __reduce__ of any object.
         raise FingerprintError(value) from problem
     if isinstance(reduced, str):
         return f"name {type(value).__module__}.{reduced}", ()
     function, arguments, state, items, pairs = (*reduced, None, None, None)[:5]
     parts = [("", function), *(("", x) for x in arguments), ("", None)]
-    parts += _state(value, state)
+    parts += _state_parts(value, state)
     parts += [("", x) for x in items or ()]
     parts += [("", x) for pair in pairs or () for x in pair]
     return "object", parts
 
 
-def _state(value: Any, state: Any) -> Iterator[tuple[str, Any]]:
-    """Attributes of an object but those that are computed from the others when they are asked."""
+_decompose_pickle = _decompose.dispatch(object)
+
+
+def _state_parts(value: Any, state: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the pickled attributes of an object, except for the values of cached properties."""
     for part in state if isinstance(state, tuple) else (state,):
         if not isinstance(part, dict):
             yield "", part
@@ -121,110 +220,107 @@ def _state(value: Any, state: Any) -> Iterator[tuple[str, Any]]:
                 yield f"attribute {name}", x
 
 
-@decompose.register(list)
-@decompose.register(tuple)
-@decompose.register(set)
-@decompose.register(frozenset)
-def _of_items(value: Any) -> tuple[str, Parts]:
+@_decompose.register(list)
+@_decompose.register(tuple)
+@_decompose.register(set)
+@_decompose.register(frozenset)
+def _decompose_collection(value: Any) -> tuple[str, Parts]:
     if type(value) not in (list, tuple, set, frozenset):
-        return _reduced(value)
+        return _decompose_pickle(value)
     return type(value).__name__, [("", x) for x in value]
 
 
-@decompose.register(dict)
-@decompose.register(MappingProxyType)
-def _of_pairs(value: Any) -> tuple[str, Parts]:
+@_decompose.register(dict)
+@_decompose.register(MappingProxyType)
+def _decompose_mapping(value: Any) -> tuple[str, Parts]:
     if type(value) not in (dict, MappingProxyType):
-        return _reduced(value)
+        return _decompose_pickle(value)
     parts: list[tuple[str, Any]] = []
     for key, x in value.items():
         parts += [("", key), (f"item {key}" if isinstance(key, str) else "", x)]
     return "dict", parts
 
 
-_reduced = decompose.dispatch(object)
-
-
-@decompose.register
-def _of_array(value: np.ndarray) -> tuple[str, Parts]:
+@_decompose.register
+def _decompose_array(value: np.ndarray) -> tuple[str, Parts]:
     if type(value) is not np.ndarray:
-        return _reduced(value)
+        return _decompose_pickle(value)
     kind = f"array {value.dtype.str} {value.dtype.descr} {value.shape}"
     if value.dtype.hasobject:
         return kind, [("", value.tolist())]
     return kind, [("", hashlib.sha256(np.ascontiguousarray(value).data).digest())]
 
 
-@decompose.register
-def _of_function(value: FunctionType) -> tuple[str, Parts]:
-    wrapped = [("", getattr(value, "__wrapped__", None))]
-    file = value.__code__.co_filename
-    cells = list(zip(value.__code__.co_freevars, value.__closure__ or (), strict=True))
-    if is_installed(file):
-        name = f"function {_versioned(value.__module__)} {value.__qualname__}"
-        # What others wrap users' functions with holds them; what beamdae does is known.
-        return name, wrapped if file.startswith(str(PACKAGE_FOLDER)) else [*wrapped, *cells]
+@_decompose.register
+def _decompose_function(value: FunctionType) -> tuple[str, Parts]:
     code = value.__code__
+    wrapped = [("", getattr(value, "__wrapped__", None))]
+    cells = list(zip(code.co_freevars, value.__closure__ or (), strict=True))
+    if is_installed(code.co_filename):
+        name = f"function {_versioned_name(value.__module__)} {value.__qualname__}"
+        # Installed decorators keep functions of the user in cells; those of beamdae do not.
+        is_own = code.co_filename.startswith(str(PACKAGE_FOLDER))
+        return name, wrapped if is_own else [*wrapped, *cells]
     scope = value.__globals__
     parts = [
         ("", code),
         *((f"its default {k}", x) for k, x in enumerate(value.__defaults__ or ())),
         *((f"its default {k}", x) for k, x in (value.__kwdefaults__ or {}).items()),
         *cells,
-        *((f"its global {k}", scope[k]) for k in _globals_of(code) if k in scope),
-        *((f"its import {k}", sys.modules.get(k)) for k in _imports_of(code)),
+        *((f"its global {k}", scope[k]) for k in _global_names(code) if k in scope),
+        *((f"its import {k}", sys.modules.get(k)) for k in _import_names(code)),
         *((f"its attribute {k}", x) for k, x in vars(value).items()),
     ]
     return f"function {value.__qualname__}", parts
 
 
 @cache
-def _globals_of(code: CodeType) -> tuple[str, ...]:
-    """Names of globals the code reads, and that inside it, but those Python makes."""
-    read = {x.argval for x in dis.get_instructions(code) if x.opname in _GLOBAL_READS}
-    found = read.union(*(_globals_of(c) for c in code.co_consts if isinstance(c, CodeType)))
-    return tuple(sorted(found - _GENERATED_GLOBALS))
+def _global_names(code: CodeType) -> tuple[str, ...]:
+    """Return the globals that a code object and the functions in it read."""
+    names = {x.argval for x in dis.get_instructions(code) if x.opname in _GLOBAL_READS}
+    names = names.union(*(_global_names(c) for c in code.co_consts if isinstance(c, CodeType)))
+    return tuple(sorted(names - _GENERATED_GLOBALS))
 
 
 @cache
-def _imports_of(code: CodeType) -> tuple[str, ...]:
-    read = {x.argval for x in dis.get_instructions(code) if x.opname == "IMPORT_NAME"}
-    found = read.union(*(_imports_of(c) for c in code.co_consts if isinstance(c, CodeType)))
-    return tuple(sorted(found))
+def _import_names(code: CodeType) -> tuple[str, ...]:
+    """Return the modules that a code object and the functions in it import."""
+    names = {x.argval for x in dis.get_instructions(code) if x.opname == "IMPORT_NAME"}
+    names = names.union(*(_import_names(c) for c in code.co_consts if isinstance(c, CodeType)))
+    return tuple(sorted(names))
 
 
-@decompose.register
-def _of_code(value: CodeType) -> tuple[str, Parts]:
-    # Neither file nor lines: a model is the same in another folder.
+@_decompose.register
+def _decompose_code(value: CodeType) -> tuple[str, Parts]:
+    # Without file name and line numbers, which do not affect results.
     names = (value.co_names, value.co_varnames, value.co_freevars, value.co_cellvars)
     counts = (value.co_argcount, value.co_posonlyargcount, value.co_kwonlyargcount, value.co_flags)
-    inner = [("", x) for x in (value.co_code, value.co_exceptiontable, names, counts)]
-    return f"code {value.co_name}", [*inner, *(("", x) for x in value.co_consts)]
+    parts = (value.co_code, value.co_exceptiontable, names, counts, *value.co_consts)
+    return f"code {value.co_name}", [("", x) for x in parts]
 
 
-@decompose.register
-def _of_class(value: type) -> tuple[str, Parts]:
+@_decompose.register
+def _decompose_class(value: type) -> tuple[str, Parts]:
     module = sys.modules.get(value.__module__)
-    found: Any = module
+    imported: Any = module
     for name in value.__qualname__.split("."):
-        found = getattr(found, name, None)
-    if found is value and _is_foreign(module):
-        return f"class {_versioned(value.__module__)} {value.__qualname__}", ()
+        imported = getattr(imported, name, None)
+    if imported is value and _is_installed_module(module):
+        return f"class {_versioned_name(value.__module__)} {value.__qualname__}", ()
     members = {k: x for k, x in vars(value).items() if k not in _GENERATED_MEMBERS}
     bases = [("", x) for x in (*value.__bases__, type(value))]
     return f"class {value.__qualname__}", [*bases, *((k, members[k]) for k in sorted(members))]
 
 
-@decompose.register
-def _of_module(value: ModuleType) -> tuple[str, Parts]:
-    if _is_foreign(value):
-        return f"module {_versioned(value.__name__)}", ()
+@_decompose.register
+def _decompose_module(value: ModuleType) -> tuple[str, Parts]:
+    if _is_installed_module(value):
+        return f"module {_versioned_name(value.__name__)}", ()
     members = {k: x for k, x in vars(value).items() if k not in _GENERATED_GLOBALS}
     return "module", [(k, members[k]) for k in sorted(members)]
 
 
-def _is_foreign(module: ModuleType | None) -> bool:
-    """Whether a module is installed, or part of Python."""
+def _is_installed_module(module: ModuleType | None) -> bool:
     file = getattr(module, "__file__", None)
     if file is not None:
         return is_installed(file)
@@ -235,136 +331,45 @@ def _is_foreign(module: ModuleType | None) -> bool:
     )
 
 
-def _versioned(name: str | None) -> str:
-    top = sys.modules.get((name or "").partition(".")[0])
-    return f"{name} {getattr(top, '__version__', '')}"
+def _versioned_name(module_name: str | None) -> str:
+    package = sys.modules.get((module_name or "").partition(".")[0])
+    return f"{module_name} {getattr(package, '__version__', '')}"
 
 
-@decompose.register
-def _of_method(value: MethodType) -> tuple[str, Parts]:
-    return "method", [("", value.__func__), ("", value.__self__)]
-
-
-@decompose.register
-def _of_builtin(value: BuiltinFunctionType) -> tuple[str, Parts]:
+@_decompose.register
+def _decompose_builtin(value: BuiltinFunctionType) -> tuple[str, Parts]:
     owner = value.__self__
     bound = [] if owner is None or isinstance(owner, ModuleType) else [("", owner)]
     return f"builtin {value.__module__} {value.__qualname__}", bound
 
 
-@decompose.register(GetSetDescriptorType)
-@decompose.register(MemberDescriptorType)
-@decompose.register(MethodDescriptorType)
-@decompose.register(WrapperDescriptorType)
-def _of_descriptor(value: Any) -> tuple[str, Parts]:
+@_decompose.register(GetSetDescriptorType)
+@_decompose.register(MemberDescriptorType)
+@_decompose.register(MethodDescriptorType)
+@_decompose.register(WrapperDescriptorType)
+def _decompose_descriptor(value: Any) -> tuple[str, Parts]:
     return f"member {value.__qualname__}", ()
 
 
-@decompose.register
-def _of_property(value: property) -> tuple[str, Parts]:
-    return "property", [("", value.fget), ("", value.fset), ("", value.fdel)]
+@_decompose.register(MethodType)
+@_decompose.register(property)
+@_decompose.register(cached_property)
+@_decompose.register(staticmethod)
+@_decompose.register(classmethod)
+def _decompose_wrapper(value: Any) -> tuple[str, Parts]:
+    """Decompose a method or property into its functions and the object it is bound to."""
+    names = ("__func__", "__self__", "fget", "fset", "fdel", "func")
+    return type(value).__name__, [("", getattr(value, name, None)) for name in names]
 
 
-@decompose.register(cached_property)
-def _of_cached_property(value: Any) -> tuple[str, Parts]:
-    return "cached property", [("", value.func)]
-
-
-@decompose.register(staticmethod)
-@decompose.register(classmethod)
-def _of_decorated(value: Any) -> tuple[str, Parts]:
-    return type(value).__name__, [("", value.__func__)]
-
-
-@decompose.register(_lru_cache_wrapper)
-def _of_cached_function(value: Any) -> tuple[str, Parts]:
+@_decompose.register(_lru_cache_wrapper)
+def _decompose_cached_function(value: Any) -> tuple[str, Parts]:
     return "cached function", [("", value.__wrapped__), ("", value.cache_parameters())]
 
 
-@decompose.register
-def _of_cell(value: CellType) -> tuple[str, Parts]:
+@_decompose.register
+def _decompose_cell(value: CellType) -> tuple[str, Parts]:
     try:
         return "cell", [("", value.cell_contents)]
     except ValueError:
         return "empty cell", ()
-
-
-def digest(value: Any) -> str:
-    """Hash of a value: equal for equal values, in every process.
-
-    Raises
-    ------
-    FingerprintError
-        If the value, or a part of it, has no contents to tell it by: a lock, a generator, an open
-        file, a pickle with an address in it.
-    """
-    return _Walk().digest(value).hex()
-
-
-def digest_transferable(value: Any) -> str:
-    """`digest` of a value that goes to another process, and has to be the same there.
-
-    Raises
-    ------
-    FingerprintError
-        See `digest`; also where its copy is told apart from it.
-    """
-    found = digest(value)
-    if not isinstance(value, (bool, int, float, str, bytes, type(None), np.ndarray)):
-        try:
-            copy = cloudpickle.loads(cloudpickle.dumps(value))
-        except Exception as problem:  # Whatever objects do when they are pickled.
-            raise FingerprintError(value) from problem
-        if digest(copy) != found:
-            raise FingerprintError(value)
-    return found
-
-
-class _Walk:
-    """One way through a value and all it refers to; cycles are told by their length."""
-
-    def __init__(self) -> None:
-        self._above: dict[int, int] = {}
-        # With the values, for their addresses are theirs as long as they live.
-        self._known: dict[tuple[int, bool], tuple[bytes, Any]] = {}
-        self._in_module = False
-
-    def digest(self, value: Any) -> bytes:
-        text = encode_scalar(value)
-        if text is not None:
-            return hashlib.sha256(text).digest()
-        in_module = self._in_module
-        key = (id(value), in_module)
-        if key in self._known:
-            return self._known[key][0]
-        if id(value) in self._above:
-            above = len(self._above) - self._above[id(value)]
-            return hashlib.sha256(b"cycle %d" % above).digest()
-        self._above[id(value)] = len(self._above)
-        self._in_module = in_module or isinstance(value, ModuleType)
-        try:
-            found = self._content(value)
-        except RecursionError:
-            raise FingerprintError(value) from None
-        finally:
-            del self._above[id(value)]
-            self._in_module = in_module
-        self._known[key] = (found, value)
-        return found
-
-    def _content(self, value: Any) -> bytes:
-        kind, parts = decompose(value)
-        digests = []
-        for name, part in parts:
-            try:
-                digests.append(hashlib.sha256(name.encode()).digest() + self.digest(part))
-            except FingerprintError as problem:
-                if self._in_module:
-                    # Of all a module has, it is not known what is used; what is beside this counts.
-                    digests.append(f"{name} {problem.kind}".encode())
-                    continue
-                problem.inside.append(name)
-                raise
-        if isinstance(value, (set, frozenset)):
-            digests.sort()
-        return hashlib.sha256(b"\0".join([kind.encode(), *digests])).digest()
