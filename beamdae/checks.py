@@ -14,6 +14,7 @@ from beamdae.analysis.linear_dynamics.symmetric_eigenproblem import (
 )
 from beamdae.beams.beam import Beam
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.dependent_constraints import (
     DependentSet,
@@ -28,7 +29,7 @@ from beamdae.equations.starts.mobility import (
 from beamdae.equations.starts.reduced_equations import drop_dependent_constraints
 from beamdae.errors import BeamdaeError, BeamdaeWarning, require_choice, require_positive
 from beamdae.integrators.auto import Auto
-from beamdae.integrators.run_plan import branch_time, plan_run
+from beamdae.integrators.run_plan import plan_run
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.terminal.check_report import describe_check
@@ -229,7 +230,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
     equations = as_equations("check", model)
     starter, state, problem = _plan_start(equations, end or 1.0)
     # All constraints, redundant ones included.
-    time, solver = _initial_time(equations, end or 1.0), ConsistencySolver(equations)
+    time, solver = time_on_branch(equations.breakpoints, 0.0, end), ConsistencySolver(equations)
     q = equations.q0 if state is None else state.q
     v = equations.v0 if state is None else state.v
     findings = Check(
@@ -266,12 +267,6 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
     return findings
 
 
-def _initial_time(equations: EquationsOfMotion, end: float) -> Array:
-    """Return (t, branch) at t = 0."""
-    next_time = min((b for b in equations.breakpoints if 0.0 < b < end), default=end)
-    return np.array([0.0, branch_time(0.0, next_time)])
-
-
 def _plan_start(equations: EquationsOfMotion, end: float) -> tuple[ConsistencySolver, Any, str]:
     """Return the solver of the start, the consistent state or None, and why no run is possible.
 
@@ -280,7 +275,7 @@ def _plan_start(equations: EquationsOfMotion, end: float) -> tuple[ConsistencySo
     independent, problem = equations, ""
     reduction = None
     if equations.m <= _MAX_CONSTRAINTS:
-        time = _initial_time(equations, end)
+        time = time_on_branch(equations.breakpoints, 0.0, end)
         reduction = drop_dependent_constraints(equations, time)
     if reduction is not None:
         independent = reduction.equations

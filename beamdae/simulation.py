@@ -14,6 +14,7 @@ from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.constrained_system import ConstrainedSystem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.model_hash import hash_model
+from beamdae.equations.smooth_intervals import SAME_TIME
 from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 from beamdae.errors import (
     BeamdaeError,
@@ -38,7 +39,6 @@ from beamdae.results.storage.saved_run import SavedRun, read_saved_run, saved_ru
 
 _MAX_ROWS = 1e7  # of the result
 _DEFAULT_ROWS = 1000
-_SAME_TIME = 1e-12  # relative difference of times that are the same
 _ROUNDING_OF_ROWS = 1e-9  # of the number of output steps in a run
 
 
@@ -296,7 +296,7 @@ def _output_times(t_end: Any, output_step: Any, begin: float) -> np.ndarray:
     rows = max(int(np.ceil(t_end / step - _ROUNDING_OF_ROWS)), 1)
     times = np.minimum(step * np.arange(rows + 1), t_end)
     times[-1] = t_end
-    return np.append(begin, times[times > begin * (1.0 + _SAME_TIME)])
+    return np.append(begin, times[times > begin * (1.0 + SAME_TIME)])
 
 
 def _collect_warnings(name: str, solution: Solution) -> tuple[Solution, tuple[str, ...]]:

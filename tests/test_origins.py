@@ -33,5 +33,5 @@ def test_resuming_a_run_requires_the_same_parameters():
 
 
 def test_a_mechanism_without_a_model_has_no_end_time():
-    with pytest.raises(bd.BeamdaeError, match="give t_end="):
+    with pytest.raises(bd.BeamdaeError, match="no end time; pass t_end="):
         bd.simulate(falling_ball.build(), ALPHA)

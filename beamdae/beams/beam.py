@@ -33,7 +33,7 @@ from beamdae.errors import (
 from beamdae.memory import available_memory, require_memory
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.part import Drawing, Part
-from beamdae.symbolic.formulas import FormulaExpression, constant_formula
+from beamdae.symbolic.formula import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import (
     SX,
     ForceStatement,

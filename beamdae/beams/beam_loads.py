@@ -30,7 +30,7 @@ from beamdae.parts.forces.formula_checks import (
 from beamdae.parts.forces.loads import dead_load, load_kernel, load_statement
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part
-from beamdae.symbolic.formulas import (
+from beamdae.symbolic.formula import (
     Formula,
     FormulaExpression,
     build_formula_kernel,

@@ -27,7 +27,7 @@ from beamdae.parts.events import Event
 from beamdae.parts.joints.joint import meeting_tolerance
 from beamdae.parts.joints.kinematic_constraint import load_columns, resolve_load
 from beamdae.parts.part import Part
-from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel, constant_formula
+from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,

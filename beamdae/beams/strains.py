@@ -1,6 +1,6 @@
 """Elastic work, strains and section forces, shared by all beam formulations.
 
-The functions that take `numbers` are kinds of a `Formula`: see `symbolic.formulas`.
+The functions that take `numbers` are kinds of a `Formula`: see `symbolic.formula`.
 """
 
 from __future__ import annotations

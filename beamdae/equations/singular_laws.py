@@ -14,7 +14,7 @@ from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.formulas import MAX_SHARED_KERNELS, Formula
+from beamdae.symbolic.formula import MAX_SHARED_KERNELS, Formula
 
 Array = np.ndarray
 

@@ -17,6 +17,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.failure_diagnosis import diagnose_failure
 from beamdae.equations.formulations.first_order import State
+from beamdae.equations.smooth_intervals import SAME_TIME, branch_time
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.events.event_detection import STEPS_PER_EVENT_CHECK, EventDetector
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
@@ -32,7 +33,7 @@ from beamdae.integrators.method import (
 )
 from beamdae.integrators.pilot_run import PILOT_LABEL, run_pilot
 from beamdae.integrators.redundant_constraints import remove_redundant, restore_reactions
-from beamdae.integrators.run_plan import SAME_TIME, RunPlan, branch_time, plan_run
+from beamdae.integrators.run_plan import RunPlan, plan_run
 from beamdae.integrators.step_history import OutOfMemoryError, RunSegment, StepHistory
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.results.event_records import EventRecord

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import pairwise
@@ -13,6 +13,7 @@ import scipy.sparse as sp
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.natural_frequencies import Mode, estimate_fastest_modes
 from beamdae.equations.singular_laws import require_no_pole
+from beamdae.equations.smooth_intervals import branch_time, interval_ends, time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.compiled_run import FactorizedMatrix
@@ -21,8 +22,6 @@ from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE
 
 Array = np.ndarray
 
-# Relative difference of times that are the same time rounded twice.
-SAME_TIME = 1e-12
 # Longest step by default: one over this many parts of the run, and `MIN_STEPS_PER_TIME_SCALE`.
 _MIN_STEPS_PER_RUN = 20.0
 
@@ -118,24 +117,8 @@ def plan_run(equations: EquationsOfMotion, times: Array) -> RunPlan:
     require_no_pole(equations.laws, intervals)
     starter = ConsistencySolver(equations)
     starter.require_inertia()
-    first = np.array([start, branch_time(*intervals[0])])
+    first = time_on_branch(equations.breakpoints, start, end)
     state = starter.state(first, equations.q0, equations.v0)
     # Cached because a pilot run and the run after it need the same modes.
     modes = cache(partial(estimate_fastest_modes, starter, first, state))
     return RunPlan(starter, intervals, state, modes)
-
-
-def interval_ends(breakpoints: Sequence[float], start: float, end: float) -> tuple[float, ...]:
-    """Return the ends of the smooth intervals between `start` and `end` [s]."""
-    tolerance = SAME_TIME * max(abs(start), abs(end))
-    inner: list[float] = []
-    for breakpoint_time in breakpoints:
-        previous = inner[-1] if inner else start
-        if breakpoint_time - previous > tolerance and end - breakpoint_time > tolerance:
-            inner.append(breakpoint_time)
-    return (*inner, end)
-
-
-def branch_time(start: float, end: float) -> float:
-    """Return a time inside an interval [s]; laws choose their piece by it."""
-    return 0.5 * (start + end)

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.parts.laws import Law
-from beamdae.symbolic.formulas import Formula
+from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local
 
 Array = np.ndarray

@@ -23,7 +23,7 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
-from beamdae.symbolic.formulas import Formula
+from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.statements import SX
 
 # Operations that jump or kink, where an integrator would not stop.

@@ -12,7 +12,7 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
-from beamdae.symbolic.formulas import (
+from beamdae.symbolic.formula import (
     MAX_SHARED_KERNELS,
     Formula,
     FormulaExpression,

@@ -3,7 +3,7 @@
 Joints of one type differ in the positions of their points. If each joint had its own kernel, a
 chain of many bodies would need as many functions to build and to call. With the numbers as data
 they share one kernel, whose copies are evaluated together, as the elements of beams are. Kernels
-made of `formulas` are shared from the start; this module is for expressions of users.
+made of `Formula`s are shared from the start; this module is for expressions of users.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from beamdae.symbolic.formulas import MAX_SHARED_KERNELS
+from beamdae.symbolic.formula import MAX_SHARED_KERNELS
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
@@ -19,6 +21,12 @@ def to_casadi_constant(matrix: sp.sparray) -> ca.DM:
 def column_indices(pattern: sp.csc_array) -> np.ndarray:
     """Return the column of each entry of a CSC matrix; `pattern.indices` are the rows."""
     return np.repeat(np.arange(pattern.shape[1]), np.diff(pattern.indptr))
+
+
+def build_selection(indices: Sequence[int] | np.ndarray, size: int) -> sp.csr_array:
+    """Return the operator that selects the entries `indices` of a vector with `size` entries."""
+    parts = (np.ones(len(indices)), np.asarray(indices, int), np.arange(len(indices) + 1))
+    return sp.csr_array(parts, shape=(len(indices), size))
 
 
 def select_rows(operator: sp.csr_array, rows: np.ndarray) -> sp.csr_array:

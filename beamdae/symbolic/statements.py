@@ -28,13 +28,13 @@ __all__ = [
     "ForceKernel",
     "ForceStatement",
     "Local",
-    "Named",
     "NonholonomicKernel",
     "Piece",
     "Quantity",
     "QuantityKernel",
     "RangeKernel",
     "RangeStatement",
+    "Variable",
 ]
 
 

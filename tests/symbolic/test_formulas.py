@@ -12,7 +12,7 @@ import beamdae as bd
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.laws import Law
 from beamdae.symbolic.force_kernel import ForceKernel
-from beamdae.symbolic.formulas import (
+from beamdae.symbolic.formula import (
     Formula,
     FormulaExpression,
     build_formula_kernel,

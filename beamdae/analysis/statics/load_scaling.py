@@ -15,7 +15,7 @@ from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.formulations.tangents import Tangent, compute_tangent
-from beamdae.equations.starts.initial_conditions import time_on_branch
+from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.reduced_equations import (
     ReducedEquations,
     remove_redundant_constraints,
@@ -255,7 +255,7 @@ def build_loading(model: Any, full_equations: EquationsOfMotion, loads: Any, t: 
     t
         Time [s] at which laws are read.
     """
-    time = time_on_branch(full_equations, t)
+    time = time_on_branch(full_equations.breakpoints, t)
     if not isinstance(model, Mechanism):
         if loads is not None:
             raise BeamdaeError(

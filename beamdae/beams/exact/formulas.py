@@ -1,6 +1,6 @@
 """Formulas of geometrically exact beams: motion of sections and of the chord, deformation.
 
-Each is a kind of a `Formula`: see `symbolic.formulas`.
+Each is a kind of a `Formula`: see `symbolic.formula`.
 """
 
 from __future__ import annotations

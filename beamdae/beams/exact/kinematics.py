@@ -22,7 +22,8 @@ from beamdae.beams.reference_frames import chord_vector
 from beamdae.beams.sections import VaryingSection
 from beamdae.beams.shape_functions import gauss_points, lagrange_weights, shape_functions
 from beamdae.beams.strains import InterpolatedStrains
-from beamdae.symbolic.formulas import Formula
+from beamdae.symbolic.formula import Formula
+from beamdae.symbolic.sparse_operators import build_selection
 from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
@@ -97,8 +98,7 @@ class GeometricallyExact(FormulationKinematics):
     def _select_nodes(self, nodes: Any) -> sp.csr_array:
         """Return the operator that selects the coordinates of these nodes."""
         columns = (NODE_SIZE * np.ravel(nodes)[:, None] + np.arange(NODE_SIZE)).ravel()
-        parts = (np.ones(len(columns)), columns, np.arange(len(columns) + 1))
-        return sp.csr_array(parts, shape=(len(columns), NODE_SIZE * self.mesh.node_count))
+        return build_selection(columns, NODE_SIZE * self.mesh.node_count)
 
     @cached_property
     def _stiffness_values(self) -> tuple[Array, ...]:

@@ -1,6 +1,6 @@
 """Formulas of beams in a floating frame: motion of sections and of the frame, deformation.
 
-Each is a kind of a `Formula`: see `symbolic.formulas`.
+Each is a kind of a `Formula`: see `symbolic.formula`.
 """
 
 from __future__ import annotations

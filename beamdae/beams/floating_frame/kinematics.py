@@ -31,7 +31,7 @@ from beamdae.beams.shape_functions import gauss_points, lagrange_weights, shape_
 from beamdae.beams.strains import InterpolatedStrains
 from beamdae.curves.plane_curves import rotate_points
 from beamdae.errors import BeamdaeError, require_choice
-from beamdae.symbolic.formulas import Formula
+from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.sparse_operators import select_rows
 from beamdae.symbolic.statements import Variable
 

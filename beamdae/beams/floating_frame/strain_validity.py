@@ -44,8 +44,8 @@ class _ErrorCoefficients(NamedTuple):
 
 
 # Fitted to cantilevers with exact solutions, the hub beam and the slider-crank
-# (validation/strain_validity/run.py). The error of a single beam is up to three times as large, and in pure
-# bending down to a thirtieth; that of several beams welded together is smaller.
+# (validation/strain_validity/run.py). The error of a single beam is up to three times as large, and
+# in pure bending down to a thirtieth; that of several beams welded together is smaller.
 _ERROR_COEFFICIENTS = {
     "tangent": _ErrorCoefficients(1.0, 0.05, 1.0),
     "chord": _ErrorCoefficients(0.15, 0.1, 0.3),

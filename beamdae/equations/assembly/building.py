@@ -10,7 +10,6 @@ from itertools import pairwise
 
 import casadi as ca
 import numpy as np
-import scipy.sparse as sp
 
 from beamdae.equations.assembly.coordinate_map import CoordinateMap, map_coordinates
 from beamdae.equations.assembly.statement_checks import (
@@ -40,9 +39,10 @@ from beamdae.errors import BeamdaeError, require_name, short_repr, suggest
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.events import DIRECTIONS, Event
 from beamdae.parts.observables import as_quantity
-from beamdae.symbolic.formulas import MAX_SHARED_KERNELS, FormulaExpression
+from beamdae.symbolic.formula import MAX_SHARED_KERNELS, FormulaExpression
 from beamdae.symbolic.kernel_groups import generalize_quantity, group_by_kernel
 from beamdae.symbolic.rotations import RotatedOperator, factor_operator
+from beamdae.symbolic.sparse_operators import build_selection
 from beamdae.symbolic.statements import (
     SX,
     ConstraintStatement,
@@ -102,7 +102,7 @@ def build_equations(
         if group.kernel.reused and depends_on is None:
             rotated = factor_operator(operator, count)
         data = numbers.store(np.concatenate([group.data, rotated.data]))
-        force_rows = None if depends_on is None else _selection(depends_on, len(multipliers))
+        force_rows = None if depends_on is None else build_selection(depends_on, len(multipliers))
         force_terms.append(
             ForceTerm(group.kernel, rotated.selection, rotated.rotation, data, count, force_rows)
         )
@@ -115,7 +115,7 @@ def build_equations(
                 group.kernel,
                 coordinate_map.global_operator(pieces),
                 numbers.store(group.data),
-                _selection(own_rows, len(multipliers)),
+                build_selection(own_rows, len(multipliers)),
                 group.data.shape[1],
             )
         )
@@ -299,9 +299,3 @@ def read_only_copy(values: Array) -> Array:
     copy = np.array(values, float)
     copy.setflags(write=False)
     return copy
-
-
-def _selection(indices: Array, size: int) -> sp.csr_array:
-    """Return the operator that selects these of `size` rows."""
-    parts = (np.ones(len(indices)), indices, np.arange(len(indices) + 1))
-    return sp.csr_array(parts, shape=(len(indices), size))

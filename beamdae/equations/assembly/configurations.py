@@ -40,7 +40,7 @@ _SHARED_FIELDS = ("q0", "v0", "length", "parts")
 class MechanismConfigurations:
     """Configurations of a mechanism, assembled when they are first needed.
 
-    Implements `Configurations`, where the public methods are described.
+    Implements the protocol `Configurations`.
 
     Attributes
     ----------
@@ -66,14 +66,17 @@ class MechanismConfigurations:
     def starting_with(
         self, inactive: frozenset[str], frozen_gaps: FrozenGaps
     ) -> MechanismConfigurations:
+        """Return these configurations with other parts inactive and joints frozen at the start."""
         return replace(self, initially_inactive=inactive, frozen_gaps=frozen_gaps)
 
     def initial_configuration(self, whole: EquationsOfMotion) -> Configuration:
+        """Return the configuration at the start of a run."""
         return self.configuration_without(whole, self.initially_inactive, self.frozen_gaps)
 
     def configuration_without(
         self, whole: EquationsOfMotion, inactive: frozenset[str], frozen_gaps: FrozenGaps
     ) -> Configuration:
+        """Return the configuration without the inactive parts."""
         if frozen_gaps:
             # The same offsets do not recur: nothing to cache.
             active = self.assemble(self._active_mechanism(inactive, frozen_gaps))
@@ -102,6 +105,7 @@ class MechanismConfigurations:
         time: Array,
         q: Array,
     ) -> Configuration:
+        """Return the configuration after the actions of an event."""
         inactive, frozen_gaps = now.inactive, dict(now.frozen_gaps)
         for switch in select_switches(event.do):
             inactive = inactive.difference(switch.on).union(switch.off)
@@ -120,6 +124,7 @@ class MechanismConfigurations:
     def impact_equations(
         self, whole: EquationsOfMotion, now: Configuration, event: str, impacts: Iterable[Impact]
     ) -> ImpactEquations:
+        """Return the equations in which the impacts of an event are solved."""
         mechanism = self._active_mechanism(now.inactive, now.frozen_gaps)
         restitution: dict[str, float] = {}
         gaps: list[str] = []

@@ -15,7 +15,7 @@ from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.formulas import MAX_SHARED_KERNELS, Formula
+from beamdae.symbolic.formula import MAX_SHARED_KERNELS, Formula
 from beamdae.symbolic.statements import SX, Piece
 
 Array = np.ndarray

@@ -43,6 +43,7 @@ class StaticSums:
 
 @cache_on_owner
 def plan_static_sums(structure: Structure) -> StaticSums:
+    """Plan the sums of the static residual and of its tangent."""
     n, m, total = structure.n, structure.m, create_matrix_sum()
     # Velocities and accelerations share the zeros of the input.
     layout = InputLayout(q=0, v=n, a=n, lam=2 * n)

@@ -11,12 +11,14 @@ import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Start
 from beamdae.equations.formulations.static_equations import StaticEquations
+from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.least_strain import minimize_strain, solve_least_change
 from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
 from beamdae.equations.starts.relaxation import relax_to_equilibrium
 from beamdae.errors import BeamdaeError, short_repr, suggest
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
+from beamdae.symbolic.sparse_operators import build_selection
 
 Array = np.ndarray
 
@@ -25,7 +27,6 @@ _MAX_APPROACH_STEP = 0.2  # in natural sizes of coordinates; keeps Newton's meth
 _CLOSED_TOLERANCE = 1e-11  # largest gap, relative to max(1, characteristic length)
 _VELOCITY_TOLERANCE = 1e-8  # relative to the largest of 1, length and requested velocities
 _MAX_ITERATIONS = 30
-_BRANCH_TIME_AFTER_LAST = 1.0  # [s]
 
 
 def apply_initial_conditions(
@@ -52,7 +53,7 @@ def apply_initial_conditions(
     start = require_start("start", start)
     if start == AS_DRAWN:
         return equations
-    time = time_on_branch(equations, t)
+    time = time_on_branch(equations.breakpoints, t)
     # Redundant constraints make the closing problem singular.
     reduction = remove_redundant_constraints(equations, time) if equations.redundant else None
     independent = equations if reduction is None else reduction.equations
@@ -74,12 +75,6 @@ def apply_initial_conditions(
     return replace(equations, q0=q, v0=v, start=request)
 
 
-def time_on_branch(e: EquationsOfMotion, t: float) -> Array:
-    """Return (t, branch): a time [s] and one before the next breakpoint, which selects branches."""
-    following = min((b for b in e.breakpoints if b > t), default=t + _BRANCH_TIME_AFTER_LAST)
-    return np.array([t, t + 0.5 * (following - t)])
-
-
 def _split_by_kind(
     e: EquationsOfMotion, values: Mapping[str, float]
 ) -> tuple[dict[int, float], ...]:
@@ -98,17 +93,11 @@ def _split_by_kind(
     return positions, velocities
 
 
-def _selection(columns: list[int], n: int) -> sp.csr_array:
-    """Return the operator that selects these of n coordinates."""
-    entries = (np.ones(len(columns)), (np.arange(len(columns)), columns))
-    return sp.csr_array(entries, shape=(len(columns), n))
-
-
 def _close_with_positions(
     e: EquationsOfMotion, time: Array, prescribed: Mapping[int, float]
 ) -> Array:
     """Return positions with the prescribed values that satisfy the constraints."""
-    solver, selection = ConsistencySolver(e), _selection(list(prescribed), e.n)
+    solver, selection = ConsistencySolver(e), build_selection(list(prescribed), e.n)
     q = drawn_q = solver.state(time, e.q0, e.v0).q
     if not prescribed:
         return q
@@ -169,7 +158,7 @@ def _project_velocities(
     e: EquationsOfMotion, time: Array, q: Array, requested: Array, prescribed: list[int]
 ) -> Array:
     """Return the consistent velocities nearest to the requested ones, keeping the prescribed."""
-    solver, selection = ConsistencySolver(e), _selection(prescribed, e.n)
+    solver, selection = ConsistencySolver(e), build_selection(prescribed, e.n)
     _, _, mass = solver.linearize_forces(time, solver.rest_state(q))
     rows = sp.vstack([solver.constraint_matrix(time, q), selection])
     g_dot = solver.constraint_levels(time, q, requested)[1]

@@ -81,6 +81,7 @@ class StateSums:
 
 @cache_on_owner
 def plan_state_sums(structure: Structure) -> StateSums:
+    """Plan the sums of the equations of motion at a state, and of their matrices."""
     n, m = structure.n, structure.m
     layout = InputLayout(q=0, v=n, a=2 * n, lam=3 * n)
     jacobian = create_matrix_sum()

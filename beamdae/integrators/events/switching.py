@@ -12,11 +12,12 @@ import numpy as np
 from beamdae.equations.equations_of_motion import Configuration, EquationsOfMotion, EventTerm, State
 from beamdae.equations.natural_frequencies import estimate_fastest_modes
 from beamdae.equations.singular_laws import require_no_pole
+from beamdae.equations.smooth_intervals import branch_time, interval_ends
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.events.impacts import apply_impact, solve_impulses
 from beamdae.integrators.method import Method
-from beamdae.integrators.run_plan import RunPlan, branch_time, interval_ends
+from beamdae.integrators.run_plan import RunPlan
 from beamdae.parts.events import select_impacts, select_switches
 from beamdae.results.outcome import Statistics
 

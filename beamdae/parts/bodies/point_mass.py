@@ -20,7 +20,7 @@ from beamdae.errors import (
 )
 from beamdae.parts.attachments import Attachment, require_attachment, require_movable
 from beamdae.parts.part import Drawing, Part
-from beamdae.symbolic.formulas import Formula, build_formula_kernel, constant_formula
+from beamdae.symbolic.formula import Formula, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Variable
 
 Array = np.ndarray

@@ -23,7 +23,7 @@ from beamdae.errors import (
 from beamdae.parts.attachments import Attachment, rotate
 from beamdae.parts.bodies import plane_shapes
 from beamdae.parts.part import Drawing, Part
-from beamdae.symbolic.formulas import Formula
+from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Piece, Variable
 
 Array = np.ndarray

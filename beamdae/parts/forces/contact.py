@@ -24,7 +24,7 @@ from beamdae.parts.forces.smooth import positive_part, smooth_sign
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface, perpendicular
 from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE, Law, as_law
 from beamdae.parts.part import Part
-from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel, constant_formula
+from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,

@@ -24,7 +24,7 @@ from beamdae.parts.forces.formula_checks import (
     require_function,
 )
 from beamdae.parts.part import Part
-from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel, constant_formula
+from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,

@@ -21,7 +21,7 @@ from beamdae.parts.forces.formula_checks import (
     require_function,
 )
 from beamdae.parts.part import Part
-from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel
+from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,
@@ -32,7 +32,7 @@ from beamdae.symbolic.statements import (
 )
 
 
-class Motion(NamedTuple):
+class PointMotion(NamedTuple):
     """Motion of an attachment, as the law of a `ForceLaw` receives it.
 
     Attributes
@@ -107,13 +107,13 @@ class _LoadValues(_AttachedLaw):
         return self.evaluate(local, *kinematics)[1]
 
 
-def _point_motion(local: Local, on: Attachment, position: SX, rotation: SX) -> Motion:
+def _point_motion(local: Local, on: Attachment, position: SX, rotation: SX) -> PointMotion:
     velocity = local.dot(position)
     angle = SX(rotation) + on.inclination
-    return Motion(as_vector(position), angle, as_vector(velocity), local.dot(SX(rotation)))
+    return PointMotion(as_vector(position), angle, as_vector(velocity), local.dot(SX(rotation)))
 
 
-def evaluate_loads(part: str, law: Callable[..., Any], motions: Sequence[Motion], t: SX) -> SX:
+def evaluate_loads(part: str, law: Callable[..., Any], motions: Sequence[PointMotion], t: SX) -> SX:
     """Return the column of (Fx, Fy, M) on each attachment."""
     value = evaluate_formula(part, "law", law, *motions, t)
     if len(motions) == 1:
@@ -205,7 +205,7 @@ class ForceLaw(Part):
         """Raise an error unless law and energy are formulas that suit the attachments."""
         require_function(self.name, "law", self.law)
         motions = [
-            Motion(*(as_vector(x) if x.numel() == 2 else x for x in symbols))
+            PointMotion(*(as_vector(x) if x.numel() == 2 else x for x in symbols))
             for symbols in (
                 (SX.sym("position", 2), SX.sym("angle"), SX.sym("velocity", 2), SX.sym("rate"))
                 for _ in self.on

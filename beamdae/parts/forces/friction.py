@@ -21,7 +21,7 @@ from beamdae.errors import (
 from beamdae.parts.attachments import require_angle, rotate
 from beamdae.parts.joints.joint import Joint, Revolute
 from beamdae.parts.part import Part
-from beamdae.symbolic.formulas import (
+from beamdae.symbolic.formula import (
     FormulaExpression,
     build_formula_kernel,
     constant_formula,

@@ -20,7 +20,7 @@ from beamdae.parts.attachments import (
 )
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.part import Part
-from beamdae.symbolic.formulas import build_formula_kernel
+from beamdae.symbolic.formula import build_formula_kernel
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Variable
 
 

@@ -11,7 +11,7 @@ import casadi as ca
 
 from beamdae.errors import BeamdaeError, require_choice, require_point, require_positive, set_fields
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
-from beamdae.symbolic.formulas import FormulaExpression, constant_formula
+from beamdae.symbolic.formula import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import SX, Local, Quantity, Variable
 
 # Length added under the root of the distance from the center, relative to the radius: the distance

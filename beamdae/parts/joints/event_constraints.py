@@ -14,7 +14,7 @@ from beamdae.parts.joints.kinematic_constraint import KinematicConstraint, Point
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.formulas import MAX_SHARED_KERNELS, FormulaExpression
+from beamdae.symbolic.formula import MAX_SHARED_KERNELS, FormulaExpression
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,

@@ -16,7 +16,7 @@ from beamdae.errors import BeamdaeError, require_choice
 from beamdae.parts.attachments import Attachment, rotate
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
-from beamdae.symbolic.formulas import FormulaExpression, build_formula_kernel, constant_formula
+from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,

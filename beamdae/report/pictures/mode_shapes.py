@@ -213,7 +213,8 @@ def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -
     """Return a Campbell diagram as a figure."""
     if not isinstance(diagram, Campbell):
         raise BeamdaeError(
-            f"draw_campbell: diagram must be a result of beamdae.campbell, got {short_repr(diagram)}."
+            "draw_campbell: diagram must be a result of beamdae.campbell, "
+            f"got {short_repr(diagram)}."
         )
     figure = _create_figure((6.4, 4.8), f"{title}; dashed: multiples of the speed")
     axis = figure.add_subplot()

@@ -22,18 +22,18 @@ from beamdae.results.solution import Solution
 Array = np.ndarray
 
 
-class _Quantity(NamedTuple):
+class _ColorQuantity(NamedTuple):
     title: str
     unit: str
     is_signed: bool
 
 
 _QUANTITIES = {
-    "strain": _Quantity("largest strain", "-", is_signed=False),
-    "stress": _Quantity("largest stress", "Pa", is_signed=False),
-    "N": _Quantity("axial force N", "N", is_signed=True),
-    "Q": _Quantity("shear force Q", "N", is_signed=True),
-    "M": _Quantity("bending moment M", "N m", is_signed=True),
+    "strain": _ColorQuantity("largest strain", "-", is_signed=False),
+    "stress": _ColorQuantity("largest stress", "Pa", is_signed=False),
+    "N": _ColorQuantity("axial force N", "N", is_signed=True),
+    "Q": _ColorQuantity("shear force Q", "N", is_signed=True),
+    "M": _ColorQuantity("bending moment M", "N m", is_signed=True),
 }
 # Color scales from zero to the largest value, and from the negative to the positive limit.
 _SEQUENTIAL_SCALE = ("#3a6fc4", "#7660c4", "#b452a3", "#e0566e", "#f58538", "#f5c31d")

@@ -12,7 +12,7 @@ from beamdae.parts.forces.springs import Damper, SpringDamper, TorsionSpring
 from beamdae.parts.forces.surfaces import CircleSurface
 from beamdae.report.scene.joint_symbols import draw_supports, find_travel
 from beamdae.report.scene.scene_builder import SceneBuilder
-from beamdae.report.scene.shapes import circle, hatched_line, join_lines, rotate_points
+from beamdae.report.scene.shapes import align_points, circle, hatched_line, join_lines
 
 Array = np.ndarray
 
@@ -132,7 +132,7 @@ def draw_contact(part: Contact, builder: SceneBuilder) -> None:
     else:
         low, high = find_travel(surface.on, part.point, surface.direction, builder)
         wall = hatched_line(low, high, builder.size)
-        builder.add_rigid("surface", on, rotate_points(wall, surface.direction))
+        builder.add_rigid("surface", on, align_points(wall, surface.direction))
     builder.add_rigid("contact", point, circle(_CONTACT_RADIUS * builder.size))
     builder.add_name(point)
 

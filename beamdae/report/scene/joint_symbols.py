@@ -23,13 +23,13 @@ from beamdae.parts.joints.rolling import RollingOnCircle, RollingOnLine, Skate
 from beamdae.parts.part import Part
 from beamdae.report.scene.scene_builder import SceneBuilder
 from beamdae.report.scene.shapes import (
+    align_points,
     arrow_head,
     box,
     circle,
     hatched_line,
     join_lines,
-    left_normal,
-    rotate_points,
+    rotate_left,
     unit_vector,
     wheel,
 )
@@ -106,7 +106,7 @@ def _draw_clamp(fixed: Attachment, clamped: Attachment, builder: SceneBuilder) -
     side = 1.0 if s < 0.5 * length else -1.0
     along = side * np.array([math.cos(clamped.inclination), math.sin(clamped.inclination)])
     half = _WALL_HALF_LENGTH * builder.size
-    wall = rotate_points(hatched_line(-half, half, builder.size), left_normal(-along))
+    wall = align_points(hatched_line(-half, half, builder.size), rotate_left(-along))
     builder.add_rigid("ground", builder.add_attachment(fixed), wall)
 
 
@@ -121,10 +121,10 @@ def draw_point_on_line(part: PointOnLine, builder: SceneBuilder) -> None:
 def draw_prismatic(part: Prismatic, builder: SceneBuilder) -> None:
     """Draw a slot along the travel of a block."""
     a, b = np.array(part.a.point), np.array(part.b.point)
-    _draw_slot(part, builder, float(left_normal(unit_vector(part.direction)) @ (b - a)))
+    _draw_slot(part, builder, float(rotate_left(unit_vector(part.direction)) @ (b - a)))
     row = builder.add_attachment(part.b)
     block = box(1.5 * builder.size, 2.0 * _SLOT_HALF_WIDTH * builder.size)
-    builder.add_rigid("joint", row, rotate_points(block, part.direction))
+    builder.add_rigid("joint", row, align_points(block, part.direction))
     builder.add_name(row)
 
 
@@ -137,7 +137,7 @@ def _draw_slot(part: Any, builder: SceneBuilder, offset: float) -> None:
         walls.append(np.add(hatched_line(low, high, builder.size), (0.0, offset - half)))
     else:
         walls.append(np.subtract(walls[0], (0.0, 2.0 * half)))
-    slot = rotate_points(join_lines(*walls), part.direction)
+    slot = align_points(join_lines(*walls), part.direction)
     builder.add_rigid("guide", builder.add_attachment(part.a), slot)
 
 
@@ -158,8 +158,8 @@ def draw_translational_driver(part: TranslationalDriver, builder: SceneBuilder) 
     row, length = builder.add_pose(pose), _SHAFT_LENGTH * builder.size
     shaft = np.array([(0.0, 0.0), (0.8 * length, 0.0)])
     tip = np.add(arrow_head(builder.size), (length, 0.0))
-    builder.add_rigid("driver", row, rotate_points(shaft, part.direction))
-    builder.add_rigid("driver tip", row, rotate_points(tip, part.direction))
+    builder.add_rigid("driver", row, align_points(shaft, part.direction))
+    builder.add_rigid("driver tip", row, align_points(tip, part.direction))
     builder.add_name(b)
 
 
@@ -181,7 +181,7 @@ def draw_driver(part: Driver, builder: SceneBuilder) -> None:
     arc = _DRIVER_RADIUS * builder.size * np.column_stack([np.cos(angle), np.sin(angle)])
     builder.add_rigid("driver", row, arc)
     tip = np.add(arrow_head(builder.size), (0.25 * builder.size, 0.0))
-    builder.add_rigid("driver tip", row, rotate_points(tip, left_normal(arc[-1])) + arc[-1])
+    builder.add_rigid("driver tip", row, align_points(tip, rotate_left(arc[-1])) + arc[-1])
     builder.add_name(row)
 
 
@@ -213,9 +213,9 @@ def draw_rack_and_pinion(part: RackAndPinion, builder: SceneBuilder) -> None:
     builder.add_rigid("wheel", a, wheel(abs(part.radius)))
     direction = unit_vector(part.direction)
     # The rack passes the pinion on its left.
-    touch = np.subtract(part.a.point, part.b.point) - part.radius * left_normal(direction)
+    touch = np.subtract(part.a.point, part.b.point) - part.radius * rotate_left(direction)
     low, high = find_travel(part.b, part.a, part.direction, builder, abs(part.radius))
-    line = rotate_points([(low, 0.0), (high, 0.0)], direction)
+    line = align_points([(low, 0.0), (high, 0.0)], direction)
     builder.add_rigid("guide", b, line + (touch - (touch @ direction) * direction))
     builder.add_name(a)
 
@@ -223,11 +223,9 @@ def draw_rack_and_pinion(part: RackAndPinion, builder: SceneBuilder) -> None:
 def draw_rolling_on_line(part: RollingOnLine, builder: SceneBuilder) -> None:
     """Draw a wheel on a hatched line along its travel."""
     low, high = find_travel(part.a, part.b, part.direction, builder, part.radius)
-    side = np.subtract(part.b.point, part.a.point) @ left_normal(unit_vector(part.direction))
+    side = np.subtract(part.b.point, part.a.point) @ rotate_left(unit_vector(part.direction))
     line = hatched_line(low, high, builder.size) * (1.0, 1.0 if side > 0.0 else -1.0)
-    builder.add_rigid(
-        "surface", builder.add_attachment(part.a), rotate_points(line, part.direction)
-    )
+    builder.add_rigid("surface", builder.add_attachment(part.a), align_points(line, part.direction))
     _draw_wheel(part.b, part.radius, builder)
 
 
@@ -248,7 +246,7 @@ def _draw_wheel(center: Attachment, radius: float, builder: SceneBuilder) -> Non
 def draw_skate(part: Skate, builder: SceneBuilder) -> None:
     """Draw the blade in its direction."""
     row, half = builder.add_attachment(part.on), builder.size
-    builder.add_rigid("skate", row, rotate_points([(-half, 0.0), (half, 0.0)], part.direction))
+    builder.add_rigid("skate", row, align_points([(-half, 0.0), (half, 0.0)], part.direction))
     builder.add_name(row)
 
 

@@ -32,12 +32,12 @@ def unit_vector(direction: Sequence[float] | Array) -> Array:
     return np.array(direction, float) / length if length > 0.0 else np.array([0.0, -1.0])
 
 
-def left_normal(direction: Array) -> Array:
+def rotate_left(direction: Array) -> Array:
     """Return the direction rotated by a quarter turn counter-clockwise."""
     return np.array([-direction[1], direction[0]])
 
 
-def rotate_points(points: Any, direction: Sequence[float] | Array) -> Array:
+def align_points(points: Any, direction: Sequence[float] | Array) -> Array:
     """Rotate points (k, 2) such that their x axis points in a direction."""
     c, s = unit_vector(direction)
     return np.asarray(points, float) @ np.array([(c, s), (-s, c)])

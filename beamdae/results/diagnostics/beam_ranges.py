@@ -12,7 +12,8 @@ from beamdae.results.trajectory import Trajectory
 
 MAX_UNREPORTED_ERROR = 0.01  # relative error of the deformation above which a beam is reported
 _MAX_PREDICTED_ERROR = 0.5  # beyond this, predictions of the error are meaningless
-# Error that remains after a beam is split in half; 0.05 to 0.3 measured by validation/strain_validity/run.py.
+# Error that remains after a beam is split in half, relative to the error before;
+# validation/strain_validity/run.py measures 0.05 to 0.3.
 _ERROR_AFTER_HALVING = 0.2
 _SAMPLES = 400  # times of a run at which beams are checked
 

@@ -69,7 +69,7 @@ def recover_section_forces(
         loads act and stay (both sides of these), with three sections between any two of them.
     """
     e, trajectory = run.equations, run.trajectory
-    beam = _require_beam(e, beam)
+    beam = _find_beam(e, beam)
     times = run.t if t is None else _require_numbers(beam.name, "t", t)
     first, last = trajectory.start, trajectory.end
     if not (np.all(np.diff(times) > 0.0) and first <= times[0] and times[-1] <= last):
@@ -120,7 +120,7 @@ def recover_section_forces_at_state(
     factors
         Load factors of parts by name, and of "gravity"; default 1.
     """
-    beam = _require_beam(equations, beam)
+    beam = _find_beam(equations, beam)
     time, groups = np.array([[t, t]]), [(np.zeros(1, int), factors)]
     if s is None:
         sections = _default_sections(beam, equations, time, state, groups)
@@ -237,7 +237,7 @@ class _BeamSections:
         return np.moveaxis(stiffness * (values[..., :3] + damping * values[..., 3:]), -1, 0)
 
 
-def _require_beam(equations: EquationsOfMotion, beam: Any) -> Beam:
+def _find_beam(equations: EquationsOfMotion, beam: Any) -> Beam:
     """Return the beam if it belongs to the mechanism of the equations."""
     mechanism = equations.mechanism
     parts = {} if mechanism is None else mechanism.parts

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.formulas import MAX_SHARED_KERNELS, Formula
+from beamdae.symbolic.formula import MAX_SHARED_KERNELS, Formula
 from beamdae.symbolic.statements import SX, Local
 
 Array = np.ndarray

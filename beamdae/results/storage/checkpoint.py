@@ -221,8 +221,8 @@ class Checkpoint:
             )
         elif switched_parts:
             raise BeamdaeError(
-                f"start: events of the run had switched {', '.join(switched_parts)}, but no event of "
-                "this model switches parts; define the same events."
+                f"start: events of the run had switched {', '.join(switched_parts)}, but no event "
+                "of this model switches parts; define the same events."
             )
         return replace(equations, q0=q, v0=v, events=events, configurations=configurations)
 
