@@ -6,9 +6,10 @@ import html
 import io
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
+
+from beamdae import deferred
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -85,11 +86,9 @@ class Views(Protocol):
 
 
 def load_views() -> Views:
-    """Import `beamdae.views` on first use and return it.
+    """Return `beamdae.views`, which draws results.
 
-    Results hold data and depend on no drawing code. Their methods `plot`, `animate`, `diagram` and
-    `_repr_html_` are conveniences for users; they all call through this function, which is the only
-    place where results reach the layer above them. The module is imported by name, in the way in
-    which pandas loads its plotting backend.
+    Results hold data and depend on no drawing code; their methods `plot`, `animate`, `diagram` and
+    `_repr_html_` all call through this function.
     """
-    return cast("Views", import_module("beamdae.views"))
+    return cast("Views", deferred.module("views"))
