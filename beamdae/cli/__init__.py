@@ -1,5 +1,5 @@
-"""The command line: commands, their options, and the files they read.
+"""The command line: the application, options, output and signals that all commands share.
 
-May import everything; whatever is slow to import is imported inside a command.
-Next: a command is a function in a file of its own, made known in `commands`.
+May import: everything; modules that are slow to import are imported inside functions.
+Next: a command is a function in a module of `commands` and one line in `app`.
 """

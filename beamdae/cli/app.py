@@ -1,4 +1,4 @@
-"""The command line: what can be done with model files."""
+"""The command-line application `beamdae`."""
 
 from __future__ import annotations
 
@@ -50,30 +50,32 @@ for _name, _command in _COMMANDS.items():
 
 
 def main() -> None:
-    """Run the command line, to its exit code whatever becomes of its signals and streams."""
+    """Run the command line and exit with its code, also after signals and stream errors."""
     code = 0
     try:
         streams.secure_streams()
         _configure_warnings()
         with completion.rejoin_bash_words():
             app(prog_name="beamdae")
-    except SystemExit as end:
-        code = end.code if isinstance(end.code, int) else int(end.code is not None)
+    except SystemExit as problem:
+        code = problem.code if isinstance(problem.code, int) else int(problem.code is not None)
     except KeyboardInterrupt:
         code = signals.exit_code()
     signals.ignore_signals()
-    sys.exit(streams.flush_output(signals.exit_code() if signals.is_interrupted() else code))
+    if signals.is_interrupted():
+        code = signals.exit_code()
+    sys.exit(streams.flush_output(code))
 
 
 def _configure_warnings() -> None:
-    """Nothing but sentences on standard error, whatever libraries have to say there."""
-    # What is not finite is told by a sentence.
+    """Limit standard error to one line per warning, whatever libraries print there."""
+    # Non-finite values are reported by messages of beamdae.
     warnings.filterwarnings("ignore", category=RuntimeWarning, module="beamdae|numpy|pandas")
     warnings.formatwarning = _format_warning
-    # It goes on without a cache of fonts, and says so on many lines.
+    # Without a font cache matplotlib works and logs many lines.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
-        # As their specification has it; matplotlib would make it a folder of the working folder.
+        # The XDG specification ignores relative paths; matplotlib would create the folder here.
         if not os.path.isabs(os.environ.get(name, "/")):
             del os.environ[name]
 
@@ -82,14 +84,14 @@ _format_warning_by_default = warnings.formatwarning
 
 
 def _format_warning(message: Any, category: type[Warning], *place: Any, **more: Any) -> str:
-    """Warnings of beamdae's own are sentences; of others it matters where they come from."""
+    """Return a warning of beamdae as a sentence, and others with their file and line."""
     if issubclass(category, (BeamdaeWarning, KernelWarning)):
         return f"warning: {record_warning(str(message))}\n"
     return _format_warning_by_default(message, category, *place, **more)
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         from importlib.metadata import version
 
         typer.echo(f"beamdae {version('beamdae')}")
@@ -100,7 +102,9 @@ def _print_version(wanted: bool) -> None:
 def beamdae(
     version: Annotated[
         bool,
-        typer.Option("--version", callback=_print_version, is_eager=True, help="Say the version."),
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
+        ),
     ] = False,
 ) -> None:
-    """Simulate curved beams in flexible multibody systems."""
+    """Simulate planar mechanisms with curved, flexible beams."""

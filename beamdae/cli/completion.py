@@ -1,4 +1,4 @@
-"""What a shell offers after Tab: from the text of files, which are not run for it."""
+"""Shell completion of files, models and parameters; files are read and not executed."""
 
 from __future__ import annotations
 
@@ -14,52 +14,55 @@ from beamdae.cli.model_files.example_files import PREFIX, example_names, resolve
 from beamdae.cli.model_files.outline import Outline, read_outline
 from beamdae.errors import BeamdaeError
 
-# Bash takes words apart at these signs.
+# Bash splits words at these characters.
 _BASH_WORD_BREAKS = (":", "=")
 
 
 def complete_model_files(incomplete: str) -> list[str]:
-    """Model files, folders and examples; nothing where there is none, as the shell has the rest."""
+    """Return model files, folders and examples that begin with `incomplete`.
+
+    If there is no model file, the list is empty and the shell offers its own completion.
+    """
     if incomplete and PREFIX.startswith(incomplete[: len(PREFIX)]):
         return [f"{PREFIX}{name}" for name in example_names()]
-    head, tail = os.path.split(incomplete)
+    folder, start = os.path.split(incomplete)
     try:
-        inside = sorted(os.scandir(os.path.expanduser(head) or "."), key=lambda one: one.name)
+        entries = sorted(os.scandir(os.path.expanduser(folder) or "."), key=lambda x: x.name)
     except OSError:
         return []
-    shown = [x for x in inside if x.name.startswith(tail) and not x.name.startswith((".", "_"))]
-    files = [os.path.join(head, x.name) for x in shown if x.name.endswith(".py")]
-    return [*files, *(os.path.join(head, x.name, "") for x in shown if x.is_dir())] if files else []
+    entries = [x for x in entries if x.name.startswith(start) and x.name[0] not in "._"]
+    files = [os.path.join(folder, x.name) for x in entries if x.name.endswith(".py")]
+    folders = [os.path.join(folder, x.name, "") for x in entries if x.is_dir()]
+    return [*files, *folders] if files else []
 
 
 def complete_parameters() -> list[tuple[str, str]]:
-    """NAME=DEFAULT of each parameter of the model that is given."""
+    """Return NAME=DEFAULT, with a help text, for each parameter of the model on the line."""
     words = _command_line_words()
-    found = _outline_of_model_file(words).models
+    models = _outline_of_model_file(words).models
     return [
         (f"{name}={_as_typed(default)}", f"default {default}")
-        for model in [model for model in found if model in words] or found
-        for name, default in found[model].items()
+        for model in [model for model in models if model in words] or models
+        for name, default in models[model].items()
     ]
 
 
 def complete_models() -> list[str]:
-    """Models and studies of the file that is given."""
-    given = _outline_of_model_file(_command_line_words())
-    return [*given.models, *given.studies]
+    """Return the models and studies of the file on the command line."""
+    outline = _outline_of_model_file(_command_line_words())
+    return [*outline.models, *outline.studies]
 
 
 def _command_line_words() -> list[str]:
-    """The command line so far; parsers lose it where an option has no value yet."""
+    """Return the words typed so far, which typer drops after an option without its value."""
     line = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")
     try:
         return shlex.split(line)
-    except ValueError:  # A quotation is still open.
+    except ValueError:  # a quotation mark without its partner
         return line.split()
 
 
 def _outline_of_model_file(words: list[str]) -> Outline:
-    """The outline of the first model file of a command line."""
     files = [word for word in words if word.endswith(".py") or word.startswith(PREFIX)]
     try:
         return read_outline(resolve_path(Path(files[0]).expanduser())) if files else Outline()
@@ -68,38 +71,37 @@ def _outline_of_model_file(words: list[str]) -> Outline:
 
 
 def _as_typed(default: str) -> str:
-    """A default as it is typed, or nothing where shells would take it apart."""
+    """Return a default as it is typed, or an empty string if a shell would split it."""
     text = default.strip("'\"")
     return text if all(x.isalnum() or x in "._-+" for x in text) else ""
 
 
 @contextmanager
 def rejoin_bash_words() -> Iterator[None]:
-    """Complete for bash what it takes for several words, `example:four_bar` or `length=2`.
+    """Complete words such as `example:four_bar` and `length=2`, which bash splits.
 
-    Of such a word it replaces what follows the last sign.
+    Bash replaces only the part after the last ":" or "=", so the rest is removed from the output.
     """
     if os.environ.get("_BEAMDAE_COMPLETE") != "complete_bash":
         yield
         return
-    place = int(os.environ["COMP_CWORD"])
-    taken_apart = [*os.environ["COMP_WORDS"].split("\n"), ""][: place + 1]
-    typed = [""]
-    for word in taken_apart:
-        if word in _BASH_WORD_BREAKS or typed[-1].endswith(_BASH_WORD_BREAKS):
-            typed[-1] += word
+    index = int(os.environ["COMP_CWORD"])
+    parts = [*os.environ["COMP_WORDS"].split("\n"), ""][: index + 1]
+    words = [""]
+    for part in parts:
+        if part in _BASH_WORD_BREAKS or words[-1].endswith(_BASH_WORD_BREAKS):
+            words[-1] += part
         else:
-            typed.append(word)
-    os.environ["COMP_WORDS"] = "\n".join(typed[1:])
-    os.environ["COMP_CWORD"] = str(len(typed) - 2)
-    last, under_way = typed[-1], taken_apart[-1]
-    kept = "" if under_way in _BASH_WORD_BREAKS else under_way
-    before = last[: len(last) - len(kept)]
-    offered = StringIO()
+            words.append(part)
+    os.environ["COMP_WORDS"] = "\n".join(words[1:])
+    os.environ["COMP_CWORD"] = str(len(words) - 2)
+    replaced = "" if parts[-1] in _BASH_WORD_BREAKS else parts[-1]
+    prefix = words[-1][: len(words[-1]) - len(replaced)]
+    output = StringIO()
     try:
-        with redirect_stdout(offered):
+        with redirect_stdout(output):
             yield
     finally:
         sys.stdout.writelines(
-            line.removeprefix(before) for line in offered.getvalue().splitlines(keepends=True)
+            line.removeprefix(prefix) for line in output.getvalue().splitlines(keepends=True)
         )

@@ -1,23 +1,37 @@
-"""Options and habits the commands share."""
+"""Options that several commands share, and the models, integrators and starts they describe."""
 
 from __future__ import annotations
 
 import os
-from dataclasses import fields, replace
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdae.catalog import INTEGRATORS
 from beamdae.cli import completion
 from beamdae.cli.output import record_results
-from beamdae.errors import BeamdaeError, require_choice, short_repr
+from beamdae.errors import BeamdaeError, short_repr, suggest
 
-ModelFile = Annotated[
+if TYPE_CHECKING:
+    from beamdae.cli.model_files.model_file import ModelFile
+    from beamdae.model_functions import Model
+
+ModelPath = Annotated[
     Path,
     typer.Argument(
         metavar="MODEL.py",
         help="Model file, or example:NAME.",
+        autocompletion=completion.complete_model_files,
+    ),
+]
+StudyPath = Annotated[
+    Path,
+    typer.Argument(
+        metavar="FILE.py",
+        help="Study, sweep or model file, or example:NAME.",
         autocompletion=completion.complete_model_files,
     ),
 ]
@@ -26,7 +40,7 @@ ModelName = Annotated[
     typer.Option(
         "--model",
         metavar="NAME",
-        help="Which one, where the file holds several.",
+        help="Model, study or sweep to use if the file contains several.",
         autocompletion=completion.complete_models,
     ),
 ]
@@ -35,7 +49,7 @@ Settings = Annotated[
     typer.Option(
         "--set",
         metavar="NAME=VALUE",
-        help="Value of a model parameter; repeat.",
+        help="Set a model parameter; repeatable.",
         autocompletion=completion.complete_parameters,
     ),
 ]
@@ -43,51 +57,124 @@ Starts = Annotated[
     list[str] | None,
     typer.Option(
         "--start",
-        metavar="HOW",
-        help="'as drawn', 'equilibrium' or PART.COORDINATE=VALUE (rates: ..._dot); repeat.",
+        metavar="START",
+        help="Initial state: 'as drawn', 'equilibrium' or PART.COORDINATE=VALUE (rates end in "
+        "_dot); values are repeatable. Defaults to the model's initial state.",
         autocompletion=lambda: ["equilibrium"],
     ),
 ]
-INTEGRATORS = ("auto", "ida", "radau", "generalized-alpha")
 IntegratorName = Annotated[
     str,
     typer.Option(
         metavar="NAME",
-        help=f"{', '.join(INTEGRATORS[:-1])} or {INTEGRATORS[-1]}.",
-        autocompletion=lambda: INTEGRATORS,
+        help=f"Integrator: {', '.join(INTEGRATORS)}, or an Integrator class or instance of the "
+        "model file.",
+        autocompletion=lambda: list(INTEGRATORS),
     ),
 ]
-StudyFile = Annotated[
-    Path,
-    typer.Argument(
-        metavar="FILE.py",
-        help="Study or sweep file, or model file, or example:NAME.",
-        autocompletion=completion.complete_model_files,
+RelativeTolerance = Annotated[
+    float | None,
+    typer.Option(
+        help="Relative tolerance. Selects adaptive steps for generalized-alpha. Defaults to that "
+        "of the integrator."
     ),
 ]
-Jobs = Annotated[
-    int | None,
-    typer.Option("--jobs", "--workers", help="Processes; default one a core.", metavar="N"),
+FixedStep = Annotated[
+    float | None,
+    typer.Option(
+        help="Fixed step in seconds (generalized-alpha). Defaults to that of the integrator."
+    ),
 ]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(metavar="ADDRESS", help="Of a Dask scheduler, such as tcp://host:8786."),
+EndTime = Annotated[
+    float | None, typer.Option(help="End time in seconds. Defaults to the model's end time.")
 ]
-Parquet = Annotated[bool, typer.Option("--parquet", help="Write trajectories as Parquet as well.")]
-Out = Annotated[Path, typer.Option(help="Folder to write to.")]
-EndTime = Annotated[float | None, typer.Option(help="End time in seconds; default the model's.")]
 OutputStep = Annotated[
     float | None,
-    typer.Option(help="Seconds between rows; default a thousandth of the run (compare: a 400th)."),
+    typer.Option(
+        help="Time between output rows in seconds. Defaults to 1/1000 of the run (compare: 1/400)."
+    ),
 ]
 TimeLimit = Annotated[
     float | None,
-    typer.Option(help="Seconds an integration may take; what it reached by then is kept."),
+    typer.Option(help="Maximum wall time of a run in seconds; partial results are kept."),
 ]
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        "--jobs", "--workers", help="Number of processes. Defaults to one per core.", metavar="N"
+    ),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS", help="Run on this Dask scheduler, for example tcp://host:8786."
+    ),
+]
+Parquet = Annotated[
+    bool, typer.Option("--parquet", help="Write the trajectories as Parquet files, too.")
+]
+Out = Annotated[Path, typer.Option(help="Output folder.")]
+
+
+def load_configured_model(file: ModelFile, name: str | None, settings: list[str] | None) -> Model:
+    """Return a model of the file with the values of --set as its defaults."""
+    model = file.model(name)
+    model = replace(model, parameters=model.complete(parse_assignments(settings)))
+    record_results(lambda: {"model": {"name": model.name, "parameters": model.parameters}})
+    return model
+
+
+def create_integrator(command: str, name: str, options: Mapping[str, Any], file: ModelFile) -> Any:
+    """Return an integrator by its name on the command line.
+
+    Parameters
+    ----------
+    command
+        Name of the command, for messages.
+    name
+        Name of a built-in integrator, or of a class or an instance in the model file.
+    options
+        Values of the settings by field name; None if an option is absent. They construct a class
+        and replace fields of an instance.
+    file
+        The model file.
+
+    Raises
+    ------
+    BeamdaeError
+        If the name is unknown, or the integrator has no such setting.
+    """
+    import beamdae
+    from beamdae.cli.model_files.model_file import translate_errors
+
+    integrators = {key: getattr(beamdae, public.name) for key, public in INTEGRATORS.items()}
+    integrators |= {key: x for key, x in file.integrators.items() if key not in INTEGRATORS}
+    if name not in integrators:
+        raise BeamdaeError(
+            f"{command}: --integrator must be one of {', '.join(map(repr, integrators))}, got "
+            f"{short_repr(name)}{suggest(name, integrators)}."
+        )
+    values = {option: value for option, value in options.items() if value is not None}
+    for option in values:
+        if option not in _field_names(integrators[name]):
+            supporting = [x for x in integrators if option in _field_names(integrators[x])]
+            raise BeamdaeError(
+                f"{command}: --{option.replace('_', '-')} is not supported by {name} (only "
+                f"{', '.join(supporting)})."
+            )
+    integrator = integrators[name]
+    with translate_errors(f"{command}: --integrator {name}: its construction", file.path):
+        if isinstance(integrator, type):
+            return integrator(**values)
+        return replace(integrator, **values) if values else integrator
+
+
+def _field_names(integrator: Any) -> list[str]:
+    return [field.name for field in fields(integrator)] if is_dataclass(integrator) else []
 
 
 def parse_assignments(settings: list[str] | None, option: str = "--set") -> dict[str, str]:
-    """The values of --set name=value, or of another option, by name."""
+    """Return the values of a repeated option NAME=VALUE by name."""
     values = {}
     for setting in settings or []:
         key, equals, value = setting.partition("=")
@@ -97,14 +184,14 @@ def parse_assignments(settings: list[str] | None, option: str = "--set") -> dict
     return values
 
 
-def parse_start(given: list[str] | None) -> str | dict[str, float] | None:
-    """The start that --start asks for; None: the model's own."""
-    if not given:
+def parse_start(options: list[str] | None) -> str | dict[str, float] | None:
+    """Return the start described by --start, or None for the start of the model."""
+    if not options:
         return None
-    if len(given) == 1 and "=" not in given[0]:
-        return given[0]
+    if len(options) == 1 and "=" not in options[0]:
+        return options[0]
     values = {}
-    for name, value in parse_assignments(given, "--start").items():
+    for name, value in parse_assignments(options, "--start").items():
         try:
             values[name] = float(value)
         except ValueError:
@@ -113,63 +200,25 @@ def parse_start(given: list[str] | None) -> str | dict[str, float] | None:
 
 
 def require_writable(folder: Path, files: tuple[str, ...] = (), option: str = "--out") -> None:
-    """Refuse a folder that cannot be made or written, or such files in it, before the work is done.
+    """Raise an error if the folder, or one of these files in it, cannot be created or written.
 
-    Folders in the place of files count as such.
+    Commands call this before they compute anything.
     """
     if not str(folder).isprintable():
-        raise BeamdaeError(
-            f"{option}: no folder of results can be called {short_repr(str(folder))}."
-        )
+        raise BeamdaeError(f"{option}: {short_repr(str(folder))} is not a valid folder name.")
     try:
-        there = folder.absolute()
-        while not there.exists():
-            there = there.parent
-        taken = next((folder / name for name in files if (folder / name).is_dir()), None)
+        existing = folder.absolute()
+        while not existing.exists():
+            existing = existing.parent
+        blocked = next((folder / name for name in files if (folder / name).is_dir()), None)
     except (OSError, ValueError) as problem:
         reason = getattr(problem, "strerror", None) or problem
         raise BeamdaeError(f"{option} {folder}: it cannot be written, {reason}.") from None
-    if not there.is_dir():
-        raise BeamdaeError(f"{option} {folder}: it cannot be written, {there} is not a folder.")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise BeamdaeError(f"{option} {folder}: it cannot be written, {there} allows no files.")
-    if taken is not None:
-        raise BeamdaeError(f"{option} {folder}: it cannot be written, {taken} is a folder.")
-
-
-if TYPE_CHECKING:
-    from beamdae.model_functions import Model
-
-
-def load_configured_model(path: Path, name: str | None, settings: list[str] | None) -> Model:
-    """The model of a file with the values of --set as its defaults."""
-    from beamdae.cli.model_files.model_file import load_model
-
-    model = load_model(path, name)
-    model = replace(model, parameters=model.complete(parse_assignments(settings)))
-    record_results(lambda: {"model": {"name": model.name, "parameters": model.parameters}})
-    return model
-
-
-def create_integrator(command: str, name: str, options: dict[str, Any]) -> Any:
-    """The integrator of a name, with those of the options that are given."""
-    from beamdae.integrators import Auto, GeneralizedAlpha, Ida, Radau
-
-    kinds: dict[str, Any] = dict(
-        zip(INTEGRATORS, (Auto, Ida, Radau, GeneralizedAlpha), strict=True)
-    )
-    kind = kinds[require_choice(command, "--integrator", name, tuple(kinds))]
-    given = {option: value for option, value in options.items() if value is not None}
-    for option in given:
-        if option not in _settings(kind):
-            flag = option.replace("_", "-")
-            have = [other for other, kind in kinds.items() if option in _settings(kind)]
-            raise BeamdaeError(
-                f"{command}: --{flag} is no option of --integrator {name}, but of "
-                f"{' and '.join(have)}."
-            )
-    return kind(**given)
-
-
-def _settings(kind: Any) -> set[str]:
-    return {field.name for field in fields(kind)}
+    if not existing.is_dir():
+        raise BeamdaeError(f"{option} {folder}: it cannot be written, {existing} is not a folder.")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise BeamdaeError(
+            f"{option} {folder}: it cannot be written, {existing} does not allow new files."
+        )
+    if blocked is not None:
+        raise BeamdaeError(f"{option} {folder}: it cannot be written, {blocked} is a folder.")

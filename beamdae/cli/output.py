@@ -1,7 +1,7 @@
-"""What commands say: results on standard output, what went wrong on standard error.
+"""Output of commands: results on standard output, errors on standard error, both as JSON on demand.
 
-What a command found it tells twice, in tables and, for --json, by `record_results`: it does not ask
-which of them is wanted.
+Commands print tables and call `record_results`; the options --quiet and --json decide which of the
+two appears.
 """
 
 from __future__ import annotations
@@ -23,142 +23,147 @@ from rich.console import Console
 from beamdae.errors import BeamdaeError, format_exception
 from beamdae.report.text import make_printable
 
-# Where no terminal has a say, lines are as long as they are; no table is read in less than 20.
-_UNLIMITED_WIDTH, _MIN_WIDTH = 10_000, 20
+# Widths in columns. Without a terminal lines are not wrapped; tables need the minimum.
+_UNLIMITED_WIDTH = 10_000
+_MIN_WIDTH = 20
 
 
 @dataclass(frozen=True)
 class CommandOutput:
-    """How a command speaks.
+    """Output settings of a command, and the contents of its JSON document.
 
     Attributes
     ----------
     quiet
-        Whether nothing is said but what went wrong.
+        Print errors only.
     as_json
-        Whether what it found is said as one JSON document and not in tables.
-    found, files, warnings, errors
-        What that document tells.
+        Print the results as one JSON document instead of tables.
+    results, files, warnings, errors
+        Contents of the document.
     """
 
     quiet: bool = False
     as_json: bool = False
-    found: dict[str, Any] = field(default_factory=dict)
+    results: dict[str, Any] = field(default_factory=dict)
     files: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     errors: list[str] = field(default_factory=list)
 
-    def document(self, command: str, code: int) -> str:
-        """All of it as JSON."""
-        told = {"command": command, "exit_code": code, **self.found}
-        told |= {"files": self.files, "warnings": self.warnings, "errors": self.errors}
-        return json.dumps(_to_json_value(told), indent=2, allow_nan=False)
+    def to_json(self, command: str, exit_code: int) -> str:
+        """Return the JSON document of a command."""
+        document = {"command": command, "exit_code": exit_code, **self.results}
+        document |= {"files": self.files, "warnings": self.warnings, "errors": self.errors}
+        return json.dumps(_to_json_value(document), indent=2, allow_nan=False)
 
 
-_current_output: ContextVar[CommandOutput | None] = ContextVar("voice", default=None)
+_current_output: ContextVar[CommandOutput | None] = ContextVar("current_output", default=None)
 
 
 @contextmanager
-def use_output(voice: CommandOutput) -> Iterator[None]:
-    """Speak like this in here."""
-    before = _current_output.set(voice)
+def use_output(output: CommandOutput) -> Iterator[None]:
+    """Use these output settings in the block."""
+    token = _current_output.set(output)
     try:
         yield
     finally:
-        _current_output.reset(before)
+        _current_output.reset(token)
 
 
 def current_output() -> CommandOutput:
+    """Return the output settings of the running command."""
     return _current_output.get() or CommandOutput()
 
 
-def record_results(found: Callable[[], Mapping[str, Any]]) -> None:
-    """Note what a command found, by key, if a document is asked for."""
-    voice = current_output()
-    if voice.as_json:
-        voice.found.update(found())
-
-
-def create_console() -> Console:
-    """Standard output, as wide as its terminal or COLUMNS: units in brackets are no markup."""
-    told = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
-    voice = current_output()
-    screen = Console(
-        width=None if told else _UNLIMITED_WIDTH,
-        markup=False,
-        highlight=False,
-        emoji=False,
-        quiet=voice.quiet or voice.as_json,
-    )
-    screen.width = max(screen.width, _MIN_WIDTH)
-    return screen
-
-
 def is_quiet() -> bool:
-    """Whether nothing is to be said of what is under way."""
+    """Return True if progress and results are not printed."""
     return current_output().quiet
 
 
+def record_results(create: Callable[[], Mapping[str, Any]]) -> None:
+    """Add the results that `create` returns to the JSON document, if there is one."""
+    output = current_output()
+    if output.as_json:
+        output.results.update(create())
+
+
+def create_console() -> Console:
+    """Return a console on standard output, as wide as its terminal or as COLUMNS says.
+
+    Text is printed as it is: units in brackets are not markup.
+    """
+    has_width = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
+    output = current_output()
+    console = Console(
+        width=None if has_width else _UNLIMITED_WIDTH,
+        markup=False,
+        highlight=False,
+        emoji=False,
+        quiet=output.quiet or output.as_json,
+    )
+    console.width = max(console.width, _MIN_WIDTH)
+    return console
+
+
 def create_progress_console() -> Console | None:
-    """Standard error, where a bar can move, or None; standard output is for tables."""
-    screen = Console(stderr=True, markup=False, highlight=False, emoji=False)
-    return screen if screen.is_terminal and not screen.is_dumb_terminal else None
+    """Return a console on standard error, or None if that is no terminal that can show a bar."""
+    console = Console(stderr=True, markup=False, highlight=False, emoji=False)
+    return console if console.is_terminal and not console.is_dumb_terminal else None
 
 
 def print_error(sentence: str) -> None:
-    """One line on standard error."""
+    """Print one line on standard error."""
     line = make_printable(" ".join(sentence.split()))
     current_output().errors.append(line)
     typer.echo(line, err=True)
 
 
-def print_warnings(screen: Console, sentences: Iterable[str]) -> None:
-    """Tell what a result has to be read with."""
+def print_warnings(console: Console, sentences: Iterable[str]) -> None:
+    """Print warnings about a result."""
     for sentence in sentences:
-        screen.print(f"warning: {record_warning(sentence)}", style="yellow")
+        console.print(f"warning: {record_warning(sentence)}", style="yellow")
 
 
 def record_warning(sentence: str) -> str:
-    """The sentence of a warning as it is told, here and in the document."""
-    told = make_printable(sentence)
-    current_output().warnings.append(told)
-    return told
+    """Add a warning to the JSON document and return it in printable characters."""
+    printable = make_printable(sentence)
+    current_output().warnings.append(printable)
+    return printable
 
 
-def print_written_files(screen: Console, paths: Iterable[Path]) -> None:
-    """Tell which files there are now."""
+def print_written_files(console: Console, paths: Iterable[Path]) -> None:
+    """Print the paths of written files."""
     for path in paths:
         current_output().files.append(make_printable(str(path)))
-        screen.print(f"written: {make_printable(str(path))}", style="dim", soft_wrap=True)
-
-
-def _to_json_value(value: Any) -> Any:
-    """A value as JSON has it: what is no number is null, arrays are lists, paths are texts."""
-    if isinstance(value, Mapping):
-        return {str(key): _to_json_value(one) for key, one in value.items()}
-    if isinstance(value, (list, tuple, set, frozenset)):
-        return [_to_json_value(one) for one in value]
-    if hasattr(value, "tolist"):  # Of NumPy.
-        return _to_json_value(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, (bool, int, str)) else str(value)
+        console.print(f"written: {make_printable(str(path))}", style="dim", soft_wrap=True)
 
 
 @dataclass
 class WrittenFiles:
-    """Files that are there, in the order they were written in, and whether one failed."""
+    """Paths of the files written so far, in order; `failed` is true after a failure."""
 
     paths: list[Path] = field(default_factory=list)
     failed: bool = False
 
-    def draw(self, what: str, draw: Callable[[], list[Path]]) -> None:
-        """Write pictures or a page; those that fail are told of, and cost nothing else."""
+    def write(self, name: str, write: Callable[[], list[Path]]) -> None:
+        """Call `write` for pictures or a page; a failure prints one line and is recorded."""
         try:
-            self.paths += draw()
+            self.paths += write()
             return
         except BeamdaeError as problem:
             print_error(f"failed: {problem}")
-        except Exception as problem:  # Whatever a table holds that a picture has no answer to.
-            print_error(f"failed: {what}: it cannot be drawn, {format_exception(problem)}.")
+        except Exception as problem:  # Results may contain values that cannot be drawn.
+            print_error(f"failed: {name}: it cannot be drawn, {format_exception(problem)}.")
         self.failed = True
+
+
+def _to_json_value(value: Any) -> Any:
+    """Convert a value for JSON: non-finite numbers become null, arrays lists, paths strings."""
+    if isinstance(value, Mapping):
+        return {str(key): _to_json_value(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [_to_json_value(item) for item in value]
+    if hasattr(value, "tolist"):  # NumPy scalars and arrays
+        return _to_json_value(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, (bool, int, str)) else str(value)

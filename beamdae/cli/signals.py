@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: they end a command where nothing computed is lost."""
+"""Ctrl-C and SIGTERM: they end a command without losing what it computed."""
 
 from __future__ import annotations
 
@@ -8,34 +8,35 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import Any, NoReturn
 
-# Signals belong to the process, and so does what is known of them.
-_received_signals: list[int] = []
-# How many come through, of each block that is to be finished.
-_immediate_counts: list[int] = []
-# So many mean it, whatever is under way.
+# This many signals interrupt even a block that defers them.
 _FORCING_COUNT = 4
-# Those that follow one that came through so fast [s] are heard with it: it is on its way out.
-_REPEAT_INTERVAL = 0.5
+# A signal this soon after a raised interrupt belongs to it: the command is already ending.
+_REPEAT_INTERVAL = 0.5  # s
+
+# Signals belong to the process, and so does this state.
+_received_signals: list[int] = []
 _raise_times: list[float] = []
+# Number of interrupts raised at once, of each active `defer_interrupts`.
+_immediate_counts: list[int] = []
 
 
 class Interrupted(KeyboardInterrupt):
-    """An interrupt that Python does not take for its own.
+    """Interrupt that Python does not treat specially.
 
-    One that passes through `exec`, as in a dataclass, would end the process by its signal, with
-    another exit code, also where it is caught.
+    A plain KeyboardInterrupt that passes through `exec`, as in a dataclass, would end the process
+    by its signal, with another exit code, even where it is caught.
     """
 
 
 def install_handlers() -> None:
-    """Take Ctrl-C and SIGTERM as interrupts, unless the process was started to ignore them."""
+    """Raise Ctrl-C and SIGTERM as interrupts, unless the process was started to ignore them."""
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _handle_signal)
 
 
 def ignore_signals() -> None:
-    """Let nothing come between the end of a command and that of its process."""
+    """Ignore Ctrl-C and SIGTERM from here to the end of the process."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
 
@@ -56,31 +57,31 @@ def _raise_interrupt() -> NoReturn:
 
 
 def is_interrupted() -> bool:
-    """Whether there was one, also where other code took the exception for something else."""
+    """Return True after a signal, even if other code swallowed its exception."""
     return bool(_received_signals)
 
 
 def is_terminated() -> bool:
-    """Whether the process is to end soon: those who send SIGTERM do not wait for long."""
+    """Return True after SIGTERM: the sender expects the process to end soon."""
     return signal.SIGTERM in _received_signals
 
 
 def exit_code() -> int:
-    """The exit code of an interrupted command: 128 and the number of the signal, 130 or 143."""
+    """Return the exit code of an interrupted command: 128 plus the signal number, 130 or 143."""
     return 128 + (_received_signals[0] if _received_signals else signal.SIGINT)
 
 
 @contextmanager
-def defer_interrupts(through: int = 0) -> Iterator[None]:
-    """Finish what is in here first: an interrupt comes after it.
+def defer_interrupts(immediate: int = 0) -> Iterator[None]:
+    """Finish this block before an interrupt is raised.
 
-    The first `through` of the process come at once; a fourth does anyway.
+    The first `immediate` interrupts of the process are raised at once, and so is the fourth.
     """
-    before = max(len(_received_signals), through)
-    _immediate_counts.append(through)
+    n_before = max(len(_received_signals), immediate)
+    _immediate_counts.append(immediate)
     try:
         yield
     finally:
         _immediate_counts.pop()
-    if len(_received_signals) > before and not _immediate_counts:
+    if len(_received_signals) > n_before and not _immediate_counts:
         _raise_interrupt()

@@ -1,4 +1,4 @@
-"""Standard streams that are there, take every letter, and end quietly where nobody reads them."""
+"""Standard streams that always exist, encode every character, and survive a reader that closes."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from typing import Any, TextIO
 
-# What cannot be written in the encoding of a stream is told by its code.
+# Characters that the encoding of a stream lacks are written as escapes.
 _ENCODING_ERRORS = "backslashreplace"
+_STDOUT, _STDERR = 1, 2  # file descriptors
+_WRITE_FAILURE = 2  # exit code
 
 
 class _FaultTolerantFile(io.FileIO):
-    """The file of a stream: what cannot be written is dropped, and why is kept."""
+    """File of a stream that keeps its first write error and drops all data after it."""
 
     problem: OSError | None = None
 
@@ -29,60 +31,58 @@ class _FaultTolerantFile(io.FileIO):
 
 
 class _UnclosableStream(io.TextIOWrapper):
-    """A stream that a model cannot close."""
+    """Stream that a model cannot close."""
 
     def close(self) -> None:
         self.flush()
 
 
 def secure_streams() -> None:
-    """Make standard output and error such that writing to them never fails.
+    """Replace standard output and error by streams whose `write` never fails.
 
-    A stream that is closed goes nowhere: else the next file that is opened would take its number,
-    and get what is meant for it.
+    A closed stream is opened on the null device. Otherwise the next file opened would get its
+    descriptor, and with it the output.
     """
-    while (free := os.open(os.devnull, os.O_RDWR)) <= 2:
-        os.set_inheritable(free, True)
-    os.close(free)
-    sys.stdout, sys.stderr = _wrap_stream(sys.stdout, 1), _wrap_stream(sys.stderr, 2)
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= _STDERR:
+        os.set_inheritable(descriptor, True)
+    os.close(descriptor)
+    sys.stdout = _secure_stream(sys.stdout, _STDOUT)
+    sys.stderr = _secure_stream(sys.stderr, _STDERR)
 
 
-@contextmanager
-def redirect_output_to_stderr() -> Iterator[None]:
-    """Keep standard output for what is said after this: what is said in here is not part of it.
-
-    It goes to standard error, also what other code writes past Python.
-    """
-    apart = None
-    sys.stdout.flush()
-    with suppress(OSError):  # What stands in for it has no number.
-        if sys.stdout.fileno() == 1:
-            apart = os.dup(1)
-            os.dup2(2, 1)
-    try:
-        with redirect_stdout(sys.stderr):
-            yield
-    finally:
-        if apart is not None:
-            sys.stdout.flush()
-            os.dup2(apart, 1)
-            os.close(apart)
-
-
-def _wrap_stream(stream: TextIO | None, number: int) -> TextIO:
+def _secure_stream(stream: TextIO | None, descriptor: int) -> TextIO:
     if isinstance(stream, io.TextIOWrapper) and stream.isatty():
         stream.reconfigure(errors=_ENCODING_ERRORS)
         return stream
     encoding = "utf-8" if stream is None else stream.encoding
-    file = io.BufferedWriter(_FaultTolerantFile(number, "w", closefd=False))
-    return _UnclosableStream(file, encoding, _ENCODING_ERRORS, line_buffering=number == 2)
+    file = io.BufferedWriter(_FaultTolerantFile(descriptor, "w", closefd=False))
+    return _UnclosableStream(file, encoding, _ENCODING_ERRORS, line_buffering=descriptor == _STDERR)
+
+
+@contextmanager
+def redirect_output_to_stderr() -> Iterator[None]:
+    """Send standard output to standard error, including output written by code below Python."""
+    saved_descriptor = None
+    sys.stdout.flush()
+    with suppress(OSError):  # A replaced standard output may have no descriptor.
+        if sys.stdout.fileno() == _STDOUT:
+            saved_descriptor = os.dup(_STDOUT)
+            os.dup2(_STDERR, _STDOUT)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        if saved_descriptor is not None:
+            sys.stdout.flush()
+            os.dup2(saved_descriptor, _STDOUT)
+            os.close(saved_descriptor)
 
 
 def flush_output(code: int) -> int:
-    """The exit code of a command that ends with `code`, with all it said written.
+    """Flush standard output and return the exit code of a command that ends with `code`.
 
-    A reader that has gone away, as `head` does, changes nothing. Output that cannot be written for
-    another reason, such as a full disk, is told, and is a mistake (2).
+    A reader that closed the pipe, as `head` does, does not change the code. After any other write
+    error, such as a full disk, a message is printed and a code of 0 becomes 2.
     """
     sys.stdout.flush()
     raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
@@ -90,4 +90,4 @@ def flush_output(code: int) -> int:
     if problem is None or problem.errno == errno.EPIPE:
         return code
     sys.stderr.write(f"error: standard output cannot be written, {problem.strerror}.\n")
-    return code or 2
+    return code or _WRITE_FAILURE

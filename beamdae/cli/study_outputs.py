@@ -1,4 +1,4 @@
-"""The work of `beamdae compare` and `beamdae sweep`: runs, files, and what is said of them."""
+"""Runs, files and messages of `beamdae compare` and `beamdae sweep`, kept after an interrupt."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from beamdae.cli.output import WrittenFiles, create_console, print_error, print_
 from beamdae.cli.progress import show_study_progress
 from beamdae.errors import BeamdaeError, require_positive
 
-# Whatever imports NumPy or CasADi is imported inside the command: help has to answer at once.
+# NumPy and CasADi are imported inside functions, so that --help answers at once.
 if TYPE_CHECKING:
     from beamdae.studies import Study
     from beamdae.studies.execution.executors import Executor
@@ -26,21 +26,21 @@ if TYPE_CHECKING:
 
     FileWriters = dict[str, Callable[[], list[Path]]]
 
-# More rows than these are for the page, not for the screen.
+# Longer tables are only written to files and the page.
 MAX_SCREEN_ROWS = 16
-_MAX_FOLDER_NAME = 100
-_RESUME_HINT = "start the same command again and it goes on"
+_MAX_FOLDER_NAME = 100  # characters
+_RESUME_HINT = "run the same command again to resume"
 
 
-def results_folder_name(begin: str, chosen: Mapping[str, Any]) -> str:
-    """Name of the folder of results for each choice of parameters."""
+def results_folder_name(stem: str, settings: Mapping[str, Any]) -> str:
+    """Return the name of the results folder for these parameter values."""
     from beamdae.studies.store.fingerprints import digest
 
-    said = [re.sub(r"[^A-Za-z0-9.=-]+", "-", f"{name}={value}") for name, value in chosen.items()]
-    folder = "_".join([begin, *said])
-    if len(folder) > _MAX_FOLDER_NAME:
-        folder = f"{folder[:_MAX_FOLDER_NAME]}_{digest(chosen)[:8]}"
-    return folder
+    parts = [re.sub(r"[^A-Za-z0-9.=-]+", "-", f"{key}={value}") for key, value in settings.items()]
+    name = "_".join([stem, *parts])
+    if len(name) > _MAX_FOLDER_NAME:
+        name = f"{name[:_MAX_FOLDER_NAME]}_{digest(settings)[:8]}"
+    return name
 
 
 def apply_limits(
@@ -50,7 +50,7 @@ def apply_limits(
     t_end: float | None,
     output_step: float | None,
 ) -> Study:
-    """The study with what options say of all its cases."""
+    """Return the study with --time-limit, --t-end and --output-step applied to all its cases."""
     if time_limit is not None:
         limit = require_positive(command, "--time-limit", time_limit)
         study = replace(study, limits=replace(study.limits, time=limit))
@@ -63,77 +63,93 @@ def apply_limits(
 
 @dataclass
 class StudyOutputs:
-    """A study and what has become of it, as far as it got.
+    """A study and its results and files, as far as they exist after an interrupt.
 
     Attributes
     ----------
-    draws
-        What writes its files, by name: the table and the page first, then the pictures.
+    create_writers
+        Returns the functions that write files, by name: those of the table and the page, and those
+        of the pictures.
     parquet
-        Whether trajectories are written as Parquet as well.
+        Write the trajectories as Parquet files, too.
+    n_runs
+        Number of runs, references included.
     """
 
     study: Study
     folder: Path
-    draws: Callable[[StudyResults], tuple[FileWriters, FileWriters]]
+    create_writers: Callable[[StudyResults], tuple[FileWriters, FileWriters]]
     parquet: bool = False
     results: StudyResults | None = None
-    runs: int = 0
-    written: WrittenFiles = field(default_factory=WrittenFiles)
+    n_runs: int = 0
+    files: WrittenFiles = field(default_factory=WrittenFiles)
 
 
 def run_and_write(
-    work: StudyOutputs, executor: Callable[[], Executor], say: Callable[[StudyResults], None]
+    outputs: StudyOutputs,
+    create_executor: Callable[[], Executor],
+    print_results: Callable[[StudyResults], None],
 ) -> None:
-    """Run a study, write its files, say what came of it, and end the command by that."""
-    require_writable(work.folder / "outcomes")
-    if work.parquet and not (find_spec("pyarrow") or find_spec("fastparquet")):
-        raise BeamdaeError("--parquet: it needs an engine, pip install 'beamdae[parquet]'.")
+    """Run a study, write its files, print its results, and exit with 1 or 130 if it is incomplete.
+
+    Raises
+    ------
+    BeamdaeError
+        If the folder cannot be written, or --parquet lacks its package.
+    """
+    require_writable(outputs.folder / "outcomes")
+    if outputs.parquet and not (find_spec("pyarrow") or find_spec("fastparquet")):
+        raise BeamdaeError(
+            "--parquet: no Parquet engine is installed; run pip install 'beamdae[parquet]'."
+        )
     try:
-        _run_study(work, executor)
+        _run_study(outputs, create_executor)
     except KeyboardInterrupt:
-        if work.results is None:
-            raise KeyboardInterrupt(f"before there were tables: {_RESUME_HINT}") from None
-    results = work.results
+        if outputs.results is None:
+            raise KeyboardInterrupt(f"before any table was written; {_RESUME_HINT}") from None
+    results = outputs.results
     assert results is not None
-    say(results)
-    print_written_files(create_console(), work.written.paths)
+    print_results(results)
+    print_written_files(create_console(), outputs.files.paths)
     if results.interrupted or signals.is_interrupted():
-        done = sum(outcome.status.kind != "interrupted" for outcome in results.outcomes.values())
-        print_error(f"stopped, {done} of {work.runs} done: {_RESUME_HINT}")
+        n_done = sum(outcome.status.kind != "interrupted" for outcome in results.outcomes.values())
+        print_error(f"interrupted, {n_done} of {outputs.n_runs} runs done; {_RESUME_HINT}")
         raise typer.Exit(signals.exit_code())
-    if results.failed or work.written.failed:
+    if results.failed or outputs.files.failed:
         raise typer.Exit(1)
 
 
-def _run_study(work: StudyOutputs, executor: Callable[[], Executor]) -> None:
-    """Run a study and write its files, the page before the pictures, until an interrupt."""
+def _run_study(outputs: StudyOutputs, create_executor: Callable[[], Executor]) -> None:
+    """Run the study and write its files until an interrupt, the page before the pictures."""
     from beamdae.studies.execution import study_run
 
     if signals.is_interrupted():
-        # One that was lost, as in a callback of other code, is made up for.
+        # The exception may have been swallowed, for example by a callback of other code.
         raise KeyboardInterrupt
-    with signals.defer_interrupts(through=1):
-        with show_study_progress() as progress:
+    with signals.defer_interrupts(immediate=1):
+        with show_study_progress() as show_progress:
 
-            def heard(standing: StudyProgress) -> None:
-                work.runs = standing.total
-                progress(standing)
+            def update(progress: StudyProgress) -> None:
+                outputs.n_runs = progress.total
+                show_progress(progress)
 
-            results = work.results = study_run.run_study(work.study, work.folder, executor(), heard)
-        work.written.paths += [results.folder / name for name in results.tables]
-        first, pictures = work.draws(results)
-        for name, draw in first.items():
-            work.written.draw(name, draw)
-    if work.parquet:
-        # A thousand names are no help.
-        work.written.draw("trajectories", lambda: sorted({x.parent for x in results.to_parquet()}))
-    for name, draw in pictures.items():
-        work.written.draw(name, draw)
+            results = study_run.run_study(outputs.study, outputs.folder, create_executor(), update)
+            outputs.results = results
+        outputs.files.paths += [results.folder / name for name in results.tables]
+        writers, picture_writers = outputs.create_writers(results)
+        for name, write in writers.items():
+            outputs.files.write(name, write)
+    if outputs.parquet:
+        # There may be thousands of files, so their folder is reported.
+        outputs.files.write(
+            "trajectories", lambda: sorted({path.parent for path in results.to_parquet()})
+        )
+    for name, write in picture_writers.items():
+        outputs.files.write(name, write)
 
 
 def print_failures(results: StudyResults) -> None:
-    """A sentence for each case that did not reach its end, if it was begun."""
+    """Print one line for each case that started and did not reach its end time."""
     from beamdae.report.terminal import text_tables
 
     reasons = text_tables.failure_sentences(results.table[results.table["status"] != "interrupted"])

@@ -1,4 +1,4 @@
-"""The command line: what it writes, what it says of mistakes, and how fast it starts."""
+"""The command line: files, messages of usage and model errors, and start time."""
 
 import json
 import subprocess
@@ -21,7 +21,7 @@ import beamdae as bd
 
 @bd.model(t_end=0.02)
 def arm(elements=1, E=7e10, width=0.02, name="hinge"):
-    '''A strip falls.'''
+    '''A falling strip.'''
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     alloy = bd.Material(E=E, nu=0.3, rho=2700.0)
     strip = bd.Section.rectangle(alloy, width=width, height=0.005)
@@ -48,36 +48,36 @@ def nowhere():
     )
 """
 
-# The law leaves the real numbers at t = 0.0105 s.
-ROOT = 'mech.add(bd.Moment("torque", on=beam.end, law=lambda t: t * np.sqrt(0.0105 - t)))'
+# The value of the law is not real after t = 0.0105 s.
+FAILING_LAW = 'mech.add(bd.Moment("torque", on=beam.end, law=lambda t: t * np.sqrt(0.0105 - t)))'
 
 
-def more(line):
+def with_line(line):
     return ARM.replace("# more", line)
 
 
 @pytest.fixture
 def command(tmp_path, monkeypatch):
-    """Run a command in an empty folder that holds `source` as model.py."""
+    """Return a function that runs a command in a folder with `source` as model.py."""
     monkeypatch.chdir(tmp_path)
 
-    def call(name, source, *arguments):
+    def run(name, source, *arguments):
         Path("model.py").write_text(source)
         return CliRunner().invoke(app, [name, "model.py", *arguments])
 
-    return call
+    return run
 
 
 @pytest.fixture
 def serial(monkeypatch):
-    """No processes: what a command writes and says of a study does not depend on them."""
+    """Run studies without worker processes; their outputs do not depend on them."""
     monkeypatch.setattr(
         "beamdae.studies.execution.executors.LocalPool", lambda workers: SerialPool()
     )
 
 
-def assert_mistake(result, *words):
-    """One line on stderr with these words, exit code 2, and no traceback."""
+def assert_usage_error(result, *words):
+    """Check for exit code 2 and one line on stderr with these words, without a traceback."""
     assert result.exit_code == 2, result.output
     assert isinstance(result.exception, (SystemExit, type(None)))
     assert result.stdout == ""
@@ -87,7 +87,7 @@ def assert_mistake(result, *words):
         assert word in line
 
 
-MISTAKES = {
+MODEL_ERRORS = {
     "unknown parameter": (ARM, ["--set", "elemnts=4"], "'elemnts'", "did you mean 'elements'?"),
     "mistyped value": (ARM, ["--set", "elements=abc"], "elements", "int", "'abc'"),
     "setting without value": (ARM, ["--set", "elements"], "--set elements", "name=value"),
@@ -95,34 +95,34 @@ MISTAKES = {
     "no elements": (ARM, ["--set", "elements=0"], "beam", "elements", "at least 1", "got 0"),
     "not a number": (ARM, ["--set", "E=nan"], "E must be finite", "nan"),
     "negative stiffness": (ARM, ["--set", "E=-1"], "E must be positive", "got -1"),
-    "duplicate part": (more("mech.add(bd.PointMass('beam', 1.0, on=beam.end))"), [], "'beam'"),
+    "duplicate part": (with_line("mech.add(bd.PointMass('beam', 1.0, on=beam.end))"), [], "'beam'"),
     "open joint": (
-        more("mech.add(bd.Revolute('far', mech.ground.at(3.0, 0.0), beam.end))"),
+        with_line("mech.add(bd.Revolute('far', mech.ground.at(3.0, 0.0), beam.end))"),
         [],
         "far",
         "2 m apart",
     ),
     "folded curve": (
-        more("bd.Curve(points=[(0, 0), (1, 0), (2, 0), (1, 0.01), (0, 0.01)])"),
+        with_line("bd.Curve(points=[(0, 0), (1, 0), (2, 0), (1, 0.01), (0, 0.01)])"),
         [],
         "Curve",
         "folds onto itself",
         "(2, 0)",
     ),
     "law of text": (
-        more("mech.add(bd.Moment('torque', on=beam.end, law=lambda t: 'much'))"),
+        with_line("mech.add(bd.Moment('torque', on=beam.end, law=lambda t: 'much'))"),
         [],
         "torque",
         "law",
     ),
     "law without a value": (
-        more("mech.add(bd.Moment('torque', on=beam.end, law=lambda t: np.log(t)))"),
+        with_line("mech.add(bd.Moment('torque', on=beam.end, law=lambda t: np.log(t)))"),
         [],
         "torque",
         "finite",
     ),
     "dependent constraints": (
-        more("mech.add(bd.Revolute('again', mech.ground.at(0.0, 0.0), beam.start))"),
+        with_line("mech.add(bd.Revolute('again', mech.ground.at(0.0, 0.0), beam.start))"),
         [],
         "hinge.x",
         "again.x",
@@ -130,7 +130,7 @@ MISTAKES = {
     ),
     "impossible start": (NO_START, [], "constraint.g0", "cannot be closed"),
     "error in the model function": (
-        more("mech.observe('ratio', 1 / 0)"),
+        with_line("mech.observe('ratio', 1 / 0)"),
         [],
         "arm",
         "ZeroDivisionError",
@@ -152,14 +152,14 @@ MISTAKES = {
 
 @pytest.mark.parametrize(("source", "arguments", "words"), [
     pytest.param(source, arguments, words, id=name)
-    for name, (source, arguments, *words) in MISTAKES.items()
+    for name, (source, arguments, *words) in MODEL_ERRORS.items()
 ])  # fmt: skip
-def test_mistake_is_one_line(command, source, arguments, words):
-    assert_mistake(command("run", source, *arguments), *words)
+def test_model_error_is_one_line(command, source, arguments, words):
+    assert_usage_error(command("run", source, *arguments), *words)
     assert not Path("results").exists()
 
 
-RUN_MISTAKES = {
+OPTION_ERRORS = {
     "integrator": (["--integrator", "idaa"], "--integrator", "'ida'", "'generalized-alpha'"),
     "foreign option": (["--step", "0.1"], "--step", "auto", "generalized-alpha"),
     "rtol": (["--rtol", "0"], "rtol must be positive"),
@@ -172,36 +172,36 @@ RUN_MISTAKES = {
     "max_order": (["--integrator", "ida", "--max-order", "7"], "max_order", "7"),
     "t_end": (["--t-end", "-1"], "t_end must be positive", "-1"),
     "output_step": (["--output-step", "0"], "output_step must be positive"),
-    "letters of --out": (["--out", "a\nb"], "--out: no folder of results can be called 'a\\nb'"),
+    "characters of --out": (["--out", "a\nb"], "--out: 'a\\nb' is not a valid folder name."),
 }
 
 
 @pytest.mark.parametrize(("arguments", "words"), [
-    pytest.param(arguments, words, id=name) for name, (arguments, *words) in RUN_MISTAKES.items()
+    pytest.param(arguments, words, id=name) for name, (arguments, *words) in OPTION_ERRORS.items()
 ])  # fmt: skip
 def test_wrong_setting_is_one_line(command, arguments, words):
-    assert_mistake(command("run", ARM, *arguments), *words)
+    assert_usage_error(command("run", ARM, *arguments), *words)
 
 
 @pytest.mark.parametrize("name", ["run", "compare", "check"])
 @pytest.mark.parametrize(
     ("path", "words"), [("gone.py", "no such file"), ("model.txt", "Python file"), (".", "(.py)")]
 )
-def test_file_that_is_no_model_file(tmp_path, monkeypatch, name, path, words):
+def test_path_that_is_not_a_model_file(tmp_path, monkeypatch, name, path, words):
     monkeypatch.chdir(tmp_path)
     Path("model.txt").touch()
-    assert_mistake(CliRunner().invoke(app, [name, path]), words, path)
+    assert_usage_error(CliRunner().invoke(app, [name, path]), words, path)
 
 
 @pytest.mark.parametrize("name", ["run", "compare"])
-def test_folder_that_cannot_be_written_is_told_before_the_work(command, name, monkeypatch):
+def test_unwritable_folder_is_reported_before_the_run(command, name, monkeypatch):
     def never(*_):
         raise AssertionError("integrated before the folder was checked")
 
     monkeypatch.setattr(bd.Ida, "integrate", never)
     monkeypatch.setattr(bd.GeneralizedAlpha, "integrate", never)
     Path("file").touch()
-    assert_mistake(command(name, ARM, "--out", "file/below"), "file/below", "not a folder")
+    assert_usage_error(command(name, ARM, "--out", "file/below"), "file/below", "not a folder")
 
 
 def test_run_writes_table_settings_picture_and_page(command):
@@ -228,7 +228,7 @@ def test_run_without_a_page(command):
 
 
 @pytest.mark.slow(reason="several runs of the command")
-def test_run_goes_on_from_a_checkpoint(command):
+def test_run_resumes_from_a_checkpoint(command):
     result = command("run", ARM, "--no-estimate", "--t-end", "0.01", "--checkpoint", "at/end.json")
     assert result.exit_code == 0
     assert "end.json" in result.stdout
@@ -242,22 +242,24 @@ def test_run_goes_on_from_a_checkpoint(command):
     assert table["t [s]"].iloc[[0, -1]].tolist() == [0.01, 0.02]
     assert table["tip.y [m]"].iloc[0] < 0.0
     result = command("run", ARM, "--set", "elements=2", "--continue", "at/end.json")
-    assert_mistake(result, "start: it is of another model, coordinate")
-    assert_mistake(command("run", ARM, "--continue", "nothing.json"), "nothing.json", "read")
-    assert_mistake(command("run", ARM, "--checkpoint", "at"), "--checkpoint", "at", "is a folder")
+    assert_usage_error(result, "start: it is of another model, coordinate")
+    assert_usage_error(command("run", ARM, "--continue", "nothing.json"), "nothing.json", "read")
+    assert_usage_error(
+        command("run", ARM, "--checkpoint", "at"), "--checkpoint", "at", "is a folder"
+    )
     both = ("--continue", "at/end.json", "--start", "equilibrium")
-    assert_mistake(command("run", ARM, *both), "--start equilibrium and --continue", "give one")
+    assert_usage_error(command("run", ARM, *both), "--start equilibrium and --continue", "omit one")
 
 
 @pytest.mark.slow(reason="runs of the command with their estimates")
-def test_run_tells_how_far_beams_bent_and_warns_once(command):
-    bent = more('mech.add(bd.Moment("torque", on=beam.end, law=100.0))')
+def test_run_reports_the_validity_of_beams_and_warns_once(command):
+    bent = with_line('mech.add(bd.Moment("torque", on=beam.end, law=100.0))')
     result = command("run", bent, "--set", "elements=2", "--rtol", "1e-3")
     assert result.exit_code == 0
     assert result.stderr == ""
-    said = " ".join(result.stdout.split())
-    assert "deflection" in said
-    assert said.count("warning: beam: it bends") == 1
+    text = " ".join(result.stdout.split())
+    assert "deflection" in text
+    assert text.count("warning: beam: it bends") == 1
     sidecar = json.loads(Path("results/arm.json").read_text())
     assert sidecar["validity"][0]["name"] == "beam"
     assert sidecar["warnings"][0].startswith("beam: it bends")
@@ -282,8 +284,8 @@ def test_model_without_observables_is_drawn_and_written(command):
     assert Path("results/arm.png").exists()
 
 
-def test_failed_run_keeps_what_it_reached(command):
-    result = command("run", more(ROOT), "--integrator", "generalized-alpha")
+def test_failed_run_keeps_its_results(command):
+    result = command("run", with_line(FAILING_LAW), "--integrator", "generalized-alpha")
     assert result.exit_code == 1
     (line,) = result.stderr.splitlines()
     assert line.startswith("failed: stopped at t = 0.01 s")
@@ -303,8 +305,10 @@ def test_compare_writes_tables_pictures_and_a_page(command):
     names = {Path(path).name for path in written}
     assert {"cases.csv", "summary.csv", "comparison.png", "report.html"} <= names
     assert {"work_precision.png", "work_precision.svg", "trajectories"} <= names
-    tables, packed = (sorted((folder / "trajectories").glob(f"*.{x}")) for x in ("csv", "parquet"))
-    assert [x.stem for x in packed] == [x.stem for x in tables]
+    tables, parquet_files = (
+        sorted((folder / "trajectories").glob(f"*.{x}")) for x in ("csv", "parquet")
+    )
+    assert [x.stem for x in parquet_files] == [x.stem for x in tables]
     assert all(Path(path).stat().st_size > 0 for path in written)
     assert "differs from it by" in " ".join(result.stdout.split())
     assert "failed" in result.stderr.splitlines()[-1]
@@ -313,7 +317,7 @@ def test_compare_writes_tables_pictures_and_a_page(command):
 @pytest.mark.slow(reason="half a second and more")
 @pytest.mark.usefixtures("serial")
 def test_compare_of_a_model_whose_reference_fails(command):
-    result = command("compare", more(ROOT))
+    result = command("compare", with_line(FAILING_LAW))
     assert result.exit_code == 1
     assert "arm: reference no reference" not in result.stdout
     assert "no reference, " in result.stdout
@@ -323,7 +327,7 @@ def test_compare_of_a_model_whose_reference_fails(command):
 
 @pytest.mark.slow(reason="a whole study by the command")
 def test_compare_of_a_study_file(command):
-    # With processes: they get the models of a file that none of them can import.
+    # With worker processes, which cannot import the model file.
     study = (
         ARM.replace("# more", "# more\n")
         + """
@@ -337,12 +341,14 @@ def widths():
     assert result.exit_code == 0, result.stderr
     table = pd.read_csv("results/widths/cases.csv")
     assert list(table["width"]) == [0.01, 0.02]
-    assert_mistake(command("compare", study, "--set", "width=1"), "a study sets its own parameters")
-    assert_mistake(command("compare", study, "--model", "wdths"), "did you mean 'widths'")
-    assert_mistake(command("compare", study, "--jobs", "0"), "--jobs", "at least 1")
+    assert_usage_error(
+        command("compare", study, "--set", "width=1"), "a study sets its own parameters"
+    )
+    assert_usage_error(command("compare", study, "--model", "wdths"), "did you mean 'widths'")
+    assert_usage_error(command("compare", study, "--jobs", "0"), "--jobs", "at least 1")
 
 
-def test_check_tells_size_and_start(command):
+def test_check_reports_size_and_start(command):
     result = command("check", ARM)
     assert result.exit_code == 0
     rows = {line[:22].strip(): line[22:].strip() for line in result.stdout.splitlines()}
@@ -353,51 +359,53 @@ def test_check_tells_size_and_start(command):
     assert "beam, largest relative error of arc length" in result.stdout
 
 
-def test_run_starts_as_it_is_told(command):
+def test_run_starts_as_requested(command):
     result = command("run", ARM, "--start", "beam.theta_dot=2", "--t-end", "0.01", "--no-estimate")
     assert result.exit_code == 0, result.stderr
-    told = json.loads(Path("results/arm.json").read_text())["start"]
-    assert told["asked"] == "beam.theta_dot = 2"
-    assert_mistake(command("run", ARM, "--start", "beam.theta=x"), "--start", "must be a number")
-    assert_mistake(command("run", ARM, "--start", "beam.thet=1"), "did you mean 'beam.theta'")
+    start = json.loads(Path("results/arm.json").read_text())["start"]
+    assert start["asked"] == "beam.theta_dot = 2"
+    assert_usage_error(
+        command("run", ARM, "--start", "beam.theta=x"), "--start", "must be a number"
+    )
+    assert_usage_error(command("run", ARM, "--start", "beam.thet=1"), "did you mean 'beam.theta'")
 
 
 @pytest.mark.parametrize("name", ["dependent constraints", "impossible start", "open joint"])
-def test_check_finds_what_run_would(command, name):
-    source, arguments, *words = MISTAKES[name]
+def test_check_reports_the_errors_of_run(command, name):
+    source, arguments, *words = MODEL_ERRORS[name]
     result = command("check", source, *arguments)
     assert result.exit_code == 2
     (line,) = result.stderr.splitlines()
     assert all(word in line for word in words)
     if name == "dependent constraints":
-        told = " ".join(result.stdout.split())
-        assert "hinge and again both block the translation of the beam along (1, 0)" in told
+        text = " ".join(result.stdout.split())
+        assert "hinge and again both block the translation of the beam along (1, 0)" in text
 
 
-def test_list_shows_every_model_and_why_a_file_has_none(tmp_path):
+def test_list_shows_every_model_and_import_errors(tmp_path):
     (tmp_path / "good.py").write_text(ARM)
     (tmp_path / "bad.py").write_text("import beamdae as bd\n\n1 / 0\nbd.model\n")
     (tmp_path / "helper.py").write_text("")
     result = CliRunner().invoke(app, ["list", str(tmp_path)])
     assert result.exit_code == 1
-    for word in ("arm", "0.02", "A strip falls.", "elements=1", "bad.py", "ZeroDivisionError"):
+    for word in ("arm", "0.02", "A falling strip.", "elements=1", "bad.py", "ZeroDivisionError"):
         assert word in result.stdout
     assert "helper" not in result.stdout
 
 
-def test_list_shows_the_line_of_the_file_where_the_function_has_none(tmp_path):
-    (tmp_path / "good.py").write_text("'''Of the file.'''\n" + ARM.replace("A strip falls.", ""))
+def test_list_describes_a_model_by_its_file_if_its_function_has_no_docstring(tmp_path):
+    (tmp_path / "good.py").write_text("'''Of the file.'''\n" + ARM.replace("A falling strip.", ""))
     assert "Of the file." in CliRunner().invoke(app, ["list", str(tmp_path)]).stdout
 
 
 @pytest.mark.parametrize(
     ("path", "words"), [("gone", "no such"), ("empty", "no model"), ("bad.py", "ZeroDivisionError")]
 )
-def test_list_of_nothing(tmp_path, monkeypatch, path, words):
+def test_list_without_models(tmp_path, monkeypatch, path, words):
     monkeypatch.chdir(tmp_path)
     Path("empty").mkdir()
     Path("bad.py").write_text("1 / 0\n")
-    assert_mistake(CliRunner().invoke(app, ["list", path]), path, words)
+    assert_usage_error(CliRunner().invoke(app, ["list", path]), path, words)
 
 
 def test_model_file_leaves_no_module_behind(command):
@@ -422,14 +430,16 @@ def test_help_answers_without_the_heavy_imports():
         "heavy = {'casadi', 'numpy', 'pandas', 'scipy', 'matplotlib', 'sksundae'}\n"
         "sys.exit(str(heavy & set(sys.modules)) if heavy & set(sys.modules) else 0)\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""
     for name in ("run", "compare", "check", "list"):
-        assert name in done.stdout
+        assert name in result.stdout
 
 
-def test_public_names_are_where_they_are_said_to_be():
+def test_public_names_can_be_imported():
     assert not [name for name in bd.__all__ if not callable(getattr(bd, name))]
     assert set(bd.__all__) <= set(dir(bd))
     with pytest.raises(AttributeError, match="module 'beamdae' has no attribute 'Beem'"):
@@ -437,7 +447,7 @@ def test_public_names_are_where_they_are_said_to_be():
 
 
 @pytest.mark.slow(reason="a process that imports everything")
-def test_public_names_are_there_whatever_was_imported_first():
+def test_public_names_exist_whatever_was_imported_first():
     code = (
         "import beamdae.model_functions, beamdae\n"
         "assert not [n for n in beamdae.__all__ if not callable(getattr(beamdae, n))]\n"
@@ -446,76 +456,83 @@ def test_public_names_are_there_whatever_was_imported_first():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_version_is_that_of_the_package():
+def test_version_of_the_package_is_printed():
     result = CliRunner().invoke(app, ["--version"])
     assert (result.exit_code, result.stdout) == (0, f"beamdae {bd.__version__}\n")
 
 
-def test_a_function_that_returns_nothing_is_told(command):
-    mute = "import beamdae as bd\n\n@bd.model(t_end=1.0)\ndef mute():\n    pass\n"
-    result = command("run", mute)
+def test_a_model_function_that_returns_nothing_is_an_error(command):
+    empty = "import beamdae as bd\n\n@bd.model(t_end=1.0)\ndef empty():\n    pass\n"
+    result = command("run", empty)
     assert result.exit_code == 2
-    assert "mute: the function must return the mechanism, got None." in result.stderr
+    assert "empty: the function must return the mechanism, got None." in result.stderr
 
 
-def test_an_interrupted_run_is_not_run_a_second_time(command, monkeypatch):
-    def interrupted(*_, **__):
+def test_the_error_of_an_interrupted_run_is_not_estimated(command, monkeypatch):
+    def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    def second(*_):
-        raise AssertionError("went again")
+    def estimate(*_):
+        raise AssertionError("the run was repeated")
 
-    monkeypatch.setattr("beamdae.integrators.ida.stepper.IdaStepper.advance", interrupted)
-    monkeypatch.setattr("beamdae.verification.estimate_errors", second)
+    monkeypatch.setattr("beamdae.integrators.ida.stepper.IdaStepper.advance", interrupt)
+    monkeypatch.setattr("beamdae.verification.estimate_errors", estimate)
     result = command("run", ARM, "--t-end", "0.1")
     assert isinstance(result.exception, SystemExit)
     assert "interrupted at t = 0 s" in result.output
 
 
 def test_draw_shows_a_model_without_a_run(command):
-    done = command("draw", ARM, "--set", "name=$pin")
-    assert done.exit_code == 0, done.output
-    assert "arm_drawing.png" in done.output
+    result = command("draw", ARM, "--set", "name=$pin")
+    assert result.exit_code == 0, result.output
+    assert "arm_drawing.png" in result.output
     assert Path("results/arm_drawing.png").stat().st_size > 5000
-    assert_mistake(command("draw", NO_START), "nowhere states equations, which have no shape.")
+    assert_usage_error(
+        command("draw", NO_START),
+        "draw: nowhere consists of equations without a shape; only a Mechanism",
+    )
 
 
-def invoked(*arguments):
+def invoke(*arguments):
     return CliRunner().invoke(app, list(arguments))
 
 
-def test_examples_are_listed_by_name_with_what_they_are(tmp_path, monkeypatch):
+def test_examples_are_listed_with_their_descriptions(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    done = invoked("examples")
-    assert done.exit_code == 0, done.output
+    result = invoke("examples")
+    assert result.exit_code == 0, result.output
     models = Path(__file__).parents[2] / "models"
-    listed = {line.split()[0] for line in done.output.splitlines()}
+    listed = {line.split()[0] for line in result.output.splitlines()}
     assert {file.stem for file in models.glob("*.py")} <= listed
-    assert "Curved-beam pendulum with a tip mass" in done.output
+    assert "Curved-beam pendulum with a tip mass" in result.output
 
 
 @pytest.mark.slow(reason="half a second and more")
 def test_an_example_runs_by_its_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    done = invoked("run", "example:spin_up", "--t-end", "0.01", "--set", "elements=1")
-    assert done.exit_code == 0, done.output
+    result = invoke("run", "example:spin_up", "--t-end", "0.01", "--set", "elements=1")
+    assert result.exit_code == 0, result.output
     assert Path("results/spin_up.csv").exists()
     assert bd.load_model("example:spin_up").name == "spin_up"
-    assert_mistake(invoked("run", "example:spin"), "no example 'spin'", "mean 'spin_up'?")
+    assert_usage_error(invoke("run", "example:spin"), "no example 'spin'", "mean 'spin_up'?")
 
 
 @pytest.mark.slow(reason="a run of the command")
-def test_a_new_model_runs_and_is_not_written_over(tmp_path, monkeypatch):
+def test_a_new_model_runs_and_is_not_overwritten(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert invoked("new", "arm.py").exit_code == 0
-    done = invoked("run", "arm.py", "--t-end", "0.01", "--set", "push=2")
-    assert done.exit_code == 0, done.output
-    assert_mistake(invoked("new", "arm.py"), "arm.py: it is there already")
-    assert invoked("new", "mine.py", "--like", "four_bar").exit_code == 0
+    assert invoke("new", "arm.py").exit_code == 0
+    result = invoke("run", "arm.py", "--t-end", "0.01", "--set", "push=2")
+    assert result.exit_code == 0, result.output
+    assert_usage_error(invoke("new", "arm.py"), "arm.py: the file exists; choose another name.")
+    assert invoke("new", "mine.py", "--like", "four_bar").exit_code == 0
     assert "def four_bar(" in Path("mine.py").read_text()
-    assert_mistake(invoked("new", "a b.py"), "a b.py: the file of a model must be called")
-    assert_mistake(invoked("new", "arm.txt"), "arm.txt: the file of a model must be called")
+    assert_usage_error(invoke("new", "a b.py"), "a b.py: the file name must be a Python identifier")
+    assert_usage_error(
+        invoke("new", "arm.txt"), "arm.txt: the file name must be a Python identifier"
+    )
     for name in ("class.py", "np.py", "bd.py"):
-        assert_mistake(invoked("new", name), f"{name}: the file of a model must be called")
-    assert_mistake(invoked("new", "b.py", "--like", "nothing"), "there is no example 'nothing'")
+        assert_usage_error(
+            invoke("new", name), f"{name}: the file name must be a Python identifier"
+        )
+    assert_usage_error(invoke("new", "b.py", "--like", "nothing"), "there is no example 'nothing'")
     assert not Path("b.py").exists()

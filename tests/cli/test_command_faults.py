@@ -1,4 +1,4 @@
-"""What ends a command early: closed streams, interrupts, models that exit, odd options."""
+"""Commands that end early: closed streams, interrupts, models that exit, unusual options."""
 
 import os
 import signal
@@ -23,13 +23,13 @@ import sys
 import beamdae as bd
 
 
-def strike(number=signal.SIGINT):
+def send_signal(number=signal.SIGINT):
     os.kill(os.getpid(), number)
 
 
 @bd.model(t_end=0.02)
 def arm(mass=2.0, note=""):
-    """A bob swings."""
+    """A bob on a hinge."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=(1.0, 0.0)))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
@@ -44,20 +44,19 @@ def arm(mass=2.0, note=""):
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """An empty folder with MODEL as model.py."""
+    """Working folder with MODEL as model.py."""
     monkeypatch.chdir(tmp_path)
     Path("model.py").write_text(MODEL, encoding="utf-8")
     return tmp_path
 
 
-def clean(errors):
+def has_no_traceback(errors):
     return "Traceback" not in errors and "ignored" not in errors
 
 
-# What a run writes.
-ALL = {"arm.csv", "arm.json", "arm.html", "arm.png"}
+ALL_FILES = {"arm.csv", "arm.json", "arm.html", "arm.png"}
 
-# Standard streams that nobody reads, or that are not there.
+# Standard streams that are closed or not read.
 
 CLOSED = {
     "reader gone": ("| true", 0, 0),
@@ -72,21 +71,21 @@ CLOSED = {
 
 @pytest.mark.slow(reason="processes of the command")
 @pytest.mark.parametrize(("streams", "code", "lines"), CLOSED.values(), ids=CLOSED)
-def test_files_are_written_wherever_the_words_go(here, streams, code, lines):
+def test_files_are_written_whatever_the_streams(here, streams, code, lines):
     got, _, errors = shell("{beamdae} run model.py " + streams)
     assert (got, len(errors.splitlines())) == (code, lines), errors
-    assert clean(errors)
-    assert {p.name for p in Path("results").iterdir()} == ALL
+    assert has_no_traceback(errors)
+    assert {p.name for p in Path("results").iterdir()} == ALL_FILES
 
 
 @pytest.mark.slow(reason="processes of the command")
 @pytest.mark.parametrize("command", ["check model.py", "list .", "--help", "--version", "run gone"])
-def test_every_command_ends_quietly_without_a_reader(here, command):
+def test_every_command_exits_quietly_without_a_reader(here, command):
     code = 2 if "gone" in command else 0
     for streams in ("| true", ">&-", ">&- 2>&-"):
         got, _, errors = shell(f"{{beamdae}} {command} {streams}")
         assert got == code, errors
-        assert clean(errors)
+        assert has_no_traceback(errors)
     got, _, errors = shell(f"{{beamdae}} {command} >/dev/full")
     assert got == 2
     assert len(errors.splitlines()) == 1
@@ -95,55 +94,59 @@ def test_every_command_ends_quietly_without_a_reader(here, command):
 @pytest.mark.slow(reason="a study in processes")
 def test_page_and_pictures_of_a_study_without_a_reader(here):
     code, _, errors = shell("{beamdae} compare model.py | true")
-    assert (code, clean(errors)) == (0, True), errors
+    assert (code, has_no_traceback(errors)) == (0, True), errors
     names = {path.name for path in Path("results/arm_compare").iterdir()}
     assert {"report.html", "comparison.png", "work_precision.svg", "cases.csv"} <= names
 
 
-# Interrupts, each sent by the process to itself at the moment in question.
+# Interrupts, which the process sends to itself at a chosen moment.
 
 AT_STEP = """
 from beamdae.integrators.ida.stepper import IdaStepper
 taken, advance = [], IdaStepper.advance
-def striking(self, most):
+def interrupt(self, most):
     taken.append(None)
     if len(taken) in {at}:
-        strike()
+        send_signal()
     return advance(self, 1)
-IdaStepper.advance = striking
+IdaStepper.advance = interrupt
 """
 WHILE_WRITING = """
 from beamdae.results.storage import files
 write = files._write_columns
-def striking(*arguments):
-    strike()
+def interrupt(*arguments):
+    send_signal()
     return write(*arguments)
-files._write_columns = striking
+files._write_columns = interrupt
 """
 WHILE_DRAWING = """
 from matplotlib.figure import Figure
-def striking(self, *arguments, **settings):
-    strike()
-Figure.savefig = striking
+def interrupt(self, *arguments, **settings):
+    send_signal()
+Figure.savefig = interrupt
 """
-# One that had begun can go on.
-BEGUN = ALL | {"arm_end.json"}
-# What strikes, the files there are, and words of the sentence.
+# A run that took steps can be resumed.
+RESUMABLE_FILES = ALL_FILES | {"arm_end.json"}
+# Lines of the model that interrupt the run, the files left, and a part of the message.
 MOMENTS = {
-    "importing": ("strike()", set(), "interrupted"),
-    "scouting": (AT_STEP.format(at="{5}"), ALL, "of the pilot run"),
-    "integrating": (AT_STEP.format(at="{400}"), BEGUN, "interrupted at t = 0"),
-    "integrating, twice": (AT_STEP.format(at="{400, 401}"), BEGUN, "interrupted at t = 0"),
-    "integrating, then writing": (
-        AT_STEP.format(at="{400}") + WHILE_WRITING.replace("striking", "writing"),
-        BEGUN,
+    "importing": ("send_signal()", set(), "interrupted"),
+    "pilot run": (AT_STEP.format(at="{5}"), ALL_FILES, "of the pilot run"),
+    "integrating": (AT_STEP.format(at="{400}"), RESUMABLE_FILES, "interrupted at t = 0"),
+    "integrating, twice": (
+        AT_STEP.format(at="{400, 401}"),
+        RESUMABLE_FILES,
         "interrupted at t = 0",
     ),
-    "writing": (WHILE_WRITING, ALL, "interrupted after the run"),
-    "drawing": (WHILE_DRAWING, ALL - {"arm.png"}, "interrupted after the run"),
+    "integrating, then writing": (
+        AT_STEP.format(at="{400}") + WHILE_WRITING,
+        RESUMABLE_FILES,
+        "interrupted at t = 0",
+    ),
+    "writing": (WHILE_WRITING, ALL_FILES, "interrupted after the run"),
+    "drawing": (WHILE_DRAWING, ALL_FILES - {"arm.png"}, "interrupted after the run"),
     "integrating, then drawing": (
-        AT_STEP.format(at="{400}") + WHILE_DRAWING.replace("striking", "drawing"),
-        BEGUN - {"arm.png"},
+        AT_STEP.format(at="{400}") + WHILE_DRAWING,
+        RESUMABLE_FILES - {"arm.png"},
         "interrupted at t = 0",
     ),
 }
@@ -152,11 +155,11 @@ MOMENTS = {
 @pytest.mark.slow(reason="processes of the command")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(("lines", "files", "words"), MOMENTS.values(), ids=MOMENTS)
-def test_interrupted_run_keeps_what_it_has(here, lines, files, words, number):
+def test_an_interrupted_run_keeps_its_results(here, lines, files, words, number):
     if number == signal.SIGTERM:
-        # What comes after it is left out.
+        # SIGTERM skips the files after the one being written.
         files = files - ({"arm.png"} if lines == WHILE_DRAWING else {"arm.png", "arm.html"})
-    lines = lines.replace("strike()", f"strike({int(number)})")
+    lines = lines.replace("send_signal()", f"send_signal({int(number)})")
     Path("model.py").write_text(MODEL.replace("# importing", lines), encoding="utf-8")
     command = process("run", "model.py", "--rtol", "1e-9", "--integrator", "ida", "--t-end", "0.5")
     _, errors = command.communicate(timeout=120)
@@ -165,17 +168,17 @@ def test_interrupted_run_keeps_what_it_has(here, lines, files, words, number):
     assert words in line
     assert {path.name for path in Path().glob("results/*") if path.stat().st_size} == files
     if files:
-        assert line.endswith("; what was computed is in results/arm.csv")
+        assert line.endswith("; the results so far are in results/arm.csv")
         assert len(pd.read_csv("results/arm.csv")) >= 1
 
 
 @pytest.mark.slow(reason="processes of the command")
 def test_interrupt_while_building_ends_the_run(here):
-    Path("model.py").write_text(MODEL.replace("# building", "strike()"), encoding="utf-8")
+    Path("model.py").write_text(MODEL.replace("# building", "send_signal()"), encoding="utf-8")
     for name in ("run", "check"):
         command = process(name, "model.py")
         _, errors = command.communicate(timeout=60)
-        assert (command.returncode, clean(errors)) == (130, True)
+        assert (command.returncode, has_no_traceback(errors)) == (130, True)
         assert errors.startswith("interrupted")
     assert not Path("results").exists()
 
@@ -185,95 +188,94 @@ def test_interrupt_in_the_second_run_keeps_the_first(here):
     lines = """
 import beamdae.verification as verification
 again = verification._run_again
-def struck(*arguments):
-    strike()
+def interrupt(*arguments):
+    send_signal()
     return again(*arguments)
-verification._run_again = struck
+verification._run_again = interrupt
 """
     Path("model.py").write_text(MODEL.replace("# importing", lines), encoding="utf-8")
     command = process("run", "model.py")
     output, errors = command.communicate(timeout=60)
     assert command.returncode == 130, errors
-    assert "interrupted after the run; what was computed is in results/arm.csv" in errors
+    assert "interrupted after the run; the results so far are in results/arm.csv" in errors
     assert "error" not in output.split("observed")[1].splitlines()[0]
     assert Path("results/arm.png").exists()
 
 
 @pytest.mark.slow(reason="a study in processes")
 @pytest.mark.skipif(os.name != "posix", reason="groups of processes are POSIX")
-def test_interrupt_of_a_whole_group_of_processes_leaves_a_study_that_goes_on(here):
+def test_a_study_resumes_after_an_interrupt_of_its_process_group(here):
     command = process("compare", "model.py", "--t-end", "2", start_new_session=True)
     first = command.stderr.readline()
-    # Its processes are about to start.
+    # The worker processes are about to start.
     time.sleep(0.3)
     os.killpg(command.pid, signal.SIGINT)
     _, errors = command.communicate(timeout=60)
     assert first.startswith("0 of 8 runs")
-    assert (command.returncode, clean(errors)) == (130, True), errors
-    assert " of 8 done: start the same command again" in errors
+    assert (command.returncode, has_no_traceback(errors)) == (130, True), errors
+    assert " of 8 runs done; run the same command again to resume" in errors
     assert Path("results/arm_compare/report.html").exists()
 
 
 @pytest.mark.slow(reason="processes of their own")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_regression_an_interrupt_that_other_code_takes_ends_a_study_before_it_begins(here, number):
-    """The whole study was run, and only then it was told that it was stopped."""
-    lost = f"try:\n    strike({int(number)})\nexcept BaseException:\n    pass"
+def test_regression_a_swallowed_interrupt_ends_a_study_before_it_starts(here, number):
+    lost = f"try:\n    send_signal({int(number)})\nexcept BaseException:\n    pass"
     Path("model.py").write_text(MODEL.replace("# importing", lost), encoding="utf-8")
     code, output, errors = shell("{beamdae} compare model.py")
     assert (code, output) == (128 + number, "")
-    assert errors.startswith("interrupted before there were tables")
+    assert errors.startswith("interrupted before any table was written")
     assert not Path("results").exists()
 
 
-def struck(times, held, done):
-    """Hear so many signals in a block that is to be finished."""
-    with held:
+def receive_signals(times, block, done):
+    """Receive this number of signals in a block that defers interrupts."""
+    with block:
         for _ in range(times):
             signals._handle_signal(signal.SIGTERM, None)
         done.append(times)
 
 
-def test_interrupts_are_held_while_something_is_finished(monkeypatch):
+def test_interrupts_are_deferred_until_a_block_is_finished(monkeypatch):
     done = []
     monkeypatch.setattr(signals, "_received_signals", [])
     with pytest.raises(KeyboardInterrupt):
-        struck(1, signals.defer_interrupts(), done)
+        receive_signals(1, signals.defer_interrupts(), done)
     assert done == [1]
     assert signals.exit_code() == 143
-    with signals.defer_interrupts(through=1), signals.defer_interrupts():
-        done.append("what was heard before is told no more")
-    # The fourth comes through: whoever sends it means it.
+    with signals.defer_interrupts(immediate=1), signals.defer_interrupts():
+        done.append("a signal before the block is not raised again")
+    # The fourth signal interrupts even a deferring block.
     with pytest.raises(KeyboardInterrupt):
-        struck(3, signals.defer_interrupts(), done)
+        receive_signals(3, signals.defer_interrupts(), done)
     assert len(done) == 2
     monkeypatch.setattr(signals, "_received_signals", [])
     monkeypatch.setattr(signals, "_raise_times", [])
     with pytest.raises(KeyboardInterrupt):
-        struck(1, signals.defer_interrupts(through=1), done)
+        receive_signals(1, signals.defer_interrupts(immediate=1), done)
     assert len(done) == 2
 
 
-def test_an_interrupt_right_after_another_one_does_not_come_between_it_and_the_end(monkeypatch):
-    """A second Ctrl-C ended the command with a traceback on its way out."""
+def test_a_second_interrupt_within_half_a_second_is_ignored(monkeypatch):
+    """Otherwise a second Ctrl-C would end the command with a traceback."""
     monkeypatch.setattr(signals, "_received_signals", [])
     monkeypatch.setattr(signals, "_raise_times", [])
     with pytest.raises(KeyboardInterrupt):
         signals._handle_signal(signal.SIGINT, None)
     signals._handle_signal(signal.SIGINT, None)
-    # Whatever took the first one for its own does not take one that comes later.
+    # A later one is raised, in case other code swallowed the first.
     monkeypatch.setattr(signals, "_raise_times", [time.monotonic() - 1.0])
     with pytest.raises(KeyboardInterrupt):
         signals._handle_signal(signal.SIGINT, None)
 
 
-# Models that end the process.
+# Models that exit.
 
 ENDS = {
     "exit on import": ("# importing", "sys.exit()", "it called sys.exit()", "line 24"),
     "exit while building": ("# building", "sys.exit(3)", "arm: ", "sys.exit(3)", "line 20"),
     "generator exit": ("# building", "raise GeneratorExit('x')", "GeneratorExit at line 20: x"),
-    "own base exception": (
+    "exception of another base class": (
         "# building",
         "raise type('Own', (BaseException,), {})('[/b]')",
         "Own at line 20: [/b]",
@@ -293,21 +295,21 @@ ENDS = {
     pytest.param(place, line, words, id=name) for name, (place, line, *words) in ENDS.items()
 ])  # fmt: skip
 @pytest.mark.parametrize("command", ["run", "check"])
-def test_a_model_that_ends_the_process_is_a_mistake(here, command, place, line, words):
+def test_a_model_that_exits_is_a_model_error(here, command, place, line, words):
     Path("model.py").write_text(MODEL.replace(place, line), encoding="utf-8")
     result = CliRunner().invoke(app, [command, "model.py"])
     assert result.exit_code == 2
-    (said,) = result.stderr.splitlines()
-    assert said.startswith("error: ")
+    (line_printed,) = result.stderr.splitlines()
+    assert line_printed.startswith("error: ")
     for word in words:
-        assert word in said
+        assert word in line_printed
     assert not Path("results").exists()
 
 
 # Options.
 
 
-def test_a_run_at_its_time_limit_is_kept_and_says_so(here, monkeypatch):
+def test_a_run_at_its_time_limit_keeps_its_results(here, monkeypatch):
     titles = []
     monkeypatch.setattr(
         "beamdae.report.pictures.time_plots.save_run_figure",
@@ -323,15 +325,15 @@ def test_a_run_at_its_time_limit_is_kept_and_says_so(here, monkeypatch):
 
 
 def test_a_study_takes_its_time_limit_from_the_command(here, monkeypatch):
-    seen = []
+    limits = []
 
     def never(study, *_):
-        seen.append(study.limits.time)
+        limits.append(study.limits.time)
         raise KeyboardInterrupt
 
     monkeypatch.setattr("beamdae.studies.execution.study_run.run_study", never)
     result = CliRunner().invoke(app, ["compare", "model.py", "--time-limit", "3.5"])
-    assert (seen, result.exit_code) == ([3.5], 130)
+    assert (limits, result.exit_code) == ([3.5], 130)
     result = CliRunner().invoke(app, ["compare", "model.py", "--time-limit", "nan"])
     assert (result.exit_code, "--time-limit must be finite" in result.stderr) == (2, True)
 
@@ -348,21 +350,21 @@ def test_a_study_takes_its_time_limit_from_the_command(here, monkeypatch):
         (["--output-step", "1e-300"], "output_step"),
     ],
 )
-def test_odd_options_are_a_sentence(here, arguments, words):
+def test_unusual_options_are_refused_in_one_line(here, arguments, words):
     result = CliRunner().invoke(app, ["run", "model.py", *arguments])
     assert result.exit_code == 2, result.output
     (line,) = result.stderr.splitlines()
     assert words in line
 
 
-def test_a_folder_in_the_place_of_a_file_is_told_before_the_run(here, monkeypatch):
+def test_a_folder_in_the_place_of_a_file_is_reported_before_the_run(here, monkeypatch):
     Path("results/arm.json").mkdir(parents=True)
     monkeypatch.setattr("beamdae.simulation.simulate", None)
     result = CliRunner().invoke(app, ["run", "model.py"])
     assert (result.exit_code, "arm.json is a folder" in result.stderr) == (2, True)
 
 
-def test_workers_beyond_all_use_are_refused(here):
+def test_too_many_workers_are_refused(here):
     result = CliRunner().invoke(app, ["compare", "model.py", "--workers", str(10**9)])
     assert (result.exit_code, "--jobs must be at most" in result.stderr) == (2, True)
 
@@ -377,32 +379,32 @@ def serial(monkeypatch):
     )
 
 
-DEAD = "mech.add(bd.Moment('m', on=bob.at(0.0, 0.0), law=lambda t: t * (0.0105 - t) ** 0.5))"
+FAILING = "mech.add(bd.Moment('m', on=bob.at(0.0, 0.0), law=lambda t: t * (0.0105 - t) ** 0.5))"
 
 
 @pytest.mark.slow(reason="studies")
 @pytest.mark.usefixtures("serial")
 @pytest.mark.parametrize("over", [None, "elements"])
-def test_a_study_whose_cases_all_fail_has_its_rows_and_its_page(here, over):
+def test_a_study_whose_cases_all_fail_has_a_table_and_a_page(here, over):
     study = f"""
 @bd.study(over={over!r})
-def dead():
+def failing():
     return [bd.Case(arm, {{"elements": n}}, bd.Ida(1e-3)) for n in (1, 2)]
 """
-    source = MODEL.replace("# building", DEAD).replace("mass=2.0", "mass=2.0, elements=1")
+    source = MODEL.replace("# building", FAILING).replace("mass=2.0", "mass=2.0, elements=1")
     Path("model.py").write_text(source + study, encoding="utf-8")
     for _ in range(2):
         result = CliRunner().invoke(app, ["compare", "model.py"])
         assert result.exit_code == 1, result.output
         assert result.stderr.count("failed: arm") >= 2
-        assert Path("results/dead/report.html").exists()
-        assert set(pd.read_csv("results/dead/cases.csv")["status"]) == {"failed"}
-        assert not list(Path("results/dead").glob("*.png"))
+        assert Path("results/failing/report.html").exists()
+        assert set(pd.read_csv("results/failing/cases.csv")["status"]) == {"failed"}
+        assert not list(Path("results/failing").glob("*.png"))
 
 
 @pytest.mark.slow(reason="two starts of a study")
 @pytest.mark.usefixtures("serial")
-def test_an_interrupted_study_says_how_far_it_is_and_has_a_page(here, monkeypatch):
+def test_an_interrupted_study_reports_its_progress_and_has_a_page(here, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
@@ -410,13 +412,15 @@ def test_an_interrupted_study_says_how_far_it_is_and_has_a_page(here, monkeypatc
     for _ in range(2):
         result = CliRunner().invoke(app, ["compare", "model.py"])
         assert result.exit_code == 130, result.output
-        assert "stopped, 0 of 8 done: start the same command again" in result.stderr
+        assert (
+            "interrupted, 0 of 8 runs done; run the same command again to resume" in result.stderr
+        )
         assert Path("results/arm_compare/report.html").exists()
 
 
 @pytest.mark.slow(reason="a study")
 @pytest.mark.usefixtures("serial")
-def test_a_picture_that_fails_costs_no_other(here, monkeypatch):
+def test_other_pictures_are_drawn_after_a_failure(here, monkeypatch):
     def broken(*_):
         raise ValueError("[/b] odd data")
 
@@ -441,18 +445,18 @@ LOCALES = {
 
 @pytest.mark.slow(reason="processes of the command")
 @pytest.mark.parametrize("locale", LOCALES.values(), ids=LOCALES)
-def test_every_encoding_has_letters_enough(here, locale):
-    source = MODEL.replace("A bob swings", "Ein Bogen µ 梁")
+def test_output_in_every_encoding(here, locale):
+    source = MODEL.replace("A bob on a hinge", "Ein Bogen µ 梁")
     Path("model.py").write_text(source, encoding="utf-8")
     for arguments in (["list", "model.py"], ["run", "model.py", "--t-end", "0.01"], ["--help"]):
         command = process(*arguments, environment=locale, text=False)
         output, errors = command.communicate(timeout=60)
         assert (command.returncode, errors) == (0, b"")
-        # Lines of boxes are drawn in letters there are.
+        # Boxes are drawn with characters of the encoding.
         assert b"\\u25" not in output
 
 
-def test_warnings_of_beamdae_are_sentences_and_those_of_others_keep_their_place():
-    said = _format_warning("kernels are slow.", KernelWarning, "native.py", 57)
-    assert said == "warning: kernels are slow.\n"
+def test_warnings_of_beamdae_are_sentences_and_others_have_their_file_and_line():
+    text = _format_warning("kernels are slow.", KernelWarning, "native.py", 57)
+    assert text == "warning: kernels are slow.\n"
     assert "model.py:5" in _format_warning("odd", UserWarning, "model.py", 5)

@@ -1,4 +1,4 @@
-"""What shells offer after Tab, and that no model is run for it."""
+"""Shell completion, which does not execute models."""
 
 from pathlib import Path
 
@@ -50,14 +50,14 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_an_outline_is_read_and_not_run(here):
-    found = read_outline(Path("model.py"))
-    assert found.defines
-    assert found.models == {
+def test_an_outline_is_read_without_executing_the_file(here):
+    outline = read_outline(Path("model.py"))
+    assert outline.defines
+    assert outline.models == {
         "arm": {"length": "1.0", "kind": "'exact'", "speed": "2 * 3.14", "needed": ""},
         "leg": {"mass": "2.0"},
     }
-    assert found.studies == ("all_of_them",)
+    assert outline.studies == ("all_of_them",)
     assert not read_outline(Path("sub/other.py")).defines
     assert not read_outline(Path("gone.py")).defines
     assert not Path("ran").exists()
@@ -73,7 +73,7 @@ def test_an_outline_is_read_and_not_run(here):
         ("all_of_them = bd.study(None)\n", True),
     ],
 )
-def test_regression_a_script_that_uses_models_defines_none(tmp_path, source, defines):
+def test_regression_a_script_that_only_uses_models_defines_none(tmp_path, source, defines):
     (tmp_path / "script.py").write_text("import beamdae as bd\n" + source, encoding="utf-8")
     assert read_outline(tmp_path / "script.py").defines is defines
 
@@ -82,7 +82,7 @@ def test_model_files_folders_and_examples(here):
     assert completion.complete_model_files("") == ["model.py", "empty/", "sub/"]
     assert completion.complete_model_files("sub/") == ["sub/other.py"]
     assert completion.complete_model_files("./mo") == ["./model.py"]
-    # Where there is no model file the shell offers what it has.
+    # Without a model file the shell completes by itself.
     for typed in ("empty/", "no", "gone/", "sub"):
         assert completion.complete_model_files(typed) == []
     assert completion.complete_model_files("exam") == [
@@ -90,13 +90,13 @@ def test_model_files_folders_and_examples(here):
     ]
 
 
-def test_parameters_and_models_of_the_file_that_is_given(here, monkeypatch):
+def test_parameters_and_models_of_the_file_on_the_line(here, monkeypatch):
     monkeypatch.delenv("COMP_WORDS", raising=False)
     line = "_TYPER_COMPLETE_ARGS"
     monkeypatch.setenv(line, "beamdae run model.py --set ")
-    offered = [word for word, _ in completion.complete_parameters()]
-    # What a shell would take apart is left to be typed.
-    assert offered == ["length=1.0", "kind=exact", "speed=", "needed=", "mass=2.0"]
+    words = [word for word, _ in completion.complete_parameters()]
+    # Defaults that a shell would split are omitted.
+    assert words == ["length=1.0", "kind=exact", "speed=", "needed=", "mass=2.0"]
     monkeypatch.setenv(line, "beamdae run model.py --model leg --set ")
     assert completion.complete_parameters() == [("mass=2.0", "default 2.0")]
     assert completion.complete_models() == ["arm", "leg", "all_of_them"]
@@ -106,32 +106,35 @@ def test_parameters_and_models_of_the_file_that_is_given(here, monkeypatch):
     assert not Path("ran").exists()
 
 
-# What bash takes for words, the last of which is under way, and what it is to replace that by.
+# Words as bash splits them, the last of which is completed, and its completion.
 BASH = {
     "command": (["beamdae", "mod"], "modes"),
     "example": (["beamdae", "run", "example", ":", "gov"], "governor"),
     "parameter": (["beamdae", "run", "model.py", "--set", "le"], "length=1.0"),
     "value": (["beamdae", "run", "model.py", "--set", "mass", "="], "2.0"),
-    "of an example": (["beamdae", "run", "example", ":", "governor", "--set", "to"], "torque=0.6"),
+    "parameter of an example": (
+        ["beamdae", "run", "example", ":", "governor", "--set", "to"],
+        "torque=0.6",
+    ),
     "option": (["beamdae", "run", "model.py", "--integrator", "=", "ra"], "radau"),
     "file": (["beamdae", "check", "mo"], "model.py"),
-    "of the shell": (["beamdae", "run", "model.py", "--out", "e"], ""),
+    "file of the shell": (["beamdae", "run", "model.py", "--out", "e"], ""),
 }
 
 
 @pytest.mark.slow(reason="processes of the command")
-@pytest.mark.parametrize(("words", "offered"), BASH.values(), ids=BASH)
-def test_bash_completes_words_it_takes_apart(here, words, offered):
-    told = {"COMP_WORDS": "\n".join(words), "COMP_CWORD": str(len(words) - 1)}
-    command = process(environment={"_BEAMDAE_COMPLETE": "complete_bash", **told})
+@pytest.mark.parametrize(("words", "expected"), BASH.values(), ids=BASH)
+def test_bash_completes_words_it_splits(here, words, expected):
+    variables = {"COMP_WORDS": "\n".join(words), "COMP_CWORD": str(len(words) - 1)}
+    command = process(environment={"_BEAMDAE_COMPLETE": "complete_bash", **variables})
     output, errors = command.communicate(timeout=60)
     assert (command.returncode, errors) == (0, "")
-    assert output.split() == offered.split()
+    assert output.split() == expected.split()
     assert not Path("ran").exists()
 
 
 @pytest.mark.slow(reason="a process of the command")
-def test_completion_is_installed_for_the_shell_that_is_named(here):
+def test_completion_is_installed_for_the_named_shell(here):
     command = process(
         "--install-completion",
         "bash",

@@ -1,4 +1,4 @@
-"""Runs of the command that go on: tables of all parts, and none of them lost."""
+"""`beamdae run --continue`: tables of all parts of a resumed run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import beamdae as bd
 from beamdae.cli.app import app
 
 BALL = '''
-"""A ball that bounces off a floor and is pushed along it."""
+"""A ball that bounces on a floor, with a horizontal force."""
 
 import beamdae as bd
 
@@ -35,12 +35,12 @@ ROWS = ("--output-step", "0.01", "--no-estimate")
 
 
 @pytest.fixture
-def go(tmp_path, monkeypatch):
+def run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # Pictures take longer than these runs.
     monkeypatch.setattr("beamdae.cli.run_outputs.draw_run", lambda run, solution: None)
     Path("ball.py").write_text(BALL)
-    return lambda *options: CliRunner().invoke(app, ["run", "ball.py", *ROWS, *options])
+    return lambda *arguments: CliRunner().invoke(app, ["run", "ball.py", *ROWS, *arguments])
 
 
 def read(name):
@@ -48,99 +48,101 @@ def read(name):
 
 
 @pytest.mark.slow(reason="four runs with many bounces")
-def test_three_parts_make_the_table_of_one_run(go):
+def test_three_parts_make_the_table_of_one_run(run):
     end = ("--checkpoint", "end.json")
-    assert go("--t-end", "0.305", *end).exit_code == 0
+    assert run("--t-end", "0.305", *end).exit_code == 0
     first = Path("results/ball.csv").read_bytes()
-    assert go("--t-end", "1.2", "--continue", "end.json", *end).exit_code == 0
+    assert run("--t-end", "1.2", "--continue", "end.json", *end).exit_code == 0
     assert Path("results/ball_part1.csv").read_bytes() == first
-    result = go("--continue", "end.json", *end)
+    result = run("--continue", "end.json", *end)
     assert result.exit_code == 0
     assert "ball_part3.csv" in result.stdout
     assert "bounce " in result.stdout
     assert Path("results/ball_part1.csv").read_bytes() == first
-    table, told = read("ball")
+    table, metadata = read("ball")
     whole = bd.simulate(bd.load_model("ball.py"), output_step=0.01)
-    # The ends of the first parts are rows of theirs.
+    # The end of the first part is an additional row.
     t = np.sort([*whole.t, 0.305])
     assert_allclose(table["t [s]"], t, atol=1e-12)
     on_grid = table["t [s]"] != 0.305
-    # Runs with errors of 100 rtol of a meter; at the bounces rates differ by their times.
+    # Errors of both runs are below 100 rtol of a meter; velocities jump at the bounces.
     for column in ("ball.x [m]", "ball.y [m]", "energy.work_of_loads [J]"):
         assert_allclose(table[column][on_grid], whole.all_columns()[column], atol=1e-3)
     assert_allclose(table["energy.dissipated [J]"].iloc[-1], whole.ledger.iloc[-1, 5], rtol=1e-4)
     assert np.abs(table["energy.imbalance [J]"]).max() < 1e-4
-    assert len(told["events"]) == len(whole.event_records)
-    assert [part["file"] for part in told["parts"]] == [f"ball_part{k}.csv" for k in (1, 2, 3)]
+    assert len(metadata["events"]) == len(whole.event_records)
+    assert [part["file"] for part in metadata["parts"]] == [f"ball_part{k}.csv" for k in (1, 2, 3)]
     steps = sum(read(f"ball_part{k}")[1]["result"]["steps"] for k in (1, 2, 3))
-    assert told["result"]["steps"] == steps
-    assert told["result"]["last_time"] == 2.0
+    assert metadata["result"]["steps"] == steps
+    assert metadata["result"]["last_time"] == 2.0
 
 
-def test_runs_that_limits_ended_go_on_one_after_the_other(go):
-    few = ("--integrator", "generalized-alpha", "--step", "0.001")
-    result = go(*few, "--time-limit", "1e-9")
+def test_runs_ended_by_a_limit_resume_repeatedly(run):
+    settings = ("--integrator", "generalized-alpha", "--step", "0.001")
+    result = run(*settings, "--time-limit", "1e-9")
     assert result.exit_code == 1
-    assert "to go on: --continue results/ball_end.json" in result.stdout
-    _, told = read("ball")
-    reached = [told["result"]["last_time"]]
+    assert "to resume: --continue results/ball_end.json" in result.stdout
+    _, metadata = read("ball")
+    reached = [metadata["result"]["last_time"]]
     for _ in range(2):
-        go(*few, "--time-limit", "1e-9", "--continue", "results/ball_end.json")
-        table, told = read("ball")
-        reached.append(told["result"]["last_time"])
+        run(*settings, "--time-limit", "1e-9", "--continue", "results/ball_end.json")
+        table, metadata = read("ball")
+        reached.append(metadata["result"]["last_time"])
         assert set(table["status"]) == {"limited"}
         assert np.all(np.diff(table["t [s]"]) > 0.0)
     assert 0.0 < reached[0] < reached[1] < reached[2] < 2.0
-    assert go("--continue", "results/ball_end.json").exit_code == 0
-    table, told = read("ball")
+    assert run("--continue", "results/ball_end.json").exit_code == 0
+    table, metadata = read("ball")
     assert "status" not in table
-    assert [part["status"] for part in told["parts"]] == ["limited"] * 3 + ["ok"]
+    assert [part["status"] for part in metadata["parts"]] == ["limited"] * 3 + ["ok"]
     assert table["t [s]"].iloc[[0, -1]].tolist() == [0.0, 2.0]
 
 
-def test_an_end_can_be_gone_on_from_again(go):
-    go("--t-end", "0.3", "--checkpoint", "end.json")
-    go("--t-end", "0.5", "--continue", "end.json")
-    assert go("--t-end", "0.6", "--continue", "end.json").exit_code == 0
-    table, told = read("ball")
+def test_a_checkpoint_can_be_resumed_twice(run):
+    run("--t-end", "0.3", "--checkpoint", "end.json")
+    run("--t-end", "0.5", "--continue", "end.json")
+    assert run("--t-end", "0.6", "--continue", "end.json").exit_code == 0
+    table, metadata = read("ball")
     assert table["t [s]"].iloc[[0, -1]].tolist() == [0.0, 0.6]
-    assert len(told["parts"]) == 2
+    assert len(metadata["parts"]) == 2
 
 
-def test_what_went_on_from_a_failure_has_failed(go):
-    go("--t-end", "0.3", "--checkpoint", "end.json")
-    metadata = Path("results/ball.json")
-    ended = {"status": "failed", "reason": "met something"}
-    metadata.write_text(json.dumps(json.loads(metadata.read_text()) | ended))
-    go("--t-end", "0.5", "--continue", "end.json")
-    table, told = read("ball")
-    assert set(table["status"]) == {told["status"]} == {told["result"]["status"]} == {"failed"}
-    assert told["reason"].endswith("but it resumed from a failed run: met something")
+def test_a_run_resumed_from_a_failure_has_failed(run):
+    run("--t-end", "0.3", "--checkpoint", "end.json")
+    sidecar = Path("results/ball.json")
+    failure = {"status": "failed", "reason": "met something"}
+    sidecar.write_text(json.dumps(json.loads(sidecar.read_text()) | failure))
+    run("--t-end", "0.5", "--continue", "end.json")
+    table, metadata = read("ball")
+    assert (
+        set(table["status"]) == {metadata["status"]} == {metadata["result"]["status"]} == {"failed"}
+    )
+    assert metadata["reason"].endswith("but it resumed from a failed run: met something")
 
 
-def test_tables_of_other_runs_are_not_overwritten(go):
-    go("--t-end", "0.3", "--checkpoint", "end.json")
-    go("--t-end", "0.4")
+def test_tables_of_other_runs_are_not_overwritten(run):
+    run("--t-end", "0.3", "--checkpoint", "end.json")
+    run("--t-end", "0.4")
     before = Path("results/ball.csv").read_bytes()
-    result = go("--continue", "end.json")
+    result = run("--continue", "end.json")
     assert result.exit_code == 2
     assert "this table belongs to another run" in result.stderr
     assert Path("results/ball.csv").read_bytes() == before
-    assert go("--continue", "end.json", "--out", "other").exit_code == 0
-    go("--t-end", "0.3")
-    go("--t-end", "0.5", "--continue", "end.json")
+    assert run("--continue", "end.json", "--out", "other").exit_code == 0
+    run("--t-end", "0.3")
+    run("--t-end", "0.5", "--continue", "end.json")
     Path("results/ball_part1.csv").unlink()
-    result = go("--continue", "end.json")
+    result = run("--continue", "end.json")
     assert result.exit_code == 2
     assert "ball_part1.csv: this part of the run is missing" in result.stderr
 
 
-def test_other_parameters_are_refused_or_accepted(go):
-    go("--t-end", "0.3", "--checkpoint", "end.json")
-    more = ("--set", "push=1.0", "--continue", "end.json")
-    result = go(*more)
+def test_changed_parameters_need_accept_changes(run):
+    run("--t-end", "0.3", "--checkpoint", "end.json")
+    options = ("--set", "push=1.0", "--continue", "end.json")
+    result = run(*options)
     assert result.exit_code == 2
     assert "run with other parameters, push was 0.5" in result.stderr
     assert "--accept-changes" in result.stderr
-    result = go(*more, "--accept-changes")
+    result = run(*options, "--accept-changes")
     assert result.exit_code == 0

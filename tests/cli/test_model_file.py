@@ -1,4 +1,4 @@
-"""Model files: whatever stands in them, they load or are refused in one sentence."""
+"""Model files: whatever they contain, they load or are refused with one sentence."""
 
 import os
 import re
@@ -22,19 +22,19 @@ MODEL = (
 
 @pytest.fixture
 def file(tmp_path, monkeypatch):
-    """Writes text or bytes to a file in the working folder, and gives its name."""
+    """Return a function that writes text or bytes to a file in the working folder."""
     monkeypatch.chdir(tmp_path)
 
-    def written(content, name="model.py"):
+    def write(content, name="model.py"):
         data = content if isinstance(content, bytes) else content.encode()
         (tmp_path / name).write_bytes(data)
         return name
 
-    return written
+    return write
 
 
 def refusal(path, name=None):
-    """What is said of a file that does not load, or of a model that cannot be built."""
+    """Return the message of a file that does not load, or of a model that cannot be built."""
     with pytest.raises(bd.BeamdaeError) as problem:
         bd.load_model(path, name)()
     text = str(problem.value)
@@ -44,18 +44,17 @@ def refusal(path, name=None):
     return text
 
 
-def test_regression_models_of_one_name_are_refused(file):
-    """One of them was taken without a word."""
+def test_regression_two_models_of_one_name_are_refused(file):
     factory = (
-        "def made(n):\n" + "".join(f"    {x}\n" for x in MODEL.splitlines()) + "    return swing\n"
+        "def build(n):\n" + "".join(f"    {x}\n" for x in MODEL.splitlines()) + "    return swing\n"
     )
-    path = file(f"{HEAD}{factory}few, many = made(1), made(2)\n")
-    assert "holds 2 models called 'swing', give each a name of its own" in refusal(path)
+    path = file(f"{HEAD}{factory}few, many = build(1), build(2)\n")
+    assert "2 models are called 'swing'; give their functions different names." in refusal(path)
     assert refusal(path, "swing") == refusal(path)
     assert bd.load_model(file(f"{HEAD}{MODEL}again = swing\n")).name == "swing"
 
 
-# Reading ----------------------------------------------------------------------------------------
+# Reading the file ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -69,43 +68,52 @@ def test_regression_models_of_one_name_are_refused(file):
     ],
     ids=["plain", "byte order mark", "latin-1", "UTF-8", "Windows lines"],
 )
-def test_encodings_a_python_file_may_have(file, content):
+def test_encodings_of_python_files_are_read(file, content):
     path = file(content)
     model = bd.load_model(path)
     assert model(mass=3.0).parts
-    # What studies look for changes in.
+    # Studies detect changes by comparing mechanisms.
     assert bd.Case(model).mechanism() != bd.Case(model, {"mass": 3.0}).mechanism()
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "message"),
     [
-        (("# \xe4\n" + HEAD).encode("latin-1"), "model.py: it is no text in UTF-8, nor in the"),
-        (("# coding: klingon\n" + HEAD).encode(), "model.py: it is no text in UTF-8, nor in the"),
-        ((HEAD + MODEL).encode("utf-16"), "model.py: it is no text in UTF-8, nor in the encod"),
-        (b"import beamdae\0\n", "model.py: it holds NUL bytes"),
-        (bytes(range(256)), "model.py: it is no text in UTF-8"),
-        (b"", "model.py: it holds no model, decorate a function"),
-        (b"#" * 10_000_001, "model.py: it is larger than 10 MB"),
-        (HEAD + "def broken(:\n", "model.py: it does not import, SyntaxError at line 2: "),
-        ("(" * 1000, "model.py: it does not import, SyntaxError at line 1: too many nested"),
+        (
+            ("# \xe4\n" + HEAD).encode("latin-1"),
+            "model.py: the file is neither in UTF-8 nor in the enc",
+        ),
+        (
+            ("# coding: klingon\n" + HEAD).encode(),
+            "model.py: the file is neither in UTF-8 nor in the enc",
+        ),
+        ((HEAD + MODEL).encode("utf-16"), "model.py: the file is neither in UTF-8 nor in the enc"),
+        (
+            b"import beamdae\0\n",
+            "model.py: the file contains NUL bytes; a model file must be text.",
+        ),
+        (bytes(range(256)), "model.py: the file is neither in UTF-8 nor"),
+        (b"", "model.py: the file contains no model; decorate a function"),
+        (b"#" * 10_000_001, "model.py: the file is larger than 10 MB; move its data"),
+        (HEAD + "def broken(:\n", "model.py: the import failed with SyntaxError at line 2: "),
+        ("(" * 1000, "model.py: the import failed with SyntaxError at line 1: too many nested"),
     ],
 )
-def test_regression_files_that_are_no_model_are_told(file, content, words):
-    assert refusal(file(content)).startswith(words)
+def test_regression_files_without_a_model_are_refused(file, content, message):
+    assert refusal(file(content)).startswith(message)
 
 
-def test_what_is_no_file_is_told(file, tmp_path):
+def test_unreadable_paths_are_refused(file, tmp_path):
     (tmp_path / "folder.py").mkdir()
     if hasattr(os, "mkfifo"):
         os.mkfifo(tmp_path / "pipe.py")
-        assert refusal("pipe.py").startswith("pipe.py: it is no file")
-    assert refusal("folder.py").startswith("folder.py: it is no file")
+        assert refusal("pipe.py").startswith("pipe.py: this is not a regular file")
+    assert refusal("folder.py").startswith("folder.py: this is not a regular file")
     assert refusal("missing.py") == "missing.py: there is no such file."
-    assert refusal("a" * 300 + ".py").endswith("it cannot be read, File name too long.")
-    assert refusal("a\0.py") == r"path: no model file can be called 'a\x00.py'."
-    assert refusal(3) == "load_model: path must be that of a model file, got 3."
-    assert "no model ['swing'] (did you mean 'swing'?), the models are" in refusal(
+    assert refusal("a" * 300 + ".py").endswith("the file cannot be read, File name too long.")
+    assert refusal("a\0.py") == r"path: 'a\x00.py' is not a valid file name."
+    assert refusal(3) == "load_model: path must be a model file, got 3."
+    assert "there is no model ['swing'] (did you mean 'swing'?); the models are swing." in refusal(
         file(HEAD + MODEL), ["swing"]
     )
 
@@ -114,20 +122,20 @@ def test_what_is_no_file_is_told(file, tmp_path):
     "name",
     ["numpy.py", "casadi.py", "beamdae.py", "scipy.py", "model-1.py", "my model.py", "x.1.py"],
 )
-def test_a_file_may_have_the_name_of_a_module(file, name):
+def test_a_file_named_like_a_module_does_not_hide_it(file, name):
     uses = "import numpy as np, casadi as ca\nfrom scipy import sparse\nx = np.sin(ca.pi)\n"
     assert bd.load_model(file(HEAD + uses + MODEL, name))().parts
 
 
 @pytest.mark.slow(reason="a command in a process of its own")
-def test_a_model_called_numpy_runs_where_it_lies(file, tmp_path):
-    """`python -m` puts the working folder before all others."""
+def test_a_model_called_numpy_runs_in_its_folder(file, tmp_path):
+    """`python -m` puts the working folder first on the import path."""
     name = file("# coding: latin-1\n" + HEAD + MODEL, "numpy.py")
     package = str(Path(bd.__file__).parents[1])
-    plain = {"PYTHONPATH": package, "LC_ALL": "C", "PYTHONUTF8": "0"}
+    environment = {"PYTHONPATH": package, "LC_ALL": "C", "PYTHONUTF8": "0"}
     command = [sys.executable, "-m", "beamdae", "run", name, "--t-end", "0.1", "--no-estimate"]
     result = subprocess.run(
-        command, cwd=tmp_path, env=os.environ | plain, capture_output=True, text=True
+        command, cwd=tmp_path, env=os.environ | environment, capture_output=True, text=True
     )
     assert result.returncode == 0, result.stderr
     assert (tmp_path / "results" / "swing.csv").is_file()
@@ -138,11 +146,11 @@ def test_a_file_that_deletes_itself_is_a_model(file):
     assert refusal("model.py") == "model.py: there is no such file."
 
 
-# Running ----------------------------------------------------------------------------------------
+# Executing the file -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("line", "message"),
     [
         ("raise SystemExit(3)", "SystemExit at line 2: it called sys.exit(3)."),
         ("exit('now')", "SystemExit at line 2: it called sys.exit('now')."),
@@ -159,18 +167,17 @@ def test_a_file_that_deletes_itself_is_a_model(file):
         ("import casadi as ca\nca.sin('x')", "at line 3: shapes or types of CasADi expressions do"),
     ],
 )
-def test_whatever_a_file_raises_is_told_with_its_line(file, line, words):
-    """GeneratorExit and the like went through, and texts of CasADi were shown."""
-    assert words in refusal(file(f"{HEAD}{line}\n"))
+def test_any_exception_of_a_file_is_reported_with_its_line(file, line, message):
+    assert message in refusal(file(f"{HEAD}{line}\n"))
 
 
-def test_ctrl_c_is_no_mistake(file):
+def test_ctrl_c_during_the_import_is_raised(file):
     with pytest.raises(KeyboardInterrupt):
         bd.load_model(file("raise KeyboardInterrupt\n"))
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("line", "message"),
     [
         ("bd.Beem", "no attribute 'Beem' (did you mean 'Beam'?)."),
         ("from beamdae import Beem", "cannot import name 'Beem' from 'beamdae'"),
@@ -187,12 +194,12 @@ def test_ctrl_c_is_no_mistake(file):
         ("bd.Beam('b')", "TypeError at line 2: Beam() missing 2 required positional arguments"),
     ],
 )
-def test_mistyped_names_are_told_with_the_nearest(file, line, words):
-    assert words in refusal(file(f"{HEAD}{line}\n"))
+def test_mistyped_names_are_reported_with_a_suggestion(file, line, message):
+    assert message in refusal(file(f"{HEAD}{line}\n"))
 
 
 @pytest.mark.parametrize(
-    ("body", "words"),
+    ("body", "message"),
     [
         ("return None", "swing: the function must return the mechanism, got None."),
         ("return swing", "swing: the function must return the mechanism, got the model swing."),
@@ -201,25 +208,25 @@ def test_mistyped_names_are_told_with_the_nearest(file, line, words):
         ("yield bd.Mechanism()", "expected a model or a mechanism, got <generator object swing>."),
         (
             "raise SystemExit",
-            "swing: model.py cannot build it, SystemExit at line 5: it called sys.exit().",
+            "swing: the model function in model.py failed with SystemExit at line 5: it called sys",
         ),
         ("return bd.Mechanism().prat", "AttributeError at line 5: 'Mechanism' object has no attr"),
         (
             "return swing()",
-            "swing: model.py cannot build it, RecursionError at line 5: maximum rec",
+            "swing: the model function in model.py failed with RecursionError at line 5: maximum",
         ),
     ],
 )
-def test_what_a_model_function_returns_or_raises(file, body, words):
+def test_invalid_returns_and_exceptions_of_a_model_function(file, body, message):
     other = "@bd.model(t_end=1.0)\ndef other(): return None\n"
     path = file(f"{HEAD}{other}@bd.model(t_end=1.0)\ndef swing(): {body}\n")
     with pytest.raises(bd.BeamdaeError) as problem:
         bd.simulate(bd.load_model(path, "swing"))
-    assert words in str(problem.value)
+    assert message in str(problem.value)
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("line", "message"),
     [
         ("mech.add(mech.part('bob'))", "Mechanism: the name 'bob' is taken"),
         ("mech.add(bd.Weld('w', bd.Mechanism().ground.at(0, 0), bar.at(0, 0)))", "another mech"),
@@ -234,14 +241,14 @@ def test_what_a_model_function_returns_or_raises(file, body, words):
         ),
     ],
 )
-def test_parts_that_do_not_belong_are_told(file, line, words):
+def test_parts_of_other_mechanisms_are_refused(file, line, message):
     bar = "mech.add(bd.RigidBody('bar', 1.0, 1.0))"
     text = MODEL.replace("    return", f"    bar = {bar}\n    {line}\n    return")
-    assert words in refusal(file(HEAD + text))
+    assert message in refusal(file(HEAD + text))
 
 
 @pytest.mark.parametrize(
-    ("default", "value", "words"),
+    ("default", "value", "message"),
     [
         ("2.0", "1e999", "must be finite"),
         ("2.0", 10**400, "must be finite"),
@@ -255,15 +262,15 @@ def test_parts_that_do_not_belong_are_told(file, line, words):
         ("True", "maybe", "must be true or false, got 'maybe'"),
     ],
 )
-def test_values_of_another_type_are_told(file, default, value, words):
+def test_parameter_values_of_another_type_are_refused(file, default, value, message):
     model = bd.load_model(file(HEAD + MODEL.replace("mass=2.0", f"mass={default}")))
     with pytest.raises(bd.BeamdaeError, match=r"^swing: mass ") as problem:
         model(mass=value)
-    assert words in str(problem.value)
+    assert message in str(problem.value)
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("line", "message"),
     [
         ("model = bd.model(t_end=1.0)(3)", "model: build must be a function, got 3."),
         ("@bd.model(t_end=1)\ndef f(*a): pass", "the parameter 'a' needs a default value"),
@@ -271,5 +278,5 @@ def test_values_of_another_type_are_told(file, default, value, words):
         ("@bd.model(t_end=10**400)\ndef f(a=1): pass", "model: t_end must be finite"),
     ],
 )
-def test_what_cannot_be_a_model_is_told(file, line, words):
-    assert words in refusal(file(f"{HEAD}{line}\n"))
+def test_functions_that_cannot_be_models_are_refused(file, line, message):
+    assert message in refusal(file(f"{HEAD}{line}\n"))

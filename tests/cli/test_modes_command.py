@@ -1,4 +1,4 @@
-"""`beamdae modes`: tables, pictures, and mistakes."""
+"""`beamdae modes`: tables, pictures, and usage errors."""
 
 import pandas as pd
 import pytest
@@ -13,13 +13,13 @@ import beamdae as bd
 
 
 @bd.model(t_end=1.0)
-def cross(stiffness=50.0, weight=0.0, held=False):
+def cross(stiffness=50.0, weight=0.0, locked=False):
     mech = bd.Mechanism(gravity=(0.0, -weight))
     disk = mech.add(bd.RigidBody("disk", 1.0, 0.3))
     hub = disk.at(0.0, 0.0)
     mech.add(bd.Revolute("axle", mech.ground.at(0.0, 0.0), hub))
     mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), hub, law=0.0))
-    if not held:
+    if not locked:
         bob = mech.add(bd.RigidBody("bob", 2.0, 0.1))
         mech.add(bd.Bushing("arms", hub, bob.at(0.0, 0.0), stiffness, 80.0, 1e4))
     return mech
@@ -30,56 +30,62 @@ def cross(stiffness=50.0, weight=0.0, held=False):
 def modes(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "cross.py").write_text(MODEL)
-    return lambda *words: CliRunner().invoke(app, ["modes", "cross.py", *words])
+    return lambda *arguments: CliRunner().invoke(app, ["modes", "cross.py", *arguments])
 
 
 @pytest.mark.slow(reason="pictures")
-def test_a_table_and_pictures_are_written(modes, tmp_path):
-    said = modes("--set", "stiffness=32", "-n", "2", "--about", "equilibrium", "--animate", "2")
-    assert said.exit_code == 0
+def test_modes_writes_a_table_and_pictures(modes, tmp_path):
+    result = modes("--set", "stiffness=32", "-n", "2", "--about", "equilibrium", "--animate", "2")
+    assert result.exit_code == 0
     table = pd.read_csv(tmp_path / "results/cross_modes.csv")
     assert_allclose(table["frequency [Hz]"], [0.6366198, 1.0065842], rtol=1e-6)
     assert list(table["moves"]) == ["bob 100%"] * 2
-    assert "vibration" in said.stdout
-    with Image.open(tmp_path / "results/cross_mode_2.gif") as moving:
-        assert moving.n_frames == 32
-    with Image.open(tmp_path / "results/cross_modes.png") as still:
-        assert still.size[0] > 500
+    assert "vibration" in result.stdout
+    with Image.open(tmp_path / "results/cross_mode_2.gif") as animation:
+        assert animation.n_frames == 32
+    with Image.open(tmp_path / "results/cross_modes.png") as picture:
+        assert picture.size[0] > 500
 
 
 @pytest.mark.slow(reason="a picture")
-def test_several_speeds_are_a_campbell_diagram(modes, tmp_path):
-    said = modes("--speed", "0", "--speed", "5.5", "-n", "2")
-    assert said.exit_code == 0
+def test_several_speeds_make_a_campbell_diagram(modes, tmp_path):
+    result = modes("--speed", "0", "--speed", "5.5", "-n", "2")
+    assert result.exit_code == 0
     table = pd.read_csv(tmp_path / "results/cross_modes.csv")
     assert list(table["speed [rad/s]"]) == [0.0, 5.5]
     # Between the roots of 50 / 2 and 80 / 2.
     assert max(table["growth rate 1 [1/s]"][1], table["growth rate 2 [1/s]"][1]) > 0.1
-    assert "warning: at 5.5 rad/s the state is unstable" in said.stdout
+    assert "warning: at 5.5 rad/s the state is unstable" in result.stdout
     assert (tmp_path / "results/cross_modes.png").exists()
 
 
-def test_what_cannot_move_has_a_table_without_rows(modes, tmp_path):
-    said = modes("--set", "held=True")
-    assert said.exit_code == 0
-    assert "nothing vibrates: joints and drivers fix every coordinate" in said.stdout
+def test_an_immobile_model_has_an_empty_table(modes, tmp_path):
+    result = modes("--set", "locked=True")
+    assert result.exit_code == 0
+    assert "nothing vibrates: joints and drivers fix every coordinate" in result.stdout
     assert len(pd.read_csv(tmp_path / "results/cross_modes.csv")) == 0
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("arguments", "message"),
     [
         (["--about", "rest"], "--about must be"),
-        (["--about", "equilibrium", "--speed", "1"], "each say what about"),
-        (["--speed", "1", "--speed", "2", "--animate", "1"], "at one --speed"),
+        (
+            ["--about", "equilibrium", "--speed", "1"],
+            "--about equilibrium and --speed exclude each other; omit one.",
+        ),
+        (
+            ["--speed", "1", "--speed", "2", "--animate", "1"],
+            "--animate requires modes at one --speed",
+        ),
         (["--animate", "9"], "--animate must be"),
         (["--speed", "1", "--set", "weight=9.81"], "do not turn with the mechanism"),
         (["-n", "0"], "n must be"),
     ],
 )
-def test_mistakes_are_one_sentence_and_leave_nothing(modes, tmp_path, words, told):
-    said = modes(*words)
-    assert said.exit_code == 2
-    assert told in said.stderr
-    assert len(said.stderr.splitlines()) == 1
+def test_usage_errors_are_one_line_and_write_nothing(modes, tmp_path, arguments, message):
+    result = modes(*arguments)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert len(result.stderr.splitlines()) == 1
     assert not (tmp_path / "results").exists()

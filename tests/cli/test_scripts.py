@@ -1,4 +1,4 @@
-"""The command line for scripts: one JSON document, or nothing but what went wrong."""
+"""The command line in scripts: --json and --quiet."""
 
 import json
 import re
@@ -16,7 +16,7 @@ import sys
 
 import beamdae as bd
 
-print("the model says")
+print("printed by the model")
 
 
 @bd.model(t_end=0.02)
@@ -29,10 +29,10 @@ def arm(mass=2.0):
     # more
     return mech
 '''
-# The law leaves the real numbers on the way.
-DEAD = "mech.add(bd.Moment('m', on=bob.at(0.0, 0.0), law=lambda t: t * (0.0105 - t) ** 0.5))"
+# The value of the law is not real after t = 0.0105 s.
+FAILING = "mech.add(bd.Moment('m', on=bob.at(0.0, 0.0), law=lambda t: t * (0.0105 - t) ** 0.5))"
 COMMON = {"command", "exit_code", "files", "warnings", "errors"}
-# Of each command that ends with 0: its arguments, and keys of its document.
+# Arguments with which each command exits with 0, and keys of its document.
 KEYS = {
     "run": (["model.py"], {"model", "status", "reason", "result", "observed", "integrator"}),
     "check": (["model.py"], {"model", "ok", "mobility", "parts", "free_motions", "problem"}),
@@ -52,67 +52,67 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-def called(*arguments):
+def invoke(*arguments):
     return CliRunner().invoke(app, list(arguments))
 
 
-def strict(text):
-    """The one document of a standard output, as strict readers take it."""
+def parse(text):
+    """Parse a JSON document as a strict reader does."""
     return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
 
 
 @pytest.mark.parametrize("command", KEYS)
-def test_the_document_of_each_command(here, command):
+def test_json_document_of_each_command(here, command):
     arguments, keys = KEYS[command]
-    result = called(command, *arguments, "--json")
+    result = invoke(command, *arguments, "--json")
     assert result.exit_code == 0, result.output
-    told = strict(result.stdout)
-    assert set(told) >= COMMON | keys
-    assert (told["command"], told["exit_code"], told["errors"]) == (command, 0, [])
-    assert all(Path(file).is_file() for file in told["files"])
-    # What a model prints is not part of it.
-    assert "the model says" not in result.stdout
+    document = parse(result.stdout)
+    assert set(document) >= COMMON | keys
+    assert (document["command"], document["exit_code"], document["errors"]) == (command, 0, [])
+    assert all(Path(file).is_file() for file in document["files"])
+    # Output of the model goes to standard error.
+    assert "printed by the model" not in result.stdout
     if "model" in keys:
-        assert told["model"]["name"] == "arm"
-        assert told["model"]["parameters"] == {"mass": 2.0}
-        assert "the model says" in result.stderr
+        assert document["model"]["name"] == "arm"
+        assert document["model"]["parameters"] == {"mass": 2.0}
+        assert "printed by the model" in result.stderr
 
 
-def test_the_guide_tells_the_keys_of_documents(here):
+def test_the_guide_lists_the_keys_of_documents(here):
     guide = Path(__file__).parents[2] / ".docs" / "guide" / "commands.md"
     rows = re.findall(r"^\| `(\w+)` \| (.*) \|$", guide.read_text(encoding="utf-8"), re.MULTILINE)
-    told = {command: set(re.findall(r"`([^`]+)`", keys)) for command, keys in rows}
-    assert set(told) == {*KEYS, "compare", "sweep"} - {"new"}
+    listed = {command: set(re.findall(r"`([^`]+)`", keys)) for command, keys in rows}
+    assert set(listed) == {*KEYS, "compare", "sweep"} - {"new"}
     for command in ("check", "static", "draw"):
-        document = strict(called(command, *KEYS[command][0], "--json").stdout)
-        assert told[command] <= set(document)
+        document = parse(invoke(command, *KEYS[command][0], "--json").stdout)
+        assert listed[command] <= set(document)
     for command, (_, keys) in KEYS.items():
-        assert keys - {"model"} <= told.get(command, set())
+        assert keys - {"model"} <= listed.get(command, set())
 
 
 @pytest.mark.parametrize("command", KEYS)
-def test_a_quiet_command_says_nothing(here, command):
+def test_a_quiet_command_prints_nothing(here, command):
     Path("model.py").write_text(MODEL.replace("print", "len"), encoding="utf-8")
-    result = called(command, *KEYS[command][0], "--quiet")
+    result = invoke(command, *KEYS[command][0], "--quiet")
     assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
 
 
 @pytest.mark.slow(reason="a run of the command")
-def test_numbers_of_a_run(here):
-    told = strict(called("run", "model.py", "--json", "--set", "mass=3").stdout)
-    assert told["model"]["parameters"] == {"mass": 3.0}
-    assert told["result"]["last_time"] == 0.02
-    fall = told["observed"]["tip.y [m]"]
+def test_json_document_of_a_run(here):
+    document = parse(invoke("run", "model.py", "--json", "--set", "mass=3").stdout)
+    assert document["model"]["parameters"] == {"mass": 3.0}
+    assert document["result"]["last_time"] == 0.02
+    fall = document["observed"]["tip.y [m]"]
     assert fall["min"] == fall["end"] < fall["max"] == 0.0
     assert 0.0 < fall["error over half the range"] < 1e-3
-    assert [Path(file).suffix for file in told["files"]][:2] == [".csv", ".json"]
+    assert [Path(file).suffix for file in document["files"]][:2] == [".csv", ".json"]
 
 
-@pytest.mark.parametrize("how", ["--json", "--quiet"])
-def test_failures_and_mistakes_keep_their_code_and_sentence(here, how):
-    Path("dead.py").write_text(MODEL.replace("# more", DEAD), encoding="utf-8")
+@pytest.mark.parametrize("option", ["--json", "--quiet"])
+def test_failures_and_usage_errors_keep_their_code_and_message(here, option):
+    Path("failing.py").write_text(MODEL.replace("# more", FAILING), encoding="utf-8")
     for code, words, arguments in (
-        (1, "failed: ", ["run", "dead.py", "--integrator", "generalized-alpha"]),
+        (1, "failed: ", ["run", "failing.py", "--integrator", "generalized-alpha"]),
         (2, "error: gone.py: there is no such file.", ["check", "gone.py"]),
         (2, "no parameter 'mas'", ["run", "model.py", "--set", "mas=3"]),
         (2, "error: beamdae run: no such option: --bogus", ["run", "model.py", "--bogus"]),
@@ -120,20 +120,20 @@ def test_failures_and_mistakes_keep_their_code_and_sentence(here, how):
         (2, "error: beamdae run: missing argument 'MODEL.py'", ["run"]),
         (2, "error: beamdae: no such command 'rum', did you mean 'run'?", ["rum"]),
     ):
-        result = called(*arguments, how)
+        result = invoke(*arguments, option)
         assert result.exit_code == code, result.output
-        (line,) = [x for x in result.stderr.splitlines() if x != "the model says"]
+        (line,) = [x for x in result.stderr.splitlines() if x != "printed by the model"]
         assert words in line
-        if how == "--json":
-            told = strict(result.stdout)
-            assert (told["exit_code"], told["errors"]) == (code, [line])
-            assert "observed" in told or code == 2
+        if option == "--json":
+            document = parse(result.stdout)
+            assert (document["exit_code"], document["errors"]) == (code, [line])
+            assert "observed" in document or code == 2
         else:
-            assert result.stdout.replace("the model says\n", "") == ""
+            assert result.stdout.replace("printed by the model\n", "") == ""
 
 
-def test_a_wrong_value_is_told_with_the_option(here):
-    result = called("run", "model.py", "--rtol", "abc")
+def test_a_wrong_value_is_reported_with_its_option(here):
+    result = invoke("run", "model.py", "--rtol", "abc")
     assert result.exit_code == 2
     (line,) = result.stderr.splitlines()
     assert "'--rtol'" in line
@@ -141,37 +141,37 @@ def test_a_wrong_value_is_told_with_the_option(here):
     assert "beamdae run --help" in line
 
 
-def test_a_broken_file_of_a_folder_is_a_row_of_the_list(here):
+def test_a_file_that_fails_to_import_is_a_row_of_the_list(here):
     Path("bad.py").write_text("from beamdae import study\n1 / 0\n", encoding="utf-8")
-    result = called("list", ".", "--json")
-    told = strict(result.stdout)
-    assert (result.exit_code, told["exit_code"]) == (1, 1)
-    assert [one["name"] for one in told["models"]] == ["arm"]
-    assert [one["file"] for one in told["problems"]] == ["bad.py"]
+    result = invoke("list", ".", "--json")
+    document = parse(result.stdout)
+    assert (result.exit_code, document["exit_code"]) == (1, 1)
+    assert [row["name"] for row in document["models"]] == ["arm"]
+    assert [row["file"] for row in document["problems"]] == ["bad.py"]
 
 
 @pytest.mark.slow(reason="a study, twice")
-def test_the_document_of_a_study(here, monkeypatch):
+def test_json_document_of_a_study(here, monkeypatch):
     monkeypatch.setattr(
         "beamdae.studies.execution.executors.LocalPool", lambda workers: SerialPool()
     )
-    result = called("compare", "model.py", "--json")
-    told = strict(result.stdout)
+    result = invoke("compare", "model.py", "--json")
+    document = parse(result.stdout)
     assert result.exit_code == 0, result.output
-    assert set(told) >= COMMON | {"study", "folder", "references", "cases", "summary"}
-    assert [case["status"] for case in told["cases"]] == ["ok"] * 5
+    assert set(document) >= COMMON | {"study", "folder", "references", "cases", "summary"}
+    assert [case["status"] for case in document["cases"]] == ["ok"] * 5
     assert "8 of 8 runs" in result.stderr
-    result = called("compare", "model.py", "--quiet")
+    result = invoke("compare", "model.py", "--quiet")
     assert (result.exit_code, result.stderr) == (0, "")
 
 
 @pytest.mark.slow(reason="processes of the command")
-def test_nothing_but_the_document_comes_out_of_a_process(here):
-    """Also what other processes and code below Python print goes elsewhere."""
+def test_standard_output_of_a_process_is_only_the_document(here):
+    """Output of other processes and of code below Python goes to standard error."""
     noise = "import os\nos.system('echo below')\n"
     Path("model.py").write_text(noise + MODEL, encoding="utf-8")
     code, output, errors = shell("{beamdae} compare model.py --json")
-    assert (code, strict(output)["exit_code"]) == (0, 0)
+    assert (code, parse(output)["exit_code"]) == (0, 0)
     assert "below" in errors
     assert shell("{beamdae} run model.py --json | true")[0] == 0
     code, _, errors = shell("{beamdae} run model.py --json --quiet >/dev/full")
@@ -179,31 +179,34 @@ def test_nothing_but_the_document_comes_out_of_a_process(here):
 
 
 @pytest.mark.slow(reason="a process of the command")
-def test_an_interrupted_run_has_its_document(here):
+def test_an_interrupted_run_prints_its_document(here):
     strike = "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n"
     Path("model.py").write_text(strike + MODEL, encoding="utf-8")
     command = process("run", "model.py", "--json")
     output, errors = command.communicate(timeout=60)
-    assert command.returncode == strict(output)["exit_code"] == 130
-    assert strict(output)["errors"] == errors.splitlines()
+    assert command.returncode == parse(output)["exit_code"] == 130
+    assert parse(output)["errors"] == errors.splitlines()
 
 
 @pytest.mark.slow(reason="help of every width")
-def test_help_tells_exit_codes_and_flows_at_every_width():
+def test_help_lists_exit_codes_and_is_wrapped_at_every_width():
     for width in ("40", "100"):
-        told = CliRunner().invoke(app, ["run", "--help"], env={"COLUMNS": width}).stdout
-        assert "--json" in told
-        assert "--quiet" in told
-        assert "Exit codes: 0 done" in CliRunner().invoke(app, ["--help"]).stdout
-        paragraph = " ".join(told.split()).split("Arguments")[0]
-        assert "and so on; NAME.csv is that of all parts" in paragraph
+        text = CliRunner().invoke(app, ["run", "--help"], env={"COLUMNS": width}).stdout
+        assert "--json" in text
+        assert "--quiet" in text
+        assert "Exit codes: 0 success" in CliRunner().invoke(app, ["--help"]).stdout
+        paragraph = " ".join(text.split()).split("Arguments")[0]
+        assert (
+            "and so on. If the tables of the earlier parts are in the same folder, NAME.csv covers"
+            in paragraph
+        )
 
 
 def test_narrow_help_has_no_boxes_that_cut_words():
     for width in (20, 40, 60):
-        told = CliRunner().invoke(app, ["run", "--help"], env={"COLUMNS": str(width)}).stdout
-        assert "…" not in told
-        assert "╭" not in told
+        text = CliRunner().invoke(app, ["run", "--help"], env={"COLUMNS": str(width)}).stdout
+        assert "…" not in text
+        assert "╭" not in text
         if width > 40:
-            assert max(map(len, told.splitlines())) <= width
+            assert max(map(len, text.splitlines())) <= width
     assert "╭" in CliRunner().invoke(app, ["run", "--help"], env={"COLUMNS": "80"}).stdout

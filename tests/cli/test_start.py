@@ -1,4 +1,4 @@
-"""What a run imports: its start is as long as that takes."""
+"""Modules that a run imports, which determine its start time."""
 
 import os
 import subprocess
@@ -16,13 +16,13 @@ from beamdae.cli import run_outputs
 # Called when the table is written and the picture is not yet drawn.
 def draw_run(run, solution):
     print("imported:", *sys.modules)
-    run.written.failed = True
+    run.files.failed = True
 run_outputs.draw_run = draw_run
 sys.argv = ["beamdae", "run", {str(MODEL)!r}, "--t-end", "0.01"]
 from beamdae.__main__ import main
 main()
 """
-# By which tables, pictures, studies, fits and the machine code of loops are made.
+# Modules of tables, pictures, studies, fits, and of the compiler of loops.
 NEVER = {"pandas", "pyarrow", "matplotlib", "numba", "distributed", "multiprocessing", "sksundae"}
 NEVER |= {"scipy.optimize", "scipy.interpolate", "scipy.spatial", "scipy.special", "scipy.stats"}
 
@@ -32,12 +32,12 @@ NEVER |= {"scipy.optimize", "scipy.interpolate", "scipy.spatial", "scipy.special
 @pytest.mark.skipif(
     not is_native_enabled(), reason="without machine code scikit-sundae is imported"
 )
-def test_a_run_imports_what_it_needs(tmp_path):
+def test_a_run_imports_only_what_it_needs(tmp_path):
     imported = {"numba"}
     for _ in range(2):
         if "numba" not in imported:
-            break  # Nothing had to be compiled.
-        done = subprocess.run(
+            break  # all loops were in the cache
+        result = subprocess.run(
             [sys.executable, "-c", RUN],
             cwd=tmp_path,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
@@ -45,8 +45,8 @@ def test_a_run_imports_what_it_needs(tmp_path):
             text=True,
             timeout=120,
         )
-        assert done.returncode == 1, done.stderr
-        (line,) = [line for line in done.stdout.splitlines() if line.startswith("imported:")]
+        assert result.returncode == 1, result.stderr
+        (line,) = [line for line in result.stdout.splitlines() if line.startswith("imported:")]
         imported = set(line.split())
     assert {"casadi", "beamdae.simulation"} <= imported
     assert not NEVER & imported

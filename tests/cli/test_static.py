@@ -1,4 +1,4 @@
-"""`beamdae static`: what it writes and says of paths that reach their end and that do not."""
+"""`beamdae static`: files and messages of complete and incomplete paths."""
 
 import json
 from pathlib import Path
@@ -38,52 +38,52 @@ def static(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("truss.py").write_text(TRUSS)
 
-    def call(*arguments, model="truss"):
+    def run(*arguments, model="truss"):
         return CliRunner().invoke(app, ["static", "truss.py", "--model", model, *arguments])
 
-    return call
+    return run
 
 
-def told(name="truss"):
+def read_metadata(name="truss"):
     return json.loads(Path(f"results/{name}_static.json").read_text())
 
 
-def test_a_path_is_written_and_told(static):
-    found = static("--to", "crown.y=0", "--to", "crown.y=-0.25")
-    assert found.exit_code == 0, found.output
-    assert "limit point at 3.019147, crown.y moves most; limit point at -3.019147" in found.stdout
-    assert "equilibrium      stable" in found.stdout
+def test_a_path_is_written_and_printed(static):
+    result = static("--to", "crown.y=0", "--to", "crown.y=-0.25")
+    assert result.exit_code == 0, result.output
+    assert "limit point at 3.019147, crown.y moves most; limit point at -3.019147" in result.stdout
+    assert "equilibrium      stable" in result.stdout
     table = pd.read_csv("results/truss_static.csv")
     assert table["crown.y [m]"].iloc[-1] == -0.25
     assert 0.0 in table["crown.y [m]"].to_numpy()
-    assert told()["critical points"][0]["kind"] == "limit point"
+    assert read_metadata()["critical points"][0]["kind"] == "limit point"
     picture = imread("results/truss_static.png")
     assert picture.std() > 0.01
 
 
-def test_a_path_that_ends_early_is_written_and_why(static):
-    found = static("--to", "4")
-    assert found.exit_code == 1
-    assert "failed: " in found.stderr
-    assert "the last load factor that converged is 3.019" in found.stderr
-    assert told()["status"] == "failed"
+def test_an_incomplete_path_is_written_with_its_reason(static):
+    result = static("--to", "4")
+    assert result.exit_code == 1
+    assert "failed: " in result.stderr
+    assert "the last load factor that converged is 3.019" in result.stderr
+    assert read_metadata()["status"] == "failed"
     assert set(pd.read_csv("results/truss_static.csv")["status"]) == {"failed"}
     assert Path("results/truss_static.png").exists()
 
 
 @pytest.mark.slow(reason="half a second and more")
-def test_branches_are_gone_to_one_after_the_other(static):
+def test_branch_switches_are_made_in_turn(static):
     arguments = ("--set", "rise=3", "--to", "crown.y=-3.5", "--step", "0.3")
     once = static(*arguments, "--switch", "1")
     assert once.exit_code == 1
     assert "the path is closed" in once.stderr
     twice = static(*arguments, "--switch", "1", "--switch", "1")
     assert twice.exit_code == 0, twice.output
-    assert told()["settings"]["switch"] == [1, 1]
+    assert read_metadata()["settings"]["switch"] == [1, 1]
 
 
-def test_what_falls_without_end_is_told(static):
-    found = static(model="falling")
-    assert found.exit_code == 1
-    assert "stone.y: no equilibrium was found, this coordinate moves without end" in found.stderr
-    assert told("falling")["load factor"] == 0.0
+def test_a_model_without_equilibrium_fails_with_the_coordinate(static):
+    result = static(model="falling")
+    assert result.exit_code == 1
+    assert "stone.y: no equilibrium was found, this coordinate moves without end" in result.stderr
+    assert read_metadata("falling")["load factor"] == 0.0

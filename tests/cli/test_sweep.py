@@ -1,4 +1,4 @@
-"""`beamdae sweep`: values on the command line, mistakes, and what is written."""
+"""`beamdae sweep`: values on the command line, usage errors, and files."""
 
 from __future__ import annotations
 
@@ -29,31 +29,40 @@ from beamdae.cli.commands.sweep import parse_values
         ("lists", "[[1, 2], [3]],[]", [[[1, 2], [3]], []]),
     ],
 )
-def test_values_of_the_command_line(name, text, values):
+def test_values_of_over(name, text, values):
     more = turning.parameters | {"at": (0.0, 0.0), "lists": []}
     assert parse_values(replace(turning, parameters=more), name, text) == values
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    ("arguments", "message"),
     [
-        (["--over", "speed=1:2"], "--over speed=1:2: values must have the form values with comm"),
+        (["--over", "speed=1:2"], "--over speed=1:2: values must have the form VALUE,VALUE,"),
         (["--over", "speed=0:2:3:log"], "both ends must be positive for :log."),
         (["--over", "turns=1:2:4"], "turns must be of type int, got 1.3333333"),
         (["--over", "speed"], "--over speed: it must have the form name=value."),
-        (["--over", "speed=1", "--over", "speed=2"], "--over: each parameter once, got speed=1, s"),
-        (["--over", "speed=1", "--set", "speed=2"], "--over speed: it is set by --set as well"),
+        (
+            ["--over", "speed=1", "--over", "speed=2"],
+            "--over: a parameter is given more than once in speed=1, speed=2; give",
+        ),
+        (
+            ["--over", "speed=1", "--set", "speed=2"],
+            "--over speed: --set sets this parameter, too; omit one.",
+        ),
         (["--over", "section=a,b"], "section must be of type Section, got 'a'."),
-        ([], "it holds no sweep, say what to vary with --over NAME=VALUES, of the parameters spe"),
-        (["--rtol", "1e-3"], "sweep: --rtol goes with --over, a sweep in a file says that itself"),
+        ([], "the file contains no sweep; vary a parameter with --over NAME=VALUES (speed, turns"),
+        (
+            ["--rtol", "1e-3"],
+            "sweep: --rtol requires --over; a sweep in a file defines its own settings.",
+        ),
     ],
 )
-def test_mistakes_of_the_command_are_told(arguments, sentence, tmp_path):
+def test_usage_errors_are_reported(arguments, message, tmp_path):
     path = tmp_path / "model.py"
     path.write_text(MODEL)
     result = CliRunner().invoke(app, ["sweep", str(path), *arguments, "--out", str(tmp_path)])
     assert result.exit_code == 2
-    assert sentence in result.output
+    assert message in result.output
 
 
 MODEL = """
@@ -79,14 +88,14 @@ def speeds():
 
 
 @pytest.mark.slow(reason="processes of their own")
-def test_the_command_writes_table_plots_and_page(tmp_path):
+def test_sweep_writes_a_table_plots_and_a_page(tmp_path):
     path = tmp_path / "model.py"
     path.write_text(MODEL)
     arguments = ["sweep", str(path), "--over", "speed=1:9:3", "--over", "turns=1,2", "--jobs", "1"]
     arguments += ["--of", "bob.x", "--integrator", "generalized-alpha", "--step", "5e-3"]
     result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path)])
     assert result.exit_code == 0
-    assert "6 cases, 4 of them reached their end" in result.output
+    assert "6 cases, 4 reached their end" in result.output
     assert "too fast" in result.output
     folder = tmp_path / "swing_sweep_speed_turns"
     files = {file.name for file in folder.iterdir() if file.is_file()}
@@ -98,7 +107,7 @@ def test_the_command_writes_table_plots_and_page(tmp_path):
 
 
 @pytest.mark.slow(reason="processes of their own")
-def test_the_command_runs_the_sweep_of_a_file(tmp_path):
+def test_sweep_of_a_file_runs_and_resumes(tmp_path):
     path = tmp_path / "sweep.py"
     path.write_text(MODEL + SWEEP)
     arguments = ["sweep", str(path), "--jobs", "1", "--out", str(tmp_path)]
@@ -107,25 +116,34 @@ def test_the_command_runs_the_sweep_of_a_file(tmp_path):
     table = pd.read_csv(tmp_path / "speeds" / "sweep.csv")
     assert list(table["status"]) == ["ok", "failed"]
     again = CliRunner().invoke(app, [*arguments, "--of", "bob.x"])
-    assert "2 kept from before" in again.output
+    assert "2 stored before" in again.output
     assert again.exit_code == 0
     assert "bob.x max [m]" in pd.read_csv(tmp_path / "speeds" / "sweep.csv")
-    told = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)
-    assert [case["status"] for case in told["cases"]] == ["ok", "failed"]
-    other = CliRunner().invoke(app, ["compare", str(path)])
-    assert "speeds is a sweep, which beamdae sweep runs." in other.output
+    document = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)
+    assert [case["status"] for case in document["cases"]] == ["ok", "failed"]
+    compared = CliRunner().invoke(app, ["compare", str(path)])
+    assert "speeds is a sweep; run it with beamdae sweep." in compared.output
 
 
-def test_regression_compare_does_not_take_sweeps_for_studies(tmp_path):
+def test_regression_compare_refuses_sweeps(tmp_path):
     path = tmp_path / "sweeps.py"
     path.write_text(MODEL + SWEEP + SWEEP.replace("def speeds", "def others"))
-    for arguments, sentence in (
-        (["compare", str(path)], "speeds is a sweep, which beamdae sweep runs."),
-        (["compare", str(path), "--model", "speeds"], "speeds is a sweep, which"),
-        (["compare", str(path), "--model", "nine"], "no model 'nine', the models are swing."),
-        (["sweep", str(path)], "it holds several sweeps, name one with --model: "),
-        (["sweep", str(path), "--model", "speed"], "no sweep 'speed' (did you mean 'speeds'?)."),
+    for arguments, message in (
+        (["compare", str(path)], "speeds is a sweep; run it with beamdae sweep."),
+        (["compare", str(path), "--model", "speeds"], "speeds is a sweep; run"),
+        (
+            ["compare", str(path), "--model", "nine"],
+            "there is no model 'nine'; the models are swing.",
+        ),
+        (
+            ["sweep", str(path)],
+            "the file contains several sweeps (speeds, others); choose one with --model.",
+        ),
+        (
+            ["sweep", str(path), "--model", "speed"],
+            "there is no sweep 'speed' (did you mean 'speeds'?); the sweeps are speeds, others.",
+        ),
     ):
         result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path)])
         assert result.exit_code == 2
-        assert sentence in result.output
+        assert message in result.output

@@ -1,4 +1,4 @@
-"""What results are kept under: whatever changes them changes it, and nothing else does."""
+"""Fingerprints of cases: they change with everything a result depends on, and nothing else."""
 
 from __future__ import annotations
 
@@ -39,28 +39,28 @@ def falls():
 """
 
 
-def written(folder, head="", mass="MASS", data="", **files):
+def write_study(folder, head="", mass="MASS", data="", **files):
     folder.mkdir(exist_ok=True)
     for name, text in files.items():
         path = folder / name.replace("_", ".")
         path.write_text(text)
-        # Python takes compiled modules of the same second and size for the same.
+        # Python does not recompile modules with the same size and time (in seconds).
         os.utime(path, ns=(time.time_ns(), time.time_ns() + 10**9 * len(list(folder.iterdir()))))
     text = f"import beamdae as bd\n{head}\n{BODY.format(mass=mass, data=data)}"
     (folder / "falls.py").write_text(text)
     return ModelFile(folder / "falls.py").studies["falls"]
 
 
-def key(study):
+def fingerprint(study):
     return study.task(study.cases[0]).key
 
 
-def kept(study, folder, executor=None):
-    """How many runs were found on disk."""
-    seen = []
-    results = study_run.run_study(study, folder, executor or SerialPool(), seen.append)
+def count_stored_runs(study, folder, executor=None):
+    """Run a study; return the number of runs that were stored before, and of all runs."""
+    progress = []
+    results = study_run.run_study(study, folder, executor or SerialPool(), progress.append)
     assert set(results.table["status"]) == {"ok"}, list(results.table["reason"])
-    return seen[0].stored, seen[0].total
+    return progress[0].stored, progress[0].total
 
 
 CURVE = 'from pathlib import Path\nimport numpy as np\nFILE = Path(__file__).parent / "curve.csv"\n'
@@ -81,18 +81,18 @@ ELSEWHERE = {
     'sys.path.insert(0, str(Path(__file__).parent / "more"))\nimport faraway\n'
     "sys.path.pop(0)\nsys.modules.pop('faraway')\ndef mass():\n    return faraway.MASS\n"
 }
-BEFORE_THE_RUN = {
+VALUE_SOURCES = {
     "imported name": ("from params import MASS", "MASS", NUMBER),
     "imported module": ("import params", "params.MASS", NUMBER),
-    "name made up": ("import params", 'getattr(params, "MA" + "SS")', NUMBER),
-    "set later": ("from params import MASS\nimport math", "OTHER", NUMBER),
-    "computed": (f"{CURVE}TABLE = np.loadtxt(FILE)", "float(TABLE)", {"curve_csv": "{}\n"}),
-    "helper's": ("import helper", "helper.mass()", HELPER),
-    "dynamic": ("from helper import mass", "mass()", DYNAMIC),
+    "computed name": ("import params", 'getattr(params, "MA" + "SS")', NUMBER),
+    "assigned later": ("from params import MASS\nimport math", "OTHER", NUMBER),
+    "read from a file": (f"{CURVE}TABLE = np.loadtxt(FILE)", "float(TABLE)", {"curve_csv": "{}\n"}),
+    "imported by a helper": ("import helper", "helper.mass()", HELPER),
+    "imported by a computed name": ("from helper import mass", "mass()", DYNAMIC),
     "a default": ("def mass(x={}):\n    return x", "mass()", {}),
     "in a class": ("class A:\n    @property\n    def m(self):\n        return {}", "A().m", {}),
-    "of a private name": ("__MASS = {}", "__MASS", {}),
-    "of a helper's private name": (
+    "private name": ("__MASS = {}", "__MASS", {}),
+    "private name of a helper": (
         "import params",
         "params.__MASS",
         {"params_py": "__MASS = {}\n"},
@@ -103,26 +103,30 @@ BEFORE_THE_RUN = {
 }
 
 
-@pytest.mark.parametrize("name", BEFORE_THE_RUN)
-def test_regression_a_study_follows_values_wherever_they_come_from(tmp_path, name):
-    """It gave the results of what they were before."""
-    head, mass, files = BEFORE_THE_RUN[name]
+@pytest.mark.parametrize("name", VALUE_SOURCES)
+def test_regression_fingerprints_depend_on_values_from_any_source(tmp_path, name):
+    """Results of the previous values were returned."""
+    head, mass, files = VALUE_SOURCES[name]
 
     def study(value):
         texts = {file: text.replace("{}", value) for file, text in files.items()}
         first = head.replace("{}", value) + ("\nOTHER = 2 * MASS" if mass == "OTHER" else "")
-        return written(tmp_path / value.replace(".", ""), first, mass, **texts)
+        return write_study(tmp_path / value.replace(".", ""), first, mass, **texts)
 
-    assert key(study("1.5")) == key(study("1.5"))
-    assert key(study("1.5")) != key(study("2.5"))
+    assert fingerprint(study("1.5")) == fingerprint(study("1.5"))
+    assert fingerprint(study("1.5")) != fingerprint(study("2.5"))
 
 
-def test_regression_a_study_follows_modules_on_paths_of_a_helper(tmp_path):
+def test_regression_fingerprints_depend_on_modules_on_the_path_of_a_helper(tmp_path):
     keys = []
     for value in ("1.0", "2.0"):
         (tmp_path / value / "more").mkdir(parents=True)
         (tmp_path / value / "more" / "faraway.py").write_text(f"MASS = {value}\n")
-        keys.append(key(written(tmp_path / value, "import helper", "helper.mass()", **ELSEWHERE)))
+        keys.append(
+            fingerprint(
+                write_study(tmp_path / value, "import helper", "helper.mass()", **ELSEWHERE)
+            )
+        )
     assert keys[0] != keys[1]
 
 
@@ -131,32 +135,32 @@ def test_regression_a_study_follows_modules_on_paths_of_a_helper(tmp_path):
     ("head", "mass"),
     [("import sizes.arm", "sizes.arm.MASS"), ("from sizes import arm", "arm.MASS")],
 )
-def test_regression_a_study_takes_folders_without_init_along(tmp_path, head, mass):
-    """It could be run, and in a study the module was not there."""
+def test_regression_studies_find_namespace_packages(tmp_path, head, mass):
+    """A single run found the module, a study did not."""
     keys = []
     for value in ("1.5", "2.5"):
         (tmp_path / value / "sizes").mkdir(parents=True)
         (tmp_path / value / "sizes" / "arm.py").write_text(f"MASS = {value}\n")
-        study = written(tmp_path / value, head, mass)
-        keys.append(key(study))
-        assert kept(study, tmp_path / value / "out") == (0, 4)
+        study = write_study(tmp_path / value, head, mass)
+        keys.append(fingerprint(study))
+        assert count_stored_runs(study, tmp_path / value / "out") == (0, 4)
     assert keys[0] != keys[1]
 
 
-def test_regression_a_global_changed_at_run_time_is_followed(tmp_path):
-    study = written(tmp_path, "MASS = 1.0")
-    before = key(study)
+def test_regression_fingerprints_depend_on_globals_at_run_time(tmp_path):
+    study = write_study(tmp_path, "MASS = 1.0")
+    before = fingerprint(study)
     scope = study.cases[0].model.build.__globals__
     scope["MASS"] = 2.0
-    assert key(study) != before
+    assert fingerprint(study) != before
     scope["MASS"] = 1.0
-    assert key(study) == before
+    assert fingerprint(study) == before
 
 
-def test_comments_other_functions_and_folders_change_nothing(tmp_path):
-    first = written(tmp_path / "a", "MASS = 1.0")
-    other = written(tmp_path / "b", "# as before\nMASS = 1.0\ndef unused():\n    return 3")
-    assert key(first) == key(other)
+def test_fingerprints_do_not_depend_on_comments_other_functions_and_folders(tmp_path):
+    first = write_study(tmp_path / "a", "MASS = 1.0")
+    other = write_study(tmp_path / "b", "# as before\nMASS = 1.0\ndef unused():\n    return 3")
+    assert fingerprint(first) == fingerprint(other)
 
 
 READING = {
@@ -172,25 +176,25 @@ HERE += "HERE = Path(__file__).parent"
 
 @pytest.mark.slow(reason="a study")
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
-def test_regression_a_study_follows_data_read_inside_the_model(tmp_path, monkeypatch):
-    """Whatever reads it: it said 4 of 4 kept. Files of one parameter are those of its cases."""
+def test_regression_results_expire_when_a_file_read_by_the_model_changes(tmp_path, monkeypatch):
+    """Any function may read it. A file read for one parameter value matters to its cases only."""
     monkeypatch.chdir(tmp_path)
     for file in READING:
         (tmp_path / file).write_text("1.5\n")
-    study = written(tmp_path, HERE, " * ".join(READING.values()))
+    study = write_study(tmp_path, HERE, " * ".join(READING.values()))
     (case,) = study.cases
     study = replace(study, cases=(case, replace(case, parameters={"scale": 2.0})))
-    assert kept(study, tmp_path / "out") == (0, 8)
+    assert count_stored_runs(study, tmp_path / "out") == (0, 8)
     store, tasks = Store(tmp_path / "out"), [study.task(case) for case in study.cases]
     for file in READING:
         (tmp_path / file).write_text("2.5\n")
-        served = [store.load(task)[0] is not None for task in tasks]
-        assert served == [file == "five.csv", False]
+        is_stored = [store.load(task)[0] is not None for task in tasks]
+        assert is_stored == [file == "five.csv", False]
         (tmp_path / file).write_text("1.5\n")
         assert all(store.load(task)[0] for task in tasks)
     (tmp_path / "five.csv").unlink()
     assert [store.load(task)[0] is not None for task in tasks] == [True, False]
-    # They move with the model, and equations of the same process are built anew.
+    # Equations cached in this process are built again.
     (tmp_path / "five.csv").write_text("4.5\n")
     results = study_run.run_study(study, tmp_path / "out", SerialPool())
     masses = [results.outcome(case).table["energy.kinetic [J]"].iloc[-1] for case in study.cases]
@@ -198,35 +202,35 @@ def test_regression_a_study_follows_data_read_inside_the_model(tmp_path, monkeyp
 
 
 def test_a_model_and_its_files_may_move_together(tmp_path):
-    inside = 'float(np.loadtxt(Path(__file__).parent / "curve.csv"))'
+    mass = 'float(np.loadtxt(Path(__file__).parent / "curve.csv"))'
     one, other = (
-        written(tmp_path / name, CURVE, inside, curve_csv="1.5\n") for name in ("one", "other")
+        write_study(tmp_path / name, CURVE, mass, curve_csv="1.5\n") for name in ("one", "other")
     )
-    assert kept(one, tmp_path / "out") == (0, 4)
+    assert count_stored_runs(one, tmp_path / "out") == (0, 4)
     store, task = Store(tmp_path / "out"), other.task(other.cases[0])
     assert store.load(task)[0] is not None
     (tmp_path / "other" / "curve.csv").write_text("2.5\n")
     assert store.load(task)[0] is None
 
 
-def test_files_a_model_names_are_followed_and_must_exist(tmp_path):
+def test_fingerprints_depend_on_declared_files_which_must_exist(tmp_path):
     named = {"data": ', data=("curve.h5",)', "mass": "1.0"}
-    first = written(tmp_path, curve_h5="one", **named)
-    before = key(first)
+    first = write_study(tmp_path, curve_h5="one", **named)
+    before = fingerprint(first)
     (tmp_path / "curve.h5").write_text("other")
-    assert key(first) != before
+    assert fingerprint(first) != before
     (tmp_path / "curve.h5").unlink()
     with pytest.raises(
         bd.BeamdaeError, match=r"falling: data names a file 'curve.h5' that does not exist"
     ):
-        written(tmp_path, **named)
+        write_study(tmp_path, **named)
     for wrong in ("curve.h5", [1], 5, None):
         with pytest.raises(bd.BeamdaeError, match="data must be a list of file names"):
             bd.model(t_end=1.0, data=wrong)(swing.build)
 
 
-def test_regression_a_study_follows_the_sources_of_beamdae(monkeypatch):
-    """At the same version: a changed law of damping gave the results of the old one."""
+def test_regression_fingerprints_depend_on_the_sources_of_beamdae(monkeypatch):
+    """After a change of a damping law, the results of the old one were returned."""
     case = bd.Case(swing)
     before = case.mechanism_fingerprint()
     case_module._digest_environment.cache_clear()
@@ -263,7 +267,7 @@ class Shape:
         return 2 * self.sides
 
 
-def values():
+def create_values():
     cycle = [1]
     cycle.append(cycle)
     return {
@@ -285,8 +289,8 @@ def values():
     }
 
 
-def test_values_of_all_kinds_are_told_apart_and_known_again():
-    first, again = ({k: digest(x) for k, x in values().items()} for _ in range(2))
+def test_digests_of_equal_values_are_equal_and_of_others_different():
+    first, again = ({k: digest(x) for k, x in create_values().items()} for _ in range(2))
     assert first == again
     assert len(set(first.values())) == len(first)
     assert digest([1, 2]) != digest((1, 2)) != digest([2, 1])
@@ -294,11 +298,11 @@ def test_values_of_all_kinds_are_told_apart_and_known_again():
     assert digest({"a": 1, "b": 2}) != digest({"b": 1, "a": 2})
 
 
-def test_what_is_computed_when_it_is_asked_for_is_no_part_of_a_value():
-    asked = Shape()
-    before = digest(asked)
-    assert asked.twice == 8
-    assert digest(asked) == before
+def test_cached_properties_do_not_change_digests():
+    shape = Shape()
+    before = digest(shape)
+    assert shape.twice == 8
+    assert digest(shape) == before
 
 
 class Addressed:
@@ -316,38 +320,38 @@ class Addressed:
     ],
     ids=["lock", "generator", "address", "inside"],
 )
-def test_regression_parameters_no_process_can_tell_again_are_refused(value, words):
-    """They were kept under a new hash each time."""
+def test_regression_parameters_that_cannot_be_reproduced_are_refused(value, words):
+    """They were stored under a new hash each time."""
     with pytest.raises(bd.BeamdaeError, match=f"swing: {words}"):
         bd.Study("made", (bd.Case(swing, {"extra": value}),))
 
 
-def test_globals_no_process_can_tell_again_are_refused(tmp_path):
+def test_globals_that_cannot_be_reproduced_are_refused(tmp_path):
     with pytest.raises(bd.BeamdaeError, match=r"falling: its global LOCK must be .*lock"):
-        written(tmp_path, "import threading\nLOCK = threading.Lock()", "bool(LOCK)")
+        write_study(tmp_path, "import threading\nLOCK = threading.Lock()", "bool(LOCK)")
     with pytest.raises(FingerprintError):
         digest_transferable(Addressed())
 
 
-def test_regression_groups_of_long_arrays_are_told_apart():
-    """Their texts leave out what differs: they were measured against one reference."""
+def test_regression_long_arrays_have_different_groups():
+    """Their texts are abbreviated: different arrays shared a reference."""
     zeros, changed = np.zeros(2000), np.zeros(2000)
     changed[700] = 1.0
     names = {bd.Case(swing, {"extra": x}).group for x in (zeros, changed, zeros.copy())}
     assert len(names) == 2
-    for value in (*values().values(), threading.Lock(), object()):
+    for value in (*create_values().values(), threading.Lock(), object()):
         group = bd.Case(swing, {"extra": value}).group
         assert group.isprintable()
         assert len(group) < 100
         assert " at 0x" not in group
 
 
-def test_fingerprints_of_a_thousand_cases_take_little():
+def test_fingerprints_of_a_thousand_cases_take_less_than_two_seconds():
     curve = np.linspace(0.0, 1.0, 10_000)
 
     @bd.model(t_end=1.0)
     def curved(mass=1.0, shape=(1.0, 2.0)):
-        return curve, values
+        return curve, create_values
 
     cases = tuple(bd.Case(curved, {"mass": float(m)}) for m in range(1000))
     study = bd.Study("many", cases)
@@ -363,10 +367,11 @@ def test_fingerprints_are_the_same_in_every_process():
         "import sys; sys.path[:0] = ['tests', 'tests/studies']\n"
         "import test_fingerprints as t, beamdae as bd\n"
         "from beamdae.studies.store.fingerprints import digest\n"
-        "print([digest(x) for x in t.values().values()])\n"
-        "print([bd.Case(t.swing, {'extra': x}).mechanism_fingerprint() for x in t.values().values()])\n"
+        "print([digest(x) for x in t.create_values().values()])\n"
+        "for x in t.create_values().values():\n"
+        "    print(bd.Case(t.swing, {'extra': x}).mechanism_fingerprint())\n"
     )
-    told = {
+    outputs = {
         subprocess.run(
             [sys.executable, "-c", code],
             env={**os.environ, "PYTHONHASHSEED": seed},
@@ -377,12 +382,12 @@ def test_fingerprints_are_the_same_in_every_process():
         ).stdout
         for seed in ("1", "2")
     }
-    assert len(told) == 1
+    assert len(outputs) == 1
 
 
 @pytest.mark.slow(reason="starts processes for whole studies")
-def test_processes_follow_data_and_what_loaded_modules_have_read(tmp_path, monkeypatch):
-    """A module that stays loaded in a process reads for all cases after it."""
+def test_results_expire_when_a_file_read_by_an_imported_module_changes(tmp_path, monkeypatch):
+    """The module stays in its process and reads once for all cases."""
     (tmp_path / "lib").mkdir()
     (tmp_path / "lib" / "reader.py").write_text(
         f"{CURVE}from functools import cache\n"
@@ -390,9 +395,9 @@ def test_processes_follow_data_and_what_loaded_modules_have_read(tmp_path, monke
     )
     (tmp_path / "lib" / "curve.csv").write_text("1.5\n")
     monkeypatch.syspath_prepend(tmp_path / "lib")
-    study = written(tmp_path / "models", "import reader", "reader.mass()")
+    study = write_study(tmp_path / "models", "import reader", "reader.mass()")
     out = tmp_path / "out"
-    assert kept(study, out, LocalPool(1)) == (0, 4)
-    assert kept(study, out, LocalPool(1)) == (4, 4)
+    assert count_stored_runs(study, out, LocalPool(1)) == (0, 4)
+    assert count_stored_runs(study, out, LocalPool(1)) == (4, 4)
     (tmp_path / "lib" / "curve.csv").write_text("2.5\n")
-    assert kept(study, out, LocalPool(1)) == (0, 4)
+    assert count_stored_runs(study, out, LocalPool(1)) == (0, 4)

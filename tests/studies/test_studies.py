@@ -565,7 +565,7 @@ def test_interrupt_keeps_what_is_done_and_a_second_start_goes_on(tmp_path, monke
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60.0)
     assert process.returncode == 130, errors
-    assert "start the same command again" in errors
+    assert "run the same command again to resume" in errors
     first = pd.read_csv(tmp_path / "out" / "masses" / "cases.csv")
     assert "not run, the study was interrupted" in set(first["reason"])
     kept = len(list(outcomes.glob("*.json")))

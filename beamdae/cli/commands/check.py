@@ -1,4 +1,4 @@
-"""`beamdae check`: what a model is and what is wrong with it, without a run to its end."""
+"""`beamdae check`: build a model and report its structure and defects without running it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdae.cli.options import ModelFile, ModelName, Settings, load_configured_model
+from beamdae.cli.options import ModelName, ModelPath, Settings, load_configured_model
 from beamdae.cli.output import create_console, record_results
 from beamdae.errors import BeamdaeError
 
@@ -16,45 +16,45 @@ if TYPE_CHECKING:
 
 
 def check_command(
-    path: ModelFile,
+    path: ModelPath,
     settings: Settings = None,
     model_name: ModelName = None,
     predict: Annotated[
-        bool, typer.Option(help="Predict steps and time by a trial of a second.")
+        bool, typer.Option(help="Predict steps and wall time by a pilot run of at most 1 s.")
     ] = True,
 ) -> None:
-    """Build a model, find its consistent start, and explain what it can do and what is wrong.
+    """Build a model, compute its consistent start, and report its mobility, meshes and defects.
 
-    Ends with 0 where it can be run, and with 2 after a mistake, which the report explains.
+    Exits with 0 if the model can be run, and with 2 for a usage or model error, which the report
+    explains.
     """
-    model = load_configured_model(path, model_name, settings)
+    from beamdae.cli.model_files.model_file import ModelFile
+
+    model = load_configured_model(ModelFile(path), model_name, settings)
     from beamdae.checks import check
     from beamdae.parts.mechanism import Mechanism
     from beamdae.report.terminal import text_tables
     from beamdae.report.terminal.check_report import describe_check
 
     mechanism = model()
-    found = check(mechanism, model.t_end, predict)
+    result = check(mechanism, model.t_end, predict)
     parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
-    facts = dict(describe_check(found))
+    facts = dict(describe_check(result))
     for name, part in parts.items():
-        facts |= {
-            f"{name}, {what}": text_tables.format_number(value)
-            for what, value in part.facts.items()
-        }
-    kinds = {name: type(part).__name__ for name, part in parts.items()}
-    record_results(lambda: {**_json_results(found), "parts": kinds})
-    screen = create_console()
-    screen.print(model.name, style="bold")
+        for fact, value in part.facts.items():
+            facts[f"{name}, {fact}"] = text_tables.format_number(value)
+    types = {name: type(part).__name__ for name, part in parts.items()}
+    record_results(lambda: {**_json_results(result), "parts": types})
+    console = create_console()
+    console.print(model.name, style="bold")
     if parts:
-        screen.print(text_tables.parts_table(kinds))
-    screen.print(text_tables.fact_list("", facts))
-    if not found.ok:
-        raise BeamdaeError(found.problem)
+        console.print(text_tables.parts_table(types))
+    console.print(text_tables.fact_list("", facts))
+    if not result.ok:
+        raise BeamdaeError(result.problem)
 
 
 def _json_results(check: Check) -> dict[str, Any]:
-    """What --json tells of a check."""
-    told = asdict(check)
-    del told["name"]
-    return {"ok": check.ok, "mobility": check.mobility, **told}
+    results = asdict(check)
+    del results["name"]
+    return {"ok": check.ok, "mobility": check.mobility, **results}

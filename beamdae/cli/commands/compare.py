@@ -15,7 +15,7 @@ from beamdae.cli.options import (
     Parquet,
     Scheduler,
     Settings,
-    StudyFile,
+    StudyPath,
     TimeLimit,
     parse_assignments,
 )
@@ -28,9 +28,9 @@ from beamdae.cli.study_outputs import (
     results_folder_name,
     run_and_write,
 )
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, suggest
 
-# Whatever imports NumPy or CasADi is imported inside the command: help has to answer at once.
+# NumPy and CasADi are imported inside functions, so that --help answers at once.
 if TYPE_CHECKING:
     from beamdae.cli.study_outputs import FileWriters
     from beamdae.studies import Study
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 def compare_command(
-    path: StudyFile,
+    path: StudyPath,
     settings: Settings = None,
     model_name: ModelName = None,
     time_limit: TimeLimit = None,
@@ -49,19 +49,20 @@ def compare_command(
     parquet: Parquet = False,
     out: Out = Path("results"),
 ) -> None:
-    """Run a study, or one model with several integrators, against a reference.
+    """Run a study, or one model with several integrators, and compare with a reference.
 
-    Finished cases are kept in the results folder: a second start goes on where the first one
-    stopped. Ends with 0 where cases succeeded and have a reference, with 1 where not, with 2 after
-    a mistake, with 130 after Ctrl-C, and with 143 after SIGTERM.
+    Finished cases are stored in the results folder: run the same command again to resume. Exits
+    with 0 if cases succeeded and have a reference, 1 if not, 2 for a usage or model error, 130
+    after Ctrl-C, and 143 after SIGTERM.
     """
     study = _select_study(path, model_name, parse_assignments(settings))
     study = apply_limits("compare", study, time_limit, t_end, output_step)
     from beamdae.studies.execution.executors import create_executor
 
-    work = StudyOutputs(study, out / study.name, _file_writers, parquet)
     run_and_write(
-        work, lambda: create_executor("compare", "--jobs", jobs, scheduler), _print_results
+        StudyOutputs(study, out / study.name, _file_writers, parquet),
+        lambda: create_executor("compare", "--jobs", jobs, scheduler),
+        _print_results,
     )
 
 
@@ -75,66 +76,69 @@ def _file_writers(results: StudyResults) -> tuple[FileWriters, FileWriters]:
 
 
 def _select_study(path: Path, name: str | None, settings: dict[str, str]) -> Study:
-    """The study of a file, or one of its models with the default integrators."""
-    from beamdae.cli.model_files.model_file import load_contents, load_model, select_name
-    from beamdae.errors import suggest
+    """Return a study of the file, or a study of one of its models with the default integrators."""
+    from beamdae.cli.model_files.model_file import ModelFile, select_name
     from beamdae.studies import Case, Study, Sweep, default_integrators
 
-    models, held = load_contents(path)
-    studies = {key: one for key, one in held.items() if not isinstance(one, Sweep)}
-    if name in held.keys() - studies or (name is None and held and not studies):
-        sweep = name or next(iter(held))
-        raise BeamdaeError(f"{path}: {sweep} is a sweep, which beamdae sweep runs.")
+    file = ModelFile(path)
+    sweeps = [key for key, study in file.studies.items() if isinstance(study, Sweep)]
+    studies = {key: study for key, study in file.studies.items() if key not in sweeps}
+    if name in sweeps or (name is None and sweeps and not studies):
+        raise BeamdaeError(f"{path}: {name or sweeps[0]} is a sweep; run it with beamdae sweep.")
     if name in studies or (studies and name is None):
         if settings:
-            raise BeamdaeError(f"--set {next(iter(settings))}: a study sets its own parameters.")
-        return studies[select_name(name, studies, f"{path}: it holds several studies")]
-    if studies and name is not None and name not in models:
-        raise BeamdaeError(f"{path}: no study {name!r}{suggest(name, studies)}.")
-    model = load_model(path, name)
+            raise BeamdaeError(
+                f"--set {next(iter(settings))}: a study sets its own parameters; omit --set."
+            )
+        return studies[select_name(name, studies, f"{path}: the file contains several studies")]
+    if studies and name is not None and name not in file.models:
+        raise BeamdaeError(
+            f"{path}: there is no study {name!r}{suggest(name, studies)}; the studies are "
+            f"{', '.join(studies)}."
+        )
+    model = file.model(name)
     values = {key: model.complete({key: value})[key] for key, value in settings.items()}
     cases = tuple(Case(model, values, integrator) for integrator in default_integrators())
     return Study(results_folder_name(f"{model.name}_compare", values), cases)
 
 
 def _print_results(results: StudyResults) -> None:
-    """Tables on the screen, and a sentence for each failure."""
+    """Print the tables of each group, and one line for each failure."""
     from beamdae.report.terminal import text_tables
     from beamdae.report.text import make_printable
 
     record_results(lambda: _json_results(results))
-    screen = create_console()
-    screen.print(results.study.name, style="bold")
-    alone = results.table[~results.table["group"].isin(list(results.references))]
-    if len(alone):
-        ended = int((alone["status"] == "ok").sum())
-        screen.print(f"{len(alone)} cases, {ended} of them reached their end", style="dim")
+    console = create_console()
+    console.print(results.study.name, style="bold")
+    ungrouped = results.table[~results.table["group"].isin(list(results.references))]
+    if len(ungrouped):
+        n_success = int((ungrouped["status"] == "ok").sum())
+        console.print(f"{len(ungrouped)} cases, {n_success} reached their end", style="dim")
     summaries = dict(iter(results.summary.groupby("group", sort=False)))
     for group, reference in islice(results.references.items(), MAX_SCREEN_ROWS):
-        screen.print(make_printable(f"{group}: {reference.sentence}"), style="dim", soft_wrap=True)
+        console.print(make_printable(f"{group}: {reference.sentence}"), style="dim", soft_wrap=True)
         rows = results.table[results.table["group"] == group]
         if len(results.table) <= MAX_SCREEN_ROWS:
-            screen.print(text_tables.comparison_table(rows))
+            console.print(text_tables.comparison_table(rows))
         if group in summaries:
-            screen.print(text_tables.summary_table(summaries[group]))
+            console.print(text_tables.summary_table(summaries[group]))
     if len(results.references) > MAX_SCREEN_ROWS:
-        more = len(results.references) - MAX_SCREEN_ROWS
-        screen.print(f"{more} more groups, see summary.csv and report.html", style="dim")
-    lacking = [
+        n_more = len(results.references) - MAX_SCREEN_ROWS
+        console.print(f"{n_more} more groups, see summary.csv and report.html", style="dim")
+    failures = [
         f"{group}: {x.sentence}" for group, x in results.references.items() if x.table is None
     ]
-    for sentence in () if results.interrupted else lacking[:MAX_SCREEN_ROWS]:
+    for sentence in () if results.interrupted else failures[:MAX_SCREEN_ROWS]:
         print_error(f"failed: {sentence}")
     print_failures(results)
 
 
 def _json_results(results: StudyResults) -> dict[str, Any]:
-    """What --json tells of a study."""
     return {
         "study": results.study.name,
         "folder": results.folder,
         "interrupted": results.interrupted,
-        "references": {group: one.sentence for group, one in results.references.items()},
+        "references": {group: x.sentence for group, x in results.references.items()},
         "cases": results.table.to_dict("records"),
         "summary": results.summary.to_dict("records"),
     }

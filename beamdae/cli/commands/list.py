@@ -1,4 +1,4 @@
-"""`beamdae list`: which models and studies there are."""
+"""`beamdae list`: list the models and studies of a folder or a file."""
 
 from __future__ import annotations
 
@@ -15,18 +15,22 @@ from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
     from beamdae.model_functions import Model
-    from beamdae.studies import Study
 
 
 def list_command(
     path: Annotated[
-        Path, typer.Argument(metavar="PATH", help="Folder or model file, or example:NAME.")
+        Path,
+        typer.Argument(
+            metavar="PATH",
+            help="Folder or model file, or example:NAME. Defaults to the current folder.",
+            show_default=False,
+        ),
     ] = Path(),
 ) -> None:
-    """List models with their parameters, and studies with their cases.
+    """List models with their parameters, and studies with their number of cases.
 
-    Of a folder, files that define neither are left alone: what imports them runs them. Ends with 1
-    where a file does not import.
+    In a folder, only files that define models or studies are imported. Exits with 1 if the import
+    of a file fails.
     """
     path = resolve_path(path)
     if path.is_dir():
@@ -35,7 +39,7 @@ def list_command(
         files = [path]
     else:
         raise BeamdaeError(f"{path}: there is no such file or folder.")
-    from beamdae.cli.model_files import model_file
+    from beamdae.cli.model_files.model_file import ModelFile
     from beamdae.report.terminal import text_tables
 
     models: list[dict[str, Any]] = []
@@ -43,49 +47,49 @@ def list_command(
     problems: list[dict[str, Any]] = []
     for file in files:
         try:
-            models_here, studies_here = model_file.load_contents(file)
+            model_file = ModelFile(file)
         except BeamdaeError as problem:
             if not path.is_dir():
                 raise
             problems.append({"file": str(file), "problem": str(problem)})
             continue
+        file_studies = model_file.studies
+        # A study file imports the models of other files.
         models += [
-            _model_row(file, x)
-            for x in models_here.values()
-            if _is_defined_in(x, file, studies_here)
+            {
+                "name": model.name,
+                "t_end": model.t_end,
+                "file": str(file),
+                "parameters": dict(model.parameters),
+                "about": model.summary,
+            }
+            for model in model_file.models.values()
+            if not file_studies or _is_defined_in(model, file)
         ]
-        studies += [_study_row(file, study) for study in studies_here.values()]
+        studies += [
+            {
+                "name": study.name,
+                "cases": len(study.cases),
+                "file": str(file),
+                "models": list(dict.fromkeys(case.model.name for case in study.cases)),
+            }
+            for study in file_studies.values()
+        ]
     if not (models or studies or problems):
-        raise BeamdaeError(f"{path}: it holds no model and no study.")
+        raise BeamdaeError(f"{path}: it contains no model and no study.")
     record_results(lambda: {"models": models, "studies": studies, "problems": problems})
-    screen = create_console()
-    for rows, table in (
+    console = create_console()
+    for rows, create_table in (
         (models, text_tables.models_table),
         (studies, text_tables.studies_table),
         (problems, text_tables.problems_table),
     ):
         if rows:
-            screen.print(table(rows))
+            console.print(create_table(rows))
     if problems:
         raise typer.Exit(1)
 
 
-def _model_row(file: Path, model: Model) -> dict[str, Any]:
-    return {
-        "name": model.name,
-        "t_end": model.t_end,
-        "file": str(file),
-        "parameters": dict(model.parameters),
-        "about": model.summary,
-    }
-
-
-def _study_row(file: Path, study: Study) -> dict[str, Any]:
-    models = list(dict.fromkeys(case.model.name for case in study.cases))
-    return {"name": study.name, "cases": len(study.cases), "file": str(file), "models": models}
-
-
-def _is_defined_in(model: Model, file: Path, studies: dict[str, Study]) -> bool:
-    """Whether a model is that of a file: a study names those of others."""
+def _is_defined_in(model: Model, file: Path) -> bool:
     source = inspect.unwrap(model.build).__code__.co_filename
-    return not studies or Path(source).resolve() == file.resolve()
+    return Path(source).resolve() == file.resolve()

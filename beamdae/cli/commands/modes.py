@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from beamdae.cli.options import (
-    ModelFile,
     ModelName,
+    ModelPath,
     Out,
     Settings,
     load_configured_model,
@@ -25,100 +25,111 @@ from beamdae.cli.output import (
 )
 from beamdae.errors import BeamdaeError, require_choice, require_count
 
-# What modes are about.
 _STATES = ("reference", "equilibrium")
 
 
 def modes_command(
-    path: ModelFile,
+    path: ModelPath,
     settings: Settings = None,
     model_name: ModelName = None,
     about: Annotated[
         str,
         typer.Option(
-            metavar="STATE", help="reference or equilibrium.", autocompletion=lambda: _STATES
+            metavar="STATE",
+            help="State to linearize about: reference or equilibrium.",
+            autocompletion=lambda: _STATES,
         ),
     ] = "reference",
-    number: Annotated[int, typer.Option("-n", "--number", help="How many modes.")] = 10,
-    damping: Annotated[bool, typer.Option(help="Damped modes, or undamped ones.")] = True,
+    number: Annotated[int, typer.Option("-n", "--number", help="Number of modes.")] = 10,
+    damping: Annotated[bool, typer.Option(help="Compute damped or undamped modes.")] = True,
     speed: Annotated[
         list[float] | None,
         typer.Option(
             "--speed",
             metavar="RAD/S",
-            help="About a steady rotation; several, by repeating it, make a Campbell diagram.",
+            help="Linearize about a steady rotation at this speed; repeat for a Campbell diagram.",
         ),
     ] = None,
     animate: Annotated[
         list[int] | None,
-        typer.Option("--animate", metavar="MODE", help="Write a mode as a GIF; repeat."),
+        typer.Option(
+            "--animate", metavar="MODE", help="Write an animation (GIF) of this mode; repeatable."
+        ),
     ] = None,
     out: Out = Path("results"),
 ) -> None:
-    """Find the natural modes of a model and write a table (CSV) and their shapes (PNG).
+    """Compute natural modes of a model; write a table (CSV) and a picture of their shapes (PNG).
 
-    Ends with 0, with 1 where a picture failed, and with 2 after a mistake.
+    Exits with 0, with 1 if a picture failed, and with 2 for a usage or model error.
     """
-    model = load_configured_model(path, model_name, settings)
+    from beamdae.cli.model_files.model_file import ModelFile
+
+    model = load_configured_model(ModelFile(path), model_name, settings)
     require_choice("modes", "--about", about, _STATES)
-    speeds, animated = speed or [], animate or []
+    speeds, animated_modes = speed or [], animate or []
     if speeds and about != "reference":
-        raise BeamdaeError(f"modes: --about {about} and --speed each say what about, give one.")
-    if len(speeds) > 1 and animated:
-        raise BeamdaeError("modes: --animate needs modes at one --speed, not several.")
+        raise BeamdaeError(f"modes: --about {about} and --speed exclude each other; omit one.")
+    if len(speeds) > 1 and animated_modes:
+        raise BeamdaeError("modes: --animate requires modes at one --speed; give one speed.")
     files = {kind: out / f"{model.name}_modes.{kind}" for kind in ("csv", "png")}
-    files |= {f"{k}": out / f"{model.name}_mode_{k}.gif" for k in animated}
+    files |= {f"{k}": out / f"{model.name}_mode_{k}.gif" for k in animated_modes}
     require_writable(out, tuple(file.name for file in files.values()))
     from beamdae.analysis.linear_dynamics.campbell_diagram import campbell
     from beamdae.analysis.linear_dynamics.natural_modes import modes
     from beamdae.analysis.linear_dynamics.steady_rotation import rotation
 
-    built = model()
-    found: Any
+    mechanism = model()
+    result: Any
     if len(speeds) > 1:
-        found = campbell(built, speeds, number, damping=damping)
+        result = campbell(mechanism, speeds, number, damping=damping)
     else:
-        found = modes(built, rotation(speeds[0]) if speeds else about, number, damping)
-        for k in animated:
-            require_count("modes", "--animate", k, most=len(found))
-    _write_and_print(found, model.name, files, animated)
+        result = modes(mechanism, rotation(speeds[0]) if speeds else about, number, damping)
+        for k in animated_modes:
+            require_count("modes", "--animate", k, most=len(result))
+    _write_and_print(result, model.name, files, animated_modes)
 
 
-def _write_and_print(found: Any, name: str, files: dict[str, Path], animated: list[int]) -> None:
-    """The table on the disk and on the screen, then the pictures."""
+def _write_and_print(
+    result: Any, name: str, paths: dict[str, Path], animated_modes: list[int]
+) -> None:
+    """Write and print the table of modes or of a Campbell diagram, then write the pictures."""
     from beamdae.analysis.linear_dynamics.natural_modes import Modes
     from beamdae.report.pictures.figures import save_figure
-    from beamdae.report.pictures.mode_shapes import create_campbell_figure, create_modes_figure
+    from beamdae.report.pictures.mode_shapes import (
+        animate_mode,
+        create_campbell_figure,
+        create_modes_figure,
+    )
     from beamdae.report.terminal import text_tables
     from beamdae.results.storage.files import escape_table, write_text
 
-    table = found.table()
-    written = WrittenFiles([write_text(files["csv"], escape_table(table).to_csv(index=False))])
-    one_state = isinstance(found, Modes)
-    rows = "modes" if one_state else "speeds"
-    about = found.about if one_state else "rotations"
-    record_results(lambda: {"about": about, rows: table.to_dict("records")})
-    screen = create_console()
-    screen.print(name, style="bold")
-    screen.print(text_tables.modes_table(table) if one_state else text_tables.campbell_table(table))
-    print_warnings(screen, found.warnings)
-    if not one_state:
+    table = result.table()
+    files = WrittenFiles([write_text(paths["csv"], escape_table(table).to_csv(index=False))])
+    console = create_console()
+    if isinstance(result, Modes):
+        record_results(lambda: {"about": result.about, "modes": table.to_dict("records")})
+        console.print(name, style="bold")
+        console.print(text_tables.modes_table(table))
+    else:
+        record_results(lambda: {"about": "rotations", "speeds": table.to_dict("records")})
+        console.print(name, style="bold")
+        console.print(text_tables.campbell_table(table))
+    print_warnings(console, result.warnings)
+
+    def write_animation(mode: int) -> list[Path]:
+        animate_mode(result, mode, paths[f"{mode}"])
+        return [paths[f"{mode}"]]
+
+    if not isinstance(result, Modes):
         title = f"{name}, Campbell diagram"
-        written.draw(
-            name, lambda: [save_figure(create_campbell_figure(found, title), files["png"])]
+        files.write(
+            name, lambda: [save_figure(create_campbell_figure(result, title), paths["png"])]
         )
-    elif found.mechanism is not None and len(found):
-        title = f"{name}, modes about {found.about}"
-        written.draw(name, lambda: [save_figure(create_modes_figure(found, title), files["png"])])
-        for k in animated:
-            written.draw(name, partial(_write_animation, found, k, files[f"{k}"]))
-    print_written_files(screen, written.paths)
-    if written.failed:
+    elif result.mechanism is not None and len(result):
+        title = f"{name}, modes about {result.about}"
+        files.write(name, lambda: [save_figure(create_modes_figure(result, title), paths["png"])])
+        for k in animated_modes:
+            files.write(name, partial(write_animation, k))
+    print_written_files(console, files.paths)
+    if files.failed:
         raise typer.Exit(1)
-
-
-def _write_animation(found: Any, mode: int, file: Path) -> list[Path]:
-    from beamdae.report.pictures.mode_shapes import animate_mode
-
-    animate_mode(found, mode, file)
-    return [file]

@@ -1,4 +1,4 @@
-"""`beamdae static`: where a model rests under its loads, and the path of equilibria to there."""
+"""`beamdae static`: equilibria of a model under increasing loads."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.cli.options import (
-    ModelFile,
     ModelName,
+    ModelPath,
     Out,
     Settings,
     Starts,
@@ -36,42 +36,55 @@ if TYPE_CHECKING:
 
 
 def static_command(
-    path: ModelFile,
+    path: ModelPath,
     settings: Settings = None,
     model_name: ModelName = None,
     load: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME", help="Which loads to scale, or 'gravity'; repeat. Default all."
+            metavar="NAME",
+            help="Load to scale, or 'gravity'; repeatable. Defaults to all loads.",
         ),
     ] = None,
     to: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="TARGET", help="Load factor, or COLUMN=VALUE of an observed one; repeat."
+            metavar="TARGET",
+            help="Load factor to reach, or COLUMN=VALUE of an observed position; repeatable. "
+            "Defaults to the load factor 1.",
         ),
     ] = None,
-    control: Annotated[str | None, typer.Option(help="load, displacement or 'arc length'.")] = None,
+    control: Annotated[
+        str | None,
+        typer.Option(
+            help="Quantity prescribed in each step: load, displacement or 'arc length'. Defaults "
+            "to displacement if --to names a column, otherwise to load."
+        ),
+    ] = None,
     step: Annotated[
-        float | None, typer.Option(help="Largest step, of what controls the path.")
+        float | None, typer.Option(help="Largest step of the prescribed quantity.")
     ] = None,
     switch: Annotated[
         list[int] | None,
         typer.Option(
-            metavar="N", help="Go over to the other path at this branch point; -N: back; repeat."
+            metavar="N",
+            help="Switch to the crossing path at branch point N; -N: in the opposite direction. "
+            "Repeatable.",
         ),
     ] = None,
-    most_points: Annotated[int, typer.Option(help="Points of the path at most.")] = 500,
-    t: Annotated[float, typer.Option(help="Time in seconds at which laws are read.")] = 0.0,
+    most_points: Annotated[int, typer.Option(help="Maximum number of points of the path.")] = 500,
+    t: Annotated[float, typer.Option(help="Time in seconds at which laws are evaluated.")] = 0.0,
     start: Starts = None,
     out: Out = Path("results"),
 ) -> None:
-    """Find where a model rests as its loads are brought up; write the path as CSV, JSON and PNG.
+    """Compute equilibria of a model under increasing loads; write the path as CSV, JSON and PNG.
 
-    Ends with 0 where the path reached its target, with 1 where it did not (what it reached is
-    written), and with 2 after a mistake.
+    Exits with 0 if the path reached its target, 1 if it did not (partial results are written), and
+    2 for a usage or model error.
     """
-    model = load_configured_model(path, model_name, settings)
+    from beamdae.cli.model_files.model_file import ModelFile
+
+    model = load_configured_model(ModelFile(path), model_name, settings)
     name = f"{model.name}_static"
     table, picture = out / f"{name}.csv", out / f"{name}.png"
     require_writable(out, (table.name, table.with_suffix(".json").name, picture.name))
@@ -79,9 +92,9 @@ def static_command(
     from beamdae.report.pictures.path_plots import save_path_figure
 
     with warnings.catch_warnings():
-        # They are told with the result.
+        # These warnings are printed with the results.
         warnings.simplefilter("ignore", BeamdaeWarning)
-        found = equilibrium(
+        result = equilibrium(
             model,
             load,
             _parse_targets(to),
@@ -92,81 +105,84 @@ def static_command(
             t,
             parse_start(start),
         )
-    written = WrittenFiles([found.to_csv(table), table.with_suffix(".json")])
-    _print_results(found, model.name)
-    early = "" if found.status.success else f", ended early ({found.status.kind})"
-    title = f"{model.name}, equilibria{early}"
-    written.draw(picture.name, lambda: [save_path_figure(picture, found, title)])
-    print_written_files(create_console(), written.paths)
-    if not found.status.success:
-        print_error(f"failed: {found.status.sentence}")
-    if written.failed or not found.status.success:
+    files = WrittenFiles([result.to_csv(table), table.with_suffix(".json")])
+    _print_results(result, model.name)
+    suffix = "" if result.status.success else f", ended early ({result.status.kind})"
+    title = f"{model.name}, equilibria{suffix}"
+    files.write(picture.name, lambda: [save_path_figure(picture, result, title)])
+    print_written_files(create_console(), files.paths)
+    if not result.status.success:
+        print_error(f"failed: {result.status.sentence}")
+    if files.failed or not result.status.success:
         raise typer.Exit(1)
 
 
-def _parse_targets(given: list[str] | None) -> Any:
-    """What --to says: load factors, or values of one column."""
-    if not given:
+def _parse_targets(options: list[str] | None) -> Any:
+    """Return the targets of --to: load factors, or values of one column."""
+    if not options:
         return 1.0
     try:
-        if not any("=" in one for one in given):
-            return [float(one) for one in given]
-        pairs = [parse_assignments([one], "--to") for one in given]
+        if not any("=" in option for option in options):
+            return [float(option) for option in options]
+        pairs = [parse_assignments([option], "--to") for option in options]
         columns = {column for pair in pairs for column in pair}
         if len(columns) > 1:
             raise BeamdaeError(
-                f"--to: values of one column can be gone to, got {', '.join(sorted(columns))}."
+                f"--to: all targets must be values of one column, got {', '.join(sorted(columns))}."
             )
         return {columns.pop(): [float(value) for pair in pairs for value in pair.values()]}
     except ValueError as problem:
         if isinstance(problem, BeamdaeError):
             raise
-        raise BeamdaeError(f"--to {' '.join(given)}: values must be numbers.") from None
+        raise BeamdaeError(f"--to {' '.join(options)}: values must be numbers.") from None
 
 
-def _print_results(found: Equilibrium, name: str) -> None:
-    """Tables and sentences of a path on the screen."""
+def _print_results(result: Equilibrium, name: str) -> None:
+    """Print the tables and warnings of a path."""
     from beamdae.report.terminal import text_tables
 
-    record_results(lambda: _json_results(found))
-    screen = create_console()
-    screen.print(text_tables.fact_list(name, path_facts(found)))
-    if found.columns:
-        screen.print(text_tables.range_table(found.columns, None))
-    if found.validity:
-        screen.print(text_tables.validity_table(found.validity))
-    print_warnings(screen, found.warnings)
+    record_results(lambda: _json_results(result))
+    console = create_console()
+    console.print(text_tables.fact_list(name, path_facts(result)))
+    if result.columns:
+        console.print(text_tables.range_table(result.columns, None))
+    if result.validity:
+        console.print(text_tables.validity_table(result.validity))
+    print_warnings(console, result.warnings)
     sys.stdout.flush()
 
 
-def _json_results(found: Equilibrium) -> dict[str, Any]:
-    """What --json tells of a path: what is beside its table, and its observed columns."""
+def _json_results(result: Equilibrium) -> dict[str, Any]:
     from beamdae.report.terminal import text_tables
 
-    told = found.metadata(validity=[asdict(beam) for beam in found.validity])
-    del told["warnings"]
-    return told | {"points": len(found.q), "observed": text_tables.column_extremes(found.columns)}
+    results = result.metadata(validity=[asdict(beam) for beam in result.validity])
+    del results["warnings"]
+    observed = text_tables.column_extremes(result.columns)
+    return results | {"points": len(result.q), "observed": observed}
 
 
-def path_facts(found: Equilibrium) -> dict[str, str]:
-    """What a path came to, by topic."""
-    loads = "; then ".join(", ".join(stage) for stage in found.loads)
-    unstable = int(found.unstable[-1])
-    told = f"unstable in {unstable} direction{'s' * (unstable > 1)}"
-    stability = {0: "stable", -1: "not known"}.get(unstable, told)
-    if found.free and unstable == 0:
-        stability = f"neither stable nor unstable, {found.free} is free to move"
-    critical = "; ".join(
-        f"{one.kind} at {one.factor:.7g}{f', {one.moves} moves most' if one.moves else ''}"
-        for one in found.critical
+def path_facts(result: Equilibrium) -> dict[str, str]:
+    """Return the facts about a path as text, by topic."""
+    n_unstable = int(result.unstable[-1])
+    if n_unstable == -1:
+        stability = "not known"
+    elif n_unstable > 0:
+        stability = f"unstable in {n_unstable} direction{'s' * (n_unstable > 1)}"
+    elif result.free:
+        stability = f"neither stable nor unstable, {result.free} is free to move"
+    else:
+        stability = "stable"
+    critical_points = "; ".join(
+        f"{point.kind} at {point.factor:.7g}{f', {point.moves} moves most' if point.moves else ''}"
+        for point in result.critical
     )
+    n_points = len(result.q)
     return {
-        "status": found.status.sentence,
-        "loads": loads or "none is scaled",
-        "load factor": f"{found.factor:.7g}",
+        "status": result.status.sentence,
+        "loads": "; then ".join(", ".join(stage) for stage in result.loads) or "none is scaled",
+        "load factor": f"{result.factor:.7g}",
         "equilibrium": stability,
-        "critical points": critical or "none",
-        "path": f"{len(found.q)} point{'s' * (len(found.q) > 1)}, {found.settings['iterations']} "
-        f"iterations of Newton's method, by "
-        f"{found.settings['control']}",
+        "critical points": critical_points or "none",
+        "path": f"{n_points} point{'s' * (n_points > 1)}, {result.settings['iterations']} Newton "
+        f"iterations, {result.settings['control']} control",
     }

@@ -1,4 +1,4 @@
-"""`beamdae sweep`: run a model over values of its parameters, or the sweep of a file."""
+"""`beamdae sweep`: run a model over values of its parameters, or run the sweep of a file."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ import typer
 from beamdae.cli import completion
 from beamdae.cli.options import (
     EndTime,
+    FixedStep,
     IntegratorName,
     Jobs,
     ModelName,
     Out,
     OutputStep,
     Parquet,
+    RelativeTolerance,
     Scheduler,
     Settings,
-    StudyFile,
+    StudyPath,
     TimeLimit,
     create_integrator,
     parse_assignments,
@@ -35,39 +37,42 @@ from beamdae.cli.study_outputs import (
 )
 from beamdae.errors import BeamdaeError, require_count, suggest
 
-# Whatever imports NumPy or CasADi is imported inside the command: help has to answer at once.
+# NumPy and CasADi are imported inside functions, so that --help answers at once.
 if TYPE_CHECKING:
+    from beamdae.cli.model_files.model_file import ModelFile
     from beamdae.cli.study_outputs import FileWriters
     from beamdae.model_functions import Model
     from beamdae.studies import Sweep
     from beamdae.studies.execution.study_run import StudyResults
-    from beamdae.studies.sweeps.sweep_results import SweepResults
 
-_VALUE_FORMS = "values with commas between, or START:STOP:COUNT or START:STOP:COUNT:log"
+_VALUE_FORMS = "VALUE,VALUE,... or START:STOP:COUNT or START:STOP:COUNT:log"
 _MAX_VALUES = 1_000_000
-# Of numbers as they are typed: what rounding makes of 0.3 is 0.3.
+# Values of a range are rounded to this many digits, so that 0.3 is not 0.30000000000000004.
 _SIGNIFICANT_DIGITS = 12
 
 
 def sweep_command(
-    path: StudyFile,
+    path: StudyPath,
     over: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME=VALUES",
-            help=f"Parameter to vary: {_VALUE_FORMS}; repeat.",
+            help=f"Parameter to vary and its values: {_VALUE_FORMS}; repeatable.",
             autocompletion=completion.complete_parameters,
         ),
     ] = None,
     of: Annotated[
         list[str] | None,
-        typer.Option(metavar="COLUMN", help="Observed column that is told of, as tip.y; repeat."),
+        typer.Option(
+            metavar="COLUMN",
+            help="Observed column to evaluate, for example tip.y; repeatable.",
+        ),
     ] = None,
     settings: Settings = None,
     model_name: ModelName = None,
     integrator: IntegratorName = "auto",
-    rtol: Annotated[float | None, typer.Option(help="Relative tolerance.")] = None,
-    step: Annotated[float | None, typer.Option(help="Step in seconds (generalized-alpha).")] = None,
+    rtol: RelativeTolerance = None,
+    step: FixedStep = None,
     time_limit: TimeLimit = None,
     t_end: EndTime = None,
     output_step: OutputStep = None,
@@ -76,131 +81,137 @@ def sweep_command(
     parquet: Parquet = False,
     out: Out = Path("results"),
 ) -> None:
-    """Run a model over values of its parameters, all combinations of them: a table and plots.
+    """Run a model over all combinations of parameter values; write a table, plots and a page.
 
-    Of each run the table tells the end, the largest and smallest value and the root mean square of
-    what is observed; a run that fails is a row with its reason. A file with a sweep (@bd.sweep)
-    needs no --over. Finished runs are kept in the results folder: a second start goes on where the
-    first one stopped. Ends as compare does.
+    The table contains the final value, minimum, maximum and root mean square of the observed
+    columns of each run; a failed run is a row with its reason. A file with a sweep (@bd.sweep)
+    needs no --over. Finished runs are stored in the results folder: run the same command again to
+    resume. The exit codes are those of compare.
     """
+    from beamdae.cli.model_files.model_file import ModelFile
+
     if over:
-        options = {"rtol": rtol, "step": step}
-        sweep = _sweep_from_options(
-            path, model_name, over, settings, of, create_integrator("sweep", integrator, options)
-        )
+        file = ModelFile(path)
+        method = create_integrator("sweep", integrator, {"rtol": rtol, "step": step}, file)
+        sweep = _sweep_from_options(file.model(model_name), over, settings, of, method)
     else:
         _require_no_sweep_options(settings, integrator, rtol, step)
-        sweep = _sweep_of_file(path, model_name)
+        sweep = _sweep_of_file(ModelFile(path), model_name)
         sweep = replace(sweep, columns=tuple(of)) if of else sweep
     from beamdae.studies.execution.executors import create_executor
 
     study = apply_limits("sweep", sweep, time_limit, t_end, output_step)
-    work = StudyOutputs(study, out / study.name, _file_writers, parquet)
-    run_and_write(work, lambda: create_executor("sweep", "--jobs", jobs, scheduler), _print_results)
+    run_and_write(
+        StudyOutputs(study, out / study.name, _file_writers, parquet),
+        lambda: create_executor("sweep", "--jobs", jobs, scheduler),
+        _print_results,
+    )
 
 
 def _sweep_from_options(
-    path: Path,
-    name: str | None,
+    model: Model,
     over: list[str],
     settings: list[str] | None,
     of: list[str] | None,
     integrator: Any,
 ) -> Sweep:
-    """The sweep that the options state."""
-    from beamdae.cli.model_files.model_file import load_model
     from beamdae.studies.sweeps.sweep import create_sweep
 
-    model = load_model(path, name)
-    fixed, asked = parse_assignments(settings), parse_assignments(over, "--over")
-    if len(asked) < len(over):
-        raise BeamdaeError(f"--over: each parameter once, got {', '.join(over)}.")
-    both = next((key for key in asked if key in fixed), None)
-    if both is not None:
-        raise BeamdaeError(f"--over {both}: it is set by --set as well, give one.")
-    values = {key: parse_values(model, key, text) for key, text in asked.items()}
-    values |= {key: [value] for key, value in fixed.items()}
-    folder = results_folder_name("_".join([model.name, "sweep", *asked]), fixed)
+    constants = parse_assignments(settings)
+    ranges = parse_assignments(over, "--over")
+    if len(ranges) < len(over):
+        raise BeamdaeError(
+            f"--over: a parameter is given more than once in {', '.join(over)}; give each once."
+        )
+    for name in ranges:
+        if name in constants:
+            raise BeamdaeError(f"--over {name}: --set sets this parameter, too; omit one.")
+    values = {name: parse_values(model, name, text) for name, text in ranges.items()}
+    values |= {name: [value] for name, value in constants.items()}
+    folder = results_folder_name("_".join([model.name, "sweep", *ranges]), constants)
     return create_sweep(model, values, folder, of or (), integrator)
 
 
 def parse_values(model: Model, name: str, text: str) -> list[Any]:
-    """The values that --over NAME=TEXT states.
+    """Return the values of --over NAME=TEXT.
 
     Raises
     ------
     BeamdaeError
-        If the model has no such parameter, or they have another form.
+        If the model has no such parameter, or the text does not have one of the forms.
     """
-    kind = type(model.parameters.get(name))
-    if kind in (int, float) and ":" in text:
+    if type(model.parameters.get(name)) in (int, float) and ":" in text:
         return _parse_range(model, name, text)
     return [model.complete({name: part.strip()})[name] for part in _split_at_commas(text)]
 
 
 def _split_at_commas(text: str) -> list[str]:
-    """What stands between commas, but those within brackets."""
+    """Split at commas outside brackets."""
     parts, depth = [""], 0
-    for letter in text:
-        depth += (letter in "([{") - (letter in ")]}")
-        if letter == "," and depth == 0:
+    for character in text:
+        depth += (character in "([{") - (character in ")]}")
+        if character == "," and depth == 0:
             parts.append("")
         else:
-            parts[-1] += letter
+            parts[-1] += character
     return parts
 
 
 def _parse_range(model: Model, name: str, text: str) -> list[Any]:
-    """Values of START:STOP:COUNT, of equal distances or, with :log, of equal ratios."""
+    """Return the values of START:STOP:COUNT, at equal distances or, with :log, at equal ratios."""
     import numpy as np
 
-    start, stop, number, *rest = [*text.split(":"), ""]
-    geometric = rest == ["log", ""]
+    start_text, stop_text, count_text, *rest = [*text.split(":"), ""]
+    is_geometric = rest == ["log", ""]
     try:
-        ends, asked = (float(start), float(stop)), float(number)
+        ends, count = (float(start_text), float(stop_text)), float(count_text)
     except ValueError:
-        ends, asked = (np.nan, np.nan), np.nan
-    if not np.isfinite([*ends, asked]).all() or not (geometric or rest == [""]):
+        ends, count = (np.nan, np.nan), np.nan
+    if not np.isfinite([*ends, count]).all() or not (is_geometric or rest == [""]):
         raise BeamdaeError(f"--over {name}={text}: values must have the form {_VALUE_FORMS}.")
-    if geometric and min(ends) <= 0.0:
+    if is_geometric and min(ends) <= 0.0:
         raise BeamdaeError(f"--over {name}={text}: both ends must be positive for :log.")
-    points = require_count(f"--over {name}={text}", "COUNT", asked, most=_MAX_VALUES)
-    spaced = np.geomspace(*ends, points) if geometric else np.linspace(*ends, points)
-    found = [float(f"{x:.{_SIGNIFICANT_DIGITS}g}") for x in spaced]
-    return [model.complete({name: x})[name] for x in found]
+    n_values = require_count(f"--over {name}={text}", "COUNT", count, most=_MAX_VALUES)
+    values = np.geomspace(*ends, n_values) if is_geometric else np.linspace(*ends, n_values)
+    return [
+        model.complete({name: float(f"{value:.{_SIGNIFICANT_DIGITS}g}")})[name] for value in values
+    ]
 
 
 def _require_no_sweep_options(
     settings: list[str] | None, integrator: str, rtol: float | None, step: float | None
 ) -> None:
-    """What a sweep of a file says itself."""
+    """Raise an error for options that a sweep in a file defines itself."""
     method = None if integrator == "auto" else integrator
-    given = {"--set": settings, "--integrator": method, "--rtol": rtol, "--step": step}
-    for option, value in given.items():
+    options = {"--set": settings, "--integrator": method, "--rtol": rtol, "--step": step}
+    for option, value in options.items():
         if value is not None:
             raise BeamdaeError(
-                f"sweep: {option} goes with --over, a sweep in a file says that itself."
+                f"sweep: {option} requires --over; a sweep in a file defines its own settings."
             )
 
 
-def _sweep_of_file(path: Path, name: str | None) -> Sweep:
-    """The sweep of a file, by `name` if it holds several."""
-    from beamdae.cli.model_files.model_file import load_contents, select_name
+def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:
+    """Return the sweep called `name`, or the only sweep of the file."""
+    from beamdae.cli.model_files.model_file import select_name
     from beamdae.studies import Sweep
 
-    models, studies = load_contents(path)
-    sweeps = {key: study for key, study in studies.items() if isinstance(study, Sweep)}
+    models = file.models
+    sweeps = {key: study for key, study in file.studies.items() if isinstance(study, Sweep)}
     if not sweeps:
-        known = {name: models[name]} if name in models else models
-        parameters = ", ".join(x for model in known.values() for x in model.parameters)
+        selected = [models[name]] if name in models else list(models.values())
+        parameters = ", ".join(parameter for model in selected for parameter in model.parameters)
         raise BeamdaeError(
-            f"{path}: it holds no sweep, say what to vary with --over NAME=VALUES, of the "
-            f"parameters {parameters or 'of a model, which it does not hold either'}."
+            f"{file.path}: the file contains no sweep; vary a parameter with --over NAME=VALUES "
+            f"({parameters or 'there is none'})."
         )
-    chosen = select_name(name, sweeps, f"{path}: it holds several sweeps")
-    if chosen not in sweeps:
-        raise BeamdaeError(f"{path}: no sweep {chosen!r}{suggest(chosen, sweeps)}.")
-    return sweeps[chosen]
+    name = select_name(name, sweeps, f"{file.path}: the file contains several sweeps")
+    if name not in sweeps:
+        raise BeamdaeError(
+            f"{file.path}: there is no sweep {name!r}{suggest(name, sweeps)}; the sweeps are "
+            f"{', '.join(sweeps)}."
+        )
+    return sweeps[name]
 
 
 def _file_writers(results: StudyResults) -> tuple[FileWriters, FileWriters]:
@@ -208,37 +219,36 @@ def _file_writers(results: StudyResults) -> tuple[FileWriters, FileWriters]:
     from beamdae.studies.sweeps.sweep_results import TABLE_FILE, create_sweep_results
 
     swept, folder = create_sweep_results(results), results.folder
-    first: FileWriters = {
+    writers: FileWriters = {
         TABLE_FILE: lambda: [swept.to_csv(folder / TABLE_FILE)],
         "report.html": lambda: [swept.page(folder / "report.html")],
     }
     plots = list_response_plots(swept.sweep, swept.table, swept.panels(), folder)
-    return first, plots
+    return writers, plots
 
 
 def _print_results(results: StudyResults) -> None:
-    """The table on the screen, and a sentence for each failure."""
+    """Print the table, and one line for each failure."""
     from beamdae.report.terminal import text_tables
     from beamdae.studies.sweeps.sweep_results import create_sweep_results
 
-    swept, screen = create_sweep_results(results), create_console()
-    record_results(lambda: _json_results(swept))
-    screen.print(results.study.name, style="bold")
-    ended = int((swept.table["status"] == "ok").sum())
-    screen.print(f"{len(swept.table)} cases, {ended} of them reached their end", style="dim")
-    if len(swept.table) <= MAX_SCREEN_ROWS:
-        screen.print(text_tables.sweep_table(swept.table, swept.parameters, swept.response_columns))
-    doubtful = int((swept.table["warnings"] != "").sum())
-    if doubtful:
-        screen.print(f"{doubtful} of them warn of what is not to be trusted, see sweep.csv")
+    swept = create_sweep_results(results)
+    table = swept.table
+    record_results(
+        lambda: {
+            "sweep": swept.sweep.name,
+            "folder": swept.results.folder,
+            "interrupted": swept.interrupted,
+            "cases": table.to_dict("records"),
+        }
+    )
+    console = create_console()
+    console.print(results.study.name, style="bold")
+    n_success = int((table["status"] == "ok").sum())
+    console.print(f"{len(table)} cases, {n_success} reached their end", style="dim")
+    if len(table) <= MAX_SCREEN_ROWS:
+        console.print(text_tables.sweep_table(table, swept.parameters, swept.response_columns))
+    n_warnings = int((table["warnings"] != "").sum())
+    if n_warnings:
+        console.print(f"{n_warnings} cases have warnings, see sweep.csv")
     print_failures(results)
-
-
-def _json_results(swept: SweepResults) -> dict[str, Any]:
-    """What --json tells of a sweep."""
-    return {
-        "sweep": swept.sweep.name,
-        "folder": swept.results.folder,
-        "interrupted": swept.interrupted,
-        "cases": swept.table.to_dict("records"),
-    }

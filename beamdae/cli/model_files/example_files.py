@@ -1,4 +1,4 @@
-"""Where the models that come with beamdae are, by name."""
+"""Files of the models installed with beamdae, called `example:NAME`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ PREFIX = "example:"
 
 
 def examples_folder() -> Path:
-    """Where the examples are: in the package, or beside it in a clone."""
+    """Return the folder of the examples: in the package, or beside it in a clone."""
     import beamdae
 
     package = Path(beamdae.__file__).parent
@@ -19,34 +19,35 @@ def examples_folder() -> Path:
 
 
 def example_names() -> list[str]:
-    """Of all examples."""
-    return sorted(file.stem for file in examples_folder().glob("*.py") if file.stem != "__init__")
+    """Return the names of all examples in alphabetical order."""
+    files = examples_folder().glob("*.py")
+    return sorted(file.stem for file in files if file.stem != "__init__")
 
 
 def resolve_path(path: Path) -> Path:
-    """The path of a model file, which may be `example_file:NAME`.
+    """Return the path of a model file; `example:NAME` becomes the file of that example.
 
     Raises
     ------
     BeamdaeError
-        If there is no example of the name.
+        If there is no example of that name.
     """
     text = str(path)
     return example_file(text.removeprefix(PREFIX)) if text.startswith(PREFIX) else path
 
 
 def example_file(name: str) -> Path:
-    """The file of an example.
+    """Return the file of an example.
 
     Raises
     ------
     BeamdaeError
-        If there is none of the name.
+        If there is no example of that name.
     """
-    known = example_names()
-    if name not in known:
+    names = example_names()
+    if name not in names:
         raise BeamdaeError(
-            f"{PREFIX}{name}: there is no example {short_repr(name)}{suggest(name, known)}, "
-            f"the examples are {', '.join(known)}."
+            f"{PREFIX}{name}: there is no example {short_repr(name)}{suggest(name, names)}; "
+            f"the examples are {', '.join(names)}."
         )
     return examples_folder() / f"{name}.py"

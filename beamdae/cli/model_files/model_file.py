@@ -1,8 +1,9 @@
-"""Model files: plain programs, imported from their path, that hold model functions."""
+"""Model files: plain programs, imported from their path, that define models."""
 
 from __future__ import annotations
 
 import importlib.util
+import inspect
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -20,21 +21,22 @@ from beamdae.model_functions import Model, extend_import_path
 if TYPE_CHECKING:
     from beamdae.studies import Study
 
-# Bytes; compiling takes hundreds of times as much memory.
-_MAX_FILE_SIZE = 10_000_000
+# Compiling a file takes hundreds of times its size in memory.
+_MAX_FILE_SIZE = 10_000_000  # bytes
 
 
 def load_model(path: str | Path, name: str | None = None) -> Model:
-    """The model of a file, by `name` if it holds several.
+    """Load a model from a file, by `name` if the file contains several.
 
-    A study file names the model it is about with it:
-    `pendulum = bd.load_model(Path(__file__).parent / "pendulum.py")`. The models that come with
+    A study file loads the model it studies:
+    `pendulum = bd.load_model(Path(__file__).parent / "pendulum.py")`. The models installed with
     beamdae are files called `example:NAME`, such as `bd.load_model("example:four_bar")`.
 
     Raises
     ------
     BeamdaeError
-        If the file does not import, or does not hold that one model, or another by its name.
+        If the import of the file fails, or if it contains no model, no model called `name`, or
+        several models without a `name` to choose from them.
 
     Examples
     --------
@@ -45,86 +47,134 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
     >>> mech = four_bar(rise=0.2)
     """
     if not isinstance(path, (str, Path)):
-        raise BeamdaeError(
-            f"load_model: path must be that of a model file, got {short_repr(path)}."
-        )
-    path = resolve_path(Path(path))
-    module = _import_file(path)
-    models = _models(module, path)
-    if not models:
-        raise BeamdaeError(
-            f"{path}: it holds no model, decorate a function with @bd.model(t_end=)."
-        )
-    chosen = select_name(name, models, f"{path}: it holds several models")
-    if not (isinstance(chosen, str) and chosen in models):
-        raise BeamdaeError(
-            f"{path}: no model {short_repr(chosen)}{suggest(chosen, models)}, "
-            f"the models are {', '.join(models)}."
-        )
-    # The same under two names is one.
-    called_so = {id(x.build) for x in _all_models(module) if x.name == chosen}
-    if len(called_so) > 1:
-        raise BeamdaeError(
-            f"{path}: it holds {len(called_so)} models called {short_repr(chosen)}, give each a name of "
-            "its own; that of a model is the name of its function."
-        )
-    return models[chosen]
+        raise BeamdaeError(f"load_model: path must be a model file, got {short_repr(path)}.")
+    return ModelFile(Path(path)).model(name)
 
 
-def select_name(name: str | None, known: Iterable[str], several: str) -> str:
-    """The name that is asked for, or that of the only one there is.
+class ModelFile:
+    """An imported model file.
+
+    Parameters
+    ----------
+    path
+        Path of the file, or `example:NAME`.
 
     Raises
     ------
     BeamdaeError
-        If none is asked for and there are `several`.
+        If the file is missing or its import fails.
     """
-    names = list(known)
+
+    def __init__(self, path: Path) -> None:
+        self.path = resolve_path(path)
+        self._module = _import_file(self.path)
+
+    @property
+    def models(self) -> dict[str, Model]:
+        """Models of the file by name. An error in a model function becomes a `BeamdaeError`."""
+        return {
+            model.name: replace(model, build=_translate_build_errors(model, self.path))
+            for model in self._all_models()
+        }
+
+    @property
+    def studies(self) -> dict[str, Study]:
+        """Studies and sweeps of the file by name."""
+        # Imported here because a model loads faster without the modules of studies.
+        from beamdae.studies import Study
+
+        studies = [value for value in vars(self._module).values() if isinstance(value, Study)]
+        return {study.name: study for study in studies}
+
+    @property
+    def integrators(self) -> dict[str, Any]:
+        """Integrators of the file, classes and instances, by the name of their variable."""
+        from beamdae.integrators import Integrator
+
+        def is_integrator(value: Any) -> bool:
+            if isinstance(value, type):
+                return issubclass(value, Integrator) and not inspect.isabstract(value)
+            return isinstance(value, Integrator)
+
+        return {
+            name: value
+            for name, value in vars(self._module).items()
+            if not name.startswith("_") and is_integrator(value)
+        }
+
+    def model(self, name: str | None = None) -> Model:
+        """Return the model called `name`, or the only model of the file.
+
+        Raises
+        ------
+        BeamdaeError
+            If there is no such model, or if several have that name.
+        """
+        models = self.models
+        if not models:
+            raise BeamdaeError(
+                f"{self.path}: the file contains no model; decorate a function with "
+                "@bd.model(t_end=...)."
+            )
+        name = select_name(name, models, f"{self.path}: the file contains several models")
+        if not (isinstance(name, str) and name in models):
+            raise BeamdaeError(
+                f"{self.path}: there is no model {short_repr(name)}{suggest(name, models)}; "
+                f"the models are {', '.join(models)}."
+            )
+        # One model under two variables counts once.
+        functions = {id(model.build) for model in self._all_models() if model.name == name}
+        if len(functions) > 1:
+            raise BeamdaeError(
+                f"{self.path}: {len(functions)} models are called {short_repr(name)}; give their "
+                "functions different names."
+            )
+        return models[name]
+
+    def _all_models(self) -> list[Model]:
+        return [value for value in vars(self._module).values() if isinstance(value, Model)]
+
+
+def select_name(name: str | None, names: Iterable[str], problem: str) -> str:
+    """Return `name`, or the only one of `names` if `name` is None.
+
+    Raises
+    ------
+    BeamdaeError
+        With the sentence `problem` if `name` is None and there are several names.
+    """
+    names = list(names)
     if name is None and len(names) > 1:
-        raise BeamdaeError(f"{several}, name one with --model: {', '.join(names)}.")
+        raise BeamdaeError(f"{problem} ({', '.join(names)}); choose one with --model.")
     return names[0] if name is None else name
 
 
-def _all_models(module: ModuleType) -> list[Model]:
-    return [value for value in vars(module).values() if isinstance(value, Model)]
-
-
-def load_contents(path: Path) -> tuple[dict[str, Model], dict[str, Study]]:
-    """The models and the studies of a file, by name.
-
-    Raises
-    ------
-    BeamdaeError
-        If the file is missing or does not import.
-    """
-    # Here, for a model is loaded faster without what studies need.
-    from beamdae.studies import Study
-
-    path = resolve_path(path)
-    module = _import_file(path)
-    studies = [value for value in vars(module).values() if isinstance(value, Study)]
-    return _models(module, path), {study.name: study for study in studies}
-
-
-def _models(module: ModuleType, path: Path) -> dict[str, Model]:
-    return {x.name: replace(x, build=_wrap_build(x, path)) for x in _all_models(module)}
+@contextmanager
+def translate_errors(call: str, path: Path) -> Iterator[None]:
+    """Raise exceptions of a model file, except Ctrl-C, as a `BeamdaeError` on the failed call."""
+    try:
+        yield
+    except (BeamdaeError, KeyboardInterrupt):
+        raise
+    except BaseException as problem:
+        raise BeamdaeError(f"{call} failed with {describe_error(problem, path)}.") from problem
 
 
 def _import_file(path: Path) -> ModuleType:
     code = _compile_file(path)
-    # Before a file beside the model, or the model itself, can hide what these import.
+    # Imported before a file beside the model, or the model itself, can hide its modules.
     import beamdae.simulation  # noqa: F401
 
     name = f"beamdae_model_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path.absolute())
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
-    # Decorators such as dataclass look their module up while it is being imported.
+    # Decorators such as dataclass look up their module during the import.
     sys.modules[name] = module
     try:
         with (
             extend_import_path(path.absolute().parent),
-            _report_errors(f"{path}: it does not import", path),
+            translate_errors(f"{path}: the import", path),
         ):
             exec(code, vars(module))
     finally:
@@ -133,54 +183,45 @@ def _import_file(path: Path) -> ModuleType:
 
 
 def _compile_file(path: Path) -> CodeType:
-    """A model file, in whatever encoding its first lines tell, as code."""
+    """Compile a file in UTF-8 or in the encoding that its first line declares."""
     if not is_valid_path(str(path)):
-        raise BeamdaeError(f"path: no model file can be called {short_repr(str(path))}.")
+        raise BeamdaeError(f"path: {short_repr(str(path))} is not a valid file name.")
     if path.suffix != ".py":
         raise BeamdaeError(f"{path}: a model file must be a Python file (.py).")
     try:
         if not path.exists():
             raise BeamdaeError(f"{path}: there is no such file.")
         if not path.is_file():
-            raise BeamdaeError(f"{path}: it is no file, a model file must be a Python file (.py).")
+            raise BeamdaeError(
+                f"{path}: this is not a regular file; a model file must be a Python file (.py)."
+            )
         if path.stat().st_size > _MAX_FILE_SIZE:
             raise BeamdaeError(
-                f"{path}: it is larger than {_MAX_FILE_SIZE / 1e6:g} MB, a model file must be smaller; "
-                "it can read its data from another file."
+                f"{path}: the file is larger than {_MAX_FILE_SIZE / 1e6:g} MB; move its data to "
+                "another file and read it from there."
             )
         content = path.read_bytes()
     except OSError as problem:
-        raise BeamdaeError(f"{path}: it cannot be read, {problem.strerror}.") from problem
+        raise BeamdaeError(f"{path}: the file cannot be read, {problem.strerror}.") from problem
     try:
         source = importlib.util.decode_source(content)
     except (SyntaxError, UnicodeDecodeError):
         raise BeamdaeError(
-            f"{path}: it is no text in UTF-8, nor in the encoding its first line tells, as "
-            "'# coding: latin-1' does."
+            f"{path}: the file is neither in UTF-8 nor in the encoding its first line declares; "
+            "declare another encoding as in '# coding: latin-1'."
         ) from None
     if "\0" in source:
-        raise BeamdaeError(f"{path}: it holds NUL bytes, a model file must be text.")
-    with _report_errors(f"{path}: it does not import", path):
+        raise BeamdaeError(f"{path}: the file contains NUL bytes; a model file must be text.")
+    with translate_errors(f"{path}: the import", path):
         return compile(source, path.absolute(), "exec", dont_inherit=True)
 
 
-def _wrap_build(model: Model, path: Path) -> Callable[..., Any]:
-    """The model function, with its programming errors told as mistakes in the file."""
+def _translate_build_errors(model: Model, path: Path) -> Callable[..., Any]:
+    """Return the model function with its exceptions translated into a `BeamdaeError`."""
 
     @wraps(model.build)
     def build(**values: Any) -> Any:
-        with _report_errors(f"{model.name}: {path} cannot build it", path):
+        with translate_errors(f"{model.name}: the model function in {path}", path):
             return model.build(**values)
 
     return build
-
-
-@contextmanager
-def _report_errors(what: str, path: Path) -> Iterator[None]:
-    """Whatever the code of a file raises is a mistake in it, but Ctrl-C."""
-    try:
-        yield
-    except (BeamdaeError, KeyboardInterrupt):
-        raise
-    except BaseException as problem:
-        raise BeamdaeError(f"{what}, {describe_error(problem, path)}.") from problem

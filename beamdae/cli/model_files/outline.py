@@ -1,4 +1,4 @@
-"""What a file defines, as its text says: it is read and not run."""
+"""Outlines of model files: the models and studies they define, read without executing them."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-# What a file takes from beamdae to define a model or a study.
-_DEFINING = {"model", "study", "Study"}
-# As a decorator it defines one, called by a script it runs one.
-_DECORATED = {"model", "study", "sweep"}
+# A file that uses one of these names of beamdae defines a model or a study.
+_DEFINING_NAMES = {"model", "study", "Study"}
+# As a decorator, `sweep` defines a study; called in a script, it runs one.
+_DECORATORS = {"model", "study", "sweep"}
 
 
 @dataclass(frozen=True)
@@ -20,11 +20,11 @@ class Outline:
     Attributes
     ----------
     defines
-        Whether it takes from beamdae what defines either; it may do so in other ways as well.
+        True if the file uses a name of beamdae that defines a model or a study.
     models
-        By name, their parameters with the default of each as it is written.
+        Parameters of each model, with the source text of their defaults.
     studies
-        Their names, and those of sweeps.
+        Names of the studies and sweeps.
     """
 
     defines: bool = False
@@ -33,14 +33,18 @@ class Outline:
 
 
 def read_outline(file: Path) -> Outline:
-    """The outline of a file; that of one with mistakes only says whether it names beamdae."""
+    """Return the outline of a file.
+
+    The outline of an unreadable file is empty. If the file has a syntax error, `defines` is true if
+    it mentions beamdae.
+    """
     try:
         source = file.read_bytes()
         tree = ast.parse(source)
     except OSError:
         return Outline()
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        # Importing it says what is wrong.
+        # Importing the file reports the error.
         return Outline(b"beamdae" in source)
     packages: set[str] = set()
     names: dict[str, str] = {}
@@ -49,35 +53,37 @@ def read_outline(file: Path) -> Outline:
             packages |= {x.asname or x.name for x in node.names if x.name == "beamdae"}
         elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "beamdae":
             names |= {
-                x.asname or x.name: x.name for x in node.names if x.name in _DEFINING | _DECORATED
+                x.asname or x.name: x.name
+                for x in node.names
+                if x.name in _DEFINING_NAMES | _DECORATORS
             }
 
-    def meant(node: ast.AST) -> str:
-        """What a name of the file is called in beamdae, if it is of there."""
+    def resolve_name(node: ast.AST) -> str:
+        """Return the name in beamdae that a node refers to, or an empty string."""
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
             return node.attr if node.value.id in packages else ""
         return names.get(node.id, "") if isinstance(node, ast.Name) else ""
 
-    found: dict[str, list[ast.FunctionDef]] = {kind: [] for kind in _DECORATED}
+    functions: dict[str, list[ast.FunctionDef]] = {kind: [] for kind in _DECORATORS}
     for function in (node for node in tree.body if isinstance(node, ast.FunctionDef)):
         for decorator in function.decorator_list:
-            kind = meant(decorator.func if isinstance(decorator, ast.Call) else decorator)
-            if kind in found:
-                found[kind].append(function)
+            kind = resolve_name(decorator.func if isinstance(decorator, ast.Call) else decorator)
+            if kind in functions:
+                functions[kind].append(function)
     return Outline(
-        bool(found["sweep"])
-        or not _DEFINING.isdisjoint(names.values())
-        or any(meant(node) in _DEFINING for node in ast.walk(tree)),
-        {function.name: dict(_parameters(function)) for function in found["model"]},
-        tuple(function.name for kind in ("study", "sweep") for function in found[kind]),
+        bool(functions["sweep"])
+        or not _DEFINING_NAMES.isdisjoint(names.values())
+        or any(resolve_name(node) in _DEFINING_NAMES for node in ast.walk(tree)),
+        {function.name: dict(_parameters(function)) for function in functions["model"]},
+        tuple(function.name for kind in ("study", "sweep") for function in functions[kind]),
     )
 
 
 def _parameters(function: ast.FunctionDef) -> Iterator[tuple[str, str]]:
-    taken = function.args
-    by_place = [*taken.posonlyargs, *taken.args]
-    defaults = [None] * (len(by_place) - len(taken.defaults)) + list(taken.defaults)
-    for one, default in zip(
-        [*by_place, *taken.kwonlyargs], [*defaults, *taken.kw_defaults], strict=True
-    ):
-        yield one.arg, "" if default is None else ast.unparse(default)
+    """Yield the name of each parameter and the source text of its default."""
+    signature = function.args
+    positional = [*signature.posonlyargs, *signature.args]
+    n_required = len(positional) - len(signature.defaults)
+    defaults = [*[None] * n_required, *signature.defaults, *signature.kw_defaults]
+    for parameter, default in zip([*positional, *signature.kwonlyargs], defaults, strict=True):
+        yield parameter.arg, "" if default is None else ast.unparse(default)
