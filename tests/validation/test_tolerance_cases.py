@@ -1,10 +1,10 @@
-"""The cases of validation/tolerances, their references and the table of error over rtol."""
+"""Cases of validation/tolerances: references, random mechanisms and tables of error over rtol."""
 
 import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
-from tolerances import error_tables as wide
+from tolerances import error_tables
 from tolerances.cases import CASES, WIDE
 from tolerances.mechanisms import STEEL, cantilever
 from tolerances.modal import solve_small_vibrations
@@ -17,70 +17,72 @@ import beamdae as bd
 BY_NAME = {case.name: case for case in WIDE}
 
 
-def test_every_case_has_a_reference_of_its_rows_and_columns():
+def test_references_have_all_rows_and_columns():
     assert WIDE[: len(CASES)] == CASES
     assert len({case.name for case in WIDE}) == len(WIDE)
     for case in WIDE:
-        stored = case.load_reference(("t [s]", *case.columns, *case.reactions))
-        assert stored.shape[0] == case.rows
-        assert_allclose(stored[:, 0], case.times, rtol=1e-8)
-        assert np.all(np.isfinite(stored))
+        reference = case.load_reference(("t [s]", *case.columns, *case.reactions))
+        assert reference.shape[0] == case.rows
+        assert_allclose(reference[:, 0], case.times, rtol=1e-8)
+        assert np.all(np.isfinite(reference))
         assert np.all(np.ptp(case.reference, axis=0) > 0.0)
 
 
 def test_two_methods_agree_on_every_reference():
-    apart = wide.reference_uncertainties(SUMMARY)
-    assert set(apart.index) == set(BY_NAME)
-    # What a step leaves of undamped modes in an angle is known less well by the second method:
-    # generalized-alpha where the beam bends far (Radau settles to 5e-7), Radau at its tightest
+    disagreements = error_tables.reference_uncertainties(SUMMARY)
+    assert set(disagreements.index) == set(BY_NAME)
+    # The second method is less accurate for angles with undamped modes after a step:
+    # generalized-alpha at large bending (Radau converges to 5e-7), Radau at its tightest tolerance
     # where the beam moves 0.05 mm.
-    assert apart.pop("cantilever_10N") < 5e-4
-    assert apart.pop("cantilever_30mm") < 3e-5
-    assert apart.max() < 1e-5
+    assert disagreements.pop("cantilever_10N") < 5e-4
+    assert disagreements.pop("cantilever_30mm") < 3e-5
+    assert disagreements.max() < 1e-5
 
 
 def test_references_end_at_published_numbers():
-    known = pd.read_csv(SUMMARY)
-    ends = known[known["method 2"] == "published, at the end"].set_index(["case", "column"])
-    published = [case for case in WIDE if case.published]
-    assert len(published) == 4
-    for case in published:
+    summary = pd.read_csv(SUMMARY)
+    ends = summary[summary["method 2"] == "published, at the end"].set_index(["case", "column"])
+    published_cases = [case for case in WIDE if case.published]
+    assert len(published_cases) == 4
+    for case in published_cases:
         for column, value in case.published.items():
-            apart = abs(case.load_reference((column,))[-1, 0] - value)
-            told = ends.loc[(case.name, column), "disagreement"]
-            size = 0.5 * np.ptp(case.load_reference((column,)))
-            # Nine digits are stored, SUNDIALS prints five.
-            assert apart < (1e-4 if case.name == "spring_slider_crank" else 3e-6) * size
-            assert told == pytest.approx(apart / size, abs=1e-7, rel=0.1)
+            deviation = abs(case.load_reference((column,))[-1, 0] - value)
+            disagreement = ends.loc[(case.name, column), "disagreement"]
+            amplitude = 0.5 * np.ptp(case.load_reference((column,)))
+            # References are stored with nine digits, SUNDIALS prints five.
+            assert deviation < (1e-4 if case.name == "spring_slider_crank" else 3e-6) * amplitude
+            assert disagreement == pytest.approx(deviation / amplitude, abs=1e-7, rel=0.1)
 
 
 @pytest.mark.parametrize("case", [case for case in WIDE if case.exact], ids=lambda c: c.name)
-def test_closed_forms_are_what_is_stored(case):
+def test_references_match_closed_forms(case):
     # Nine digits of numbers up to 2.
     assert_allclose(case.reference, case.exact(case.times), rtol=0.0, atol=5.1e-9)
 
 
-def test_small_vibrations_go_on_about_the_static_deflection_of_the_beam():
+def test_small_vibrations_decay_to_the_static_deflection():
     times = np.linspace(0.0, 400.0, 5)
     columns = solve_small_vibrations(cantilever(damping=1e-4), times)
     section = bd.Section.rectangle(STEEL, width=0.02, height=0.01)
     deflection = 0.1 / (3.0 * section.EI) + 0.1 / section.GA
-    # Cubic elements are exact for a load at the end; after 400 s nothing moves any more.
+    # Cubic elements are exact for an end load; after 400 s the vibration has decayed.
     assert_allclose(columns["tip.y [m]"][[0, -1]], [0.0, deflection], rtol=1e-6, atol=1e-15)
     assert columns["root.M [N m]"][-1] == pytest.approx(-0.1, rel=1e-6)
 
 
-def test_random_mechanisms_are_those_of_their_seeds():
+def test_random_mechanisms_are_reproducible():
     first, again, other = (random_case(seed) for seed in (9, 9, 10))
-    built = [case.model(**case.parameters) for case in (first, again, other)]
-    described = [[(part.name, type(part)) for part in mech.parts.values()] for mech in built]
-    starts = [bd.equations_of_motion(mech).q0 for mech in built]
-    assert described[0] == described[1]
+    mechanisms = [case.model(**case.parameters) for case in (first, again, other)]
+    descriptions = [
+        [(part.name, type(part)) for part in mech.parts.values()] for mech in mechanisms
+    ]
+    starts = [bd.equations_of_motion(mech).q0 for mech in mechanisms]
+    assert descriptions[0] == descriptions[1]
     assert_allclose(starts[0], starts[1], rtol=0.0)
     assert len(starts[2]) != len(starts[0]) or np.any(starts[2] != starts[0])
 
 
-def test_random_cases_are_many_of_all_kinds():
+def test_random_cases_cover_both_bounds():
     cases = list(random_cases())
     assert len(cases) >= 60
     assert {case.bound for case in cases} == {30.0, 100.0}
@@ -89,16 +91,16 @@ def test_random_cases_are_many_of_all_kinds():
         assert np.all(np.isfinite(case.reference))
 
 
-def test_a_line_tells_error_over_rtol_and_how_the_run_ended():
+def test_error_rows_contain_error_over_rtol_and_status():
     case = BY_NAME["arevalo"]
-    (line,) = wide.error_rows([case], ["Radau"], [1e-4])
+    (row,) = error_tables.error_rows([case], ["Radau"], [1e-4])
     solution = case.run(bd.Radau(1e-4))
-    assert line["r"] == pytest.approx(case.errors(solution).max() / 1e-4)
-    assert line["status"] == "ok"
-    assert line["steps"] == solution.statistics.steps
-    shown = wide.pivot_errors(pd.DataFrame([line]))
-    assert float(shown.loc[("arevalo", 100.0), ("Radau", "1e-04")]) == pytest.approx(
-        line["r"], rel=1e-2
+    assert row["r"] == pytest.approx(case.errors(solution).max() / 1e-4)
+    assert row["status"] == "ok"
+    assert row["steps"] == solution.statistics.steps
+    table = error_tables.pivot_errors(pd.DataFrame([row]))
+    assert float(table.loc[("arevalo", 100.0), ("Radau", "1e-04")]) == pytest.approx(
+        row["r"], rel=1e-2
     )
 
 

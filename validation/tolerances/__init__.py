@@ -1,1 +1,1 @@
-"""Does rtol mean what it says? Cases, references and the table behind the defaults."""
+"""Accuracy of the adaptive integrators over rtol: cases, references and tables."""

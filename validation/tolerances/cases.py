@@ -1,4 +1,4 @@
-"""The cases of the tolerance study: five published ones, and a wide set around them."""
+"""Cases of the tolerance study: five published ones and the wide set."""
 
 from __future__ import annotations
 
@@ -88,9 +88,9 @@ STRIPS = (
     _case("thick_strip_damped", m.strip_pendulum, PENDULUM, 1.0, DAMPED, height=0.01, damping=1e-4),
 )
 
-# Along the beam the tip moves by the square of the deflection only.
+# The axial motion of the tip is of second order in the deflection.
 BENT = ("tip.y [m]", "tip.angle [rad]")
-# Two elements: what the many undamped modes of more do after a step, no second method tells.
+# Two elements: with more undamped modes no second method resolves the motion after a step.
 TWO = {"elements": 2}
 THICK = TWO | {"width": 0.03, "height": 0.03, "force": 1.0}
 SMALL = (

@@ -1,4 +1,4 @@
-"""The slider-crank with a flexible rod of the IVP test set: two bending, two axial coordinates."""
+"""Slider-crank with a flexible rod of the IVP test set: two bending and two axial coordinates."""
 
 from __future__ import annotations
 
@@ -8,26 +8,34 @@ from benchmarks.systems import create_symbols, lagrange_force
 
 import beamdae as bd
 
-# Eight digits, as the test set has it and its end values need it.
+# Eight digits as in the test set; its end values depend on them.
 PI = 3.1415927
-CRANK, ROD, SPEED = 0.15, 0.30, 150.0
-ROD_MASS, SLIDER_MASS, CRANK_INERTIA, ROD_INERTIA = 0.151104, 0.075552, 0.002727, 0.0045339259
-DENSITY, YOUNG, SIDE = 7870.0, 0.2e12, 0.008
+CRANK = 0.15  # length [m]
+ROD = 0.30  # length [m]
+SPEED = 150.0  # [rad/s]
+ROD_MASS = 0.151104  # [kg]
+SLIDER_MASS = 0.075552  # [kg]
+CRANK_INERTIA = 0.002727  # [kg m^2]
+ROD_INERTIA = 0.0045339259  # [kg m^2]
+DENSITY = 7870.0  # [kg/m^3]
+YOUNG = 0.2e12  # modulus [Pa]
+SIDE = 0.008  # of the square section [m]
 VOLUME = SIDE**2 * ROD
 
 
-def _filled(shape: tuple[int, ...], entries: dict) -> np.ndarray:
+def _fill_matrix(shape: tuple[int, ...], entries: dict) -> np.ndarray:
     array = np.zeros(shape)
-    for place, value in entries.items():
-        array[place] = value
+    for index, value in entries.items():
+        array[index] = value
     return array
 
 
-# Shapes of the rod: sin(pi x/l) and sin(2 pi x/l) across it, quadratic ones along it. Below are
-# integrals over the rod of shapes, of x times shapes, and of bending times axial ones.
-MASS = DENSITY * VOLUME * _filled((4, 4), {(0, 0): 0.5, (1, 1): 0.5, (2, 2): 8.0, (3, 3): 2.0})
+# Shape functions of the rod: sin(pi x/l) and sin(2 pi x/l) transverse, quadratic ones axial. The
+# arrays below are integrals over the rod of the shapes, of x times the shapes, and of products of
+# transverse and axial shapes.
+MASS = DENSITY * VOLUME * _fill_matrix((4, 4), {(0, 0): 0.5, (1, 1): 0.5, (2, 2): 8.0, (3, 3): 2.0})
 MASS[2, 3] = MASS[3, 2] = DENSITY * VOLUME
-STIFFNESS = (YOUNG * SIDE**2 / ROD) * _filled(
+STIFFNESS = (YOUNG * SIDE**2 / ROD) * _fill_matrix(
     (4, 4),
     {
         (0, 0): PI**4 / 24.0 * (SIDE / ROD) ** 2,
@@ -38,7 +46,7 @@ STIFFNESS = (YOUNG * SIDE**2 / ROD) * _filled(
         (3, 3): 7.0 / 3.0,
     },
 )
-DAMPING = _filled(
+DAMPING = _fill_matrix(
     (4, 4),
     {
         (0, 0): 5.0,
@@ -49,7 +57,7 @@ DAMPING = _filled(
         (3, 3): 0.5 * 4.217421837156818e2,
     },
 )
-GYROSCOPIC = VOLUME * _filled(
+GYROSCOPIC = VOLUME * _fill_matrix(
     (4, 4), {(0, 2): -16.0 / PI**3, (0, 3): 8.0 / PI**3 - 1.0 / PI, (1, 3): 0.5 / PI}
 )
 GYROSCOPIC -= GYROSCOPIC.T
@@ -60,9 +68,9 @@ ACROSS_X = ROD * VOLUME * np.array([1.0 / PI, -0.5 / PI, 0.0, 0.0])
 
 
 def _mass_matrix(u: ca.SX) -> ca.SX:
-    """M of (phi1, phi2, x3, q1..q4), from the kinetic energy of crank, rod and slider."""
-    q, between = u[3:], u[0] - u[1]
-    cosine, sine = ca.cos(between), ca.sin(between)
+    """Return M of (phi1, phi2, x3, q1..q4) from the kinetic energy of crank, rod and slider."""
+    q, difference = u[3:], u[0] - u[1]
+    cosine, sine = ca.cos(difference), ca.sin(difference)
     along, across = ca.dot(ALONG, q), ca.dot(ACROSS, q)
     m = ca.SX.zeros(7, 7)
     m[0, 0] = CRANK_INERTIA + ROD_MASS * CRANK**2
@@ -78,12 +86,12 @@ def _mass_matrix(u: ca.SX) -> ca.SX:
 
 @bd.model(t_end=0.1)
 def flexible_slider_crank(damped=False):
-    """Crank turning at 150 rad/s, flexible rod, slider: position coordinates as in the test set.
+    """Crank at 150 rad/s, flexible rod and slider, in the coordinates of the test set.
 
     B. Simeon, Modelling a flexible slider crank mechanism by a mixed system of DAEs and PDEs,
     Math. Modelling of Systems 2 (1996) 1, doi:10.1080/13873959608837026; F. Mazzia, C. Magherini,
     Test Set for Initial Value Problem Solvers, problem crank, linear stiffness, start close to the
-    smooth motion; https://archimede.dm.uniba.it/~testset/. Damping is that of the set, 0.5 %.
+    smooth motion; https://archimede.dm.uniba.it/~testset/. Damping is that of the test set, 0.5 %.
     """
     t, u, v = create_symbols(7)
     mass = _mass_matrix(u)
@@ -115,7 +123,7 @@ def flexible_slider_crank(damped=False):
     )
 
 
-# The undamped motion at t = 0.1 s by the test set.
+# Undamped motion at t = 0.1 s from the test set.
 CRANK_END = {
     "phi2 [rad]": -3.311734987910881e-1,
     "x3 [m]": 1.697373326718410e-1,

@@ -1,4 +1,4 @@
-"""Small mechanisms of the wide set: what models/ does not have, each with a few numbers to vary."""
+"""Small parametric mechanisms of the wide set, in addition to those of models/."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import beamdae as bd
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 ALLOY = bd.Material(E=68.952e9, nu=0.3, rho=2766.7)
-GRAVITY = (0.0, -9.81)
-# What the references were computed with: the frame and the strain of the paper.
+GRAVITY = (0.0, -9.81)  # [m/s^2]
+# Frame and strain of the paper, used for the stored references.
 PAPER = {"frame": "tangent", "strain": "nonlinear"}
 
 
 def _bar(mech: bd.Mechanism, name: str, start, end, mass_per_length, spin=0.0) -> bd.RigidBody:
-    """Add a uniform rigid bar; `spin` [rad/s] turns it about `start`."""
+    """Add a uniform rigid bar that rotates about `start` at `spin` [rad/s]."""
     along = np.subtract(end, start)
     length = float(np.hypot(*along))
     mass = mass_per_length * length
@@ -24,12 +24,12 @@ def _bar(mech: bd.Mechanism, name: str, start, end, mass_per_length, spin=0.0) -
     return mech.add(bd.RigidBody(name, mass, mass * length**2 / 12.0, center, velocity, spin))
 
 
-def _opposite(a, b, from_a: float, from_b: float) -> tuple[float, float]:
-    """The point at the two distances from `a` and `b`, to the left of the way from a to b."""
+def _triangle_apex(a, b, distance_a: float, distance_b: float) -> tuple[float, float]:
+    """Return the point at the given distances from `a` and `b`, to the left of the line a-b."""
     base = np.subtract(b, a)
     distance = float(np.hypot(*base))
-    along = (from_a**2 - from_b**2 + distance**2) / (2.0 * distance)
-    across = np.sqrt(from_a**2 - along**2)
+    along = (distance_a**2 - distance_b**2 + distance**2) / (2.0 * distance)
+    across = np.sqrt(distance_a**2 - along**2)
     unit = base / distance
     x, y = np.add(a, along * unit + across * np.array([-unit[1], unit[0]]))
     return float(x), float(y)
@@ -37,10 +37,10 @@ def _opposite(a, b, from_a: float, from_b: float) -> tuple[float, float]:
 
 @bd.model(t_end=1.5)
 def four_bar(damping=0.0, height=0.004, speed=2.0 * np.pi, elements=6):
-    """Crank-rocker with a flexible parabolic coupler; the crank is run up in 0.5 s."""
+    """Crank-rocker with a flexible parabolic coupler; the crank speeds up within 0.5 s."""
     mech = bd.Mechanism(gravity=GRAVITY)
     shaft, bearing, pin = (0.0, 0.0), (0.5, 0.0), (0.2, 0.0)
-    knee = _opposite(pin, bearing, 0.6, 0.4)
+    knee = _triangle_apex(pin, bearing, 0.6, 0.4)
     angle = float(np.arctan2(knee[1] - pin[1], knee[0] - pin[0]))
     strip = bd.Section.rectangle(ALLOY, width=0.02, height=height, damping=damping)
 
@@ -72,20 +72,20 @@ def double_strip_pendulum(
     """Two curved strips of 0.4 m hinged to each other and to the ground, released at rest."""
     mech = bd.Mechanism(gravity=GRAVITY)
     heights, dampings = (upper_height, lower_height), (upper_damping, lower_damping)
-    hang, angle = mech.ground.at(0.0, 0.0), -0.4
+    support, angle = mech.ground.at(0.0, 0.0), -0.4
     for name, height, damping in zip(("upper", "lower"), heights, dampings, strict=True):
         strip = bd.Section.rectangle(ALLOY, width=width, height=height, damping=damping)
-        arc = bd.Arc(radius=0.6, length=0.4, start=hang.point, angle=angle)
+        arc = bd.Arc(radius=0.6, length=0.4, start=support.point, angle=angle)
         beam = mech.add(bd.Beam(name, arc, strip, elements=elements, **PAPER))
-        mech.add(bd.Revolute(f"{name} hinge", hang, beam.start))
+        mech.add(bd.Revolute(f"{name} hinge", support, beam.start))
         mech.observe(f"{name} end", beam.end)
-        hang, angle = beam.end, -0.9
+        support, angle = beam.end, -0.9
     return mech
 
 
 @bd.model(t_end=1.0)
 def strip_pendulum(height=0.001, damping=0.0, tip_mass=0.0, elements=4):
-    """Curved strip of 0.3 m pinned at its start, its root 0.6 rad below the horizontal, at rest."""
+    """Curved strip of 0.3 m, pinned at its start 0.6 rad below the horizontal, released at rest."""
     mech = bd.Mechanism(gravity=GRAVITY)
     strip = bd.Section.rectangle(ALLOY, width=0.03, height=height, damping=damping)
     arc = bd.Arc(radius=0.4, length=0.3, start=(0.0, 0.0), angle=-0.6)
@@ -109,7 +109,7 @@ def cantilever(
     alloy=False,
     elements=4,
 ):
-    """Straight beam of 1 m, clamped; `force` [N] across its end, from `start` [s] on."""
+    """Clamped straight beam of 1 m with a transverse tip `force` [N] from the time `start` [s]."""
     mech = bd.Mechanism()
     material = ALLOY if alloy else STEEL
     section = bd.Section.rectangle(material, width=width, height=height, damping=damping)
@@ -128,15 +128,15 @@ def cantilever(
 
 @bd.model(t_end=2.0)
 def parallelogram(rocker=0.205, coupler=0.5, spin=2.0 * np.pi, crank_angle=0.5 * np.pi):
-    """Rigid crank-rocker of nearly equal sides, spun at the start; gravity.
+    """Rigid crank-rocker with nearly equal sides under gravity, with an initial spin.
 
-    The crank of 0.2 m turns fully because 0.2 + 0.5 < `rocker` + `coupler`, but twice a turn all
-    bars nearly lie in one line, close to where the loop could fold over.
+    The crank of 0.2 m rotates fully because 0.2 + 0.5 < `rocker` + `coupler`. Twice per revolution
+    all bars are nearly collinear, close to a change point.
     """
     mech = bd.Mechanism(gravity=GRAVITY)
     shaft, bearing = (0.0, 0.0), (0.5, 0.0)
     pin = (0.2 * float(np.cos(crank_angle)), 0.2 * float(np.sin(crank_angle)))
-    knee = _opposite(pin, bearing, coupler, rocker)
+    knee = _triangle_apex(pin, bearing, coupler, rocker)
     bars = (
         ("crank", shaft, pin, spin),
         ("coupler", pin, knee, 0.0),
@@ -155,10 +155,10 @@ def parallelogram(rocker=0.205, coupler=0.5, spin=2.0 * np.pi, crank_angle=0.5 *
 
 @bd.model(t_end=2.0)
 def double_four_bar(speed=3.0):
-    """Two parallelograms side by side, upright, their tops moving to the right at `speed` [m/s].
+    """Two upright parallelograms side by side; their tops start to the right at `speed` [m/s].
 
-    Five bars of 1 m and 1 kg. All of them lie in one line twice a turn: there the loops could move
-    on in another way, and the constraints depend on each other. After M. Gonzalez, D. Dopico,
+    Five bars of 1 m and 1 kg. Twice per revolution all of them are collinear: the constraints are
+    dependent there and another branch of the motion begins. After M. Gonzalez, D. Dopico,
     U. Lugris, J. Cuadrado, A benchmarking system for MBS simulation software, Multibody Syst. Dyn.
     16 (2006) 179, doi:10.1007/s11044-006-9020-8 (IFToMM benchmark A02).
     """
@@ -183,12 +183,12 @@ def double_four_bar(speed=3.0):
 
 
 def double_four_bar_motion(t: np.ndarray) -> np.ndarray:
-    """(x, y) of the left top and x of the middle one, from the one angle that tells all.
+    """Return (x, y) of the left top and x of the middle one, integrated in one angle.
 
-    Its uprights lean by the same angle from the vertical, 3 theta'' = 3.5 g sin(theta).
+    All uprights have the same angle from the vertical, 3 theta'' = 3.5 g sin(theta).
     """
     motion = solve_ivp(
-        lambda _, y: [y[1], 3.5 / 3.0 * 9.81 * np.sin(y[0])],
+        lambda _, y: [y[1], 3.5 / 3.0 * -GRAVITY[1] * np.sin(y[0])],
         (0.0, t[-1]),
         [0.0, 3.0],
         method="DOP853",

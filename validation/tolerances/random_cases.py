@@ -1,4 +1,4 @@
-"""Random mechanisms as cases: their references are in one table, short and coarse."""
+"""Random mechanisms as tolerance cases; one table holds their short, coarse references."""
 
 from __future__ import annotations
 
@@ -16,76 +16,82 @@ from tolerances.tolerance_case import DAMPED, FOLDER, UNDAMPED, ToleranceCase
 
 COLUMNS = ("end.x [m]", "end.y [m]", "end.angle [rad]")
 TABLE, SUMMARY = FOLDER / "random.csv", FOLDER / "random_summary.csv"
-EFFORT = Effort(settled=1e-6, patience=1.5)
-MAX_DISAGREEMENT, MAX_DISAGREEMENT_SHORTENED = 1e-5, 1e-4
-# A column that moves less is one that a joint holds.
+EFFORT = Effort(converged=1e-6, patience=1.5)
+# Largest disagreement of the two methods, relative to the amplitude.
+MAX_DISAGREEMENT = 1e-5
+# The same for the shortened run of a seed.
+MAX_DISAGREEMENT_SHORTENED = 1e-4
+SHORTENED_FRACTION = 0.4  # of the run
+# Columns with a smaller range [m or rad] are fixed by a joint.
 MIN_MOTION = 1e-7
 
 
 @dataclass(frozen=True)
 class RandomCase(ToleranceCase):
-    """The mechanism of a seed; its rows are in the table of all seeds."""
+    """The random mechanism of a seed, with its reference in the table of all seeds."""
 
     rows: int = 41
 
     def load_reference(self, columns: tuple[str, ...]) -> np.ndarray:
-        """Columns of the stored reference, (rows, columns)."""
-        return _stored().get_group(self.parameters["seed"])[list(columns)].to_numpy()
+        """Return columns of the stored reference, (rows, columns)."""
+        return _load_table().get_group(self.parameters["seed"])[list(columns)].to_numpy()
 
 
 @cache
-def _stored() -> pd.api.typing.DataFrameGroupBy:
+def _load_table() -> pd.api.typing.DataFrameGroupBy:
     return pd.read_csv(TABLE).groupby("seed")
 
 
 def random_case(seed: int) -> RandomCase:
-    """The mechanism of a seed over its whole run."""
-    plan = sample_mechanism(seed)
-    bound = DAMPED if plan.damped else UNDAMPED
+    """Return the case of a seed over its whole run."""
+    parameters = sample_mechanism(seed)
+    bound = DAMPED if parameters.is_damped else UNDAMPED
     return RandomCase(
-        f"random {seed}", random_mechanism, COLUMNS, {"seed": seed}, bound, plan.t_end
+        f"random {seed}", random_mechanism, COLUMNS, {"seed": seed}, bound, parameters.t_end
     )
 
 
 def random_cases() -> Iterator[RandomCase]:
-    """All seeds with a reference, over the time it spans and the columns that move."""
-    for seed, rows in _stored():
+    """Yield the seeds with a reference, limited to its time span and moving columns."""
+    for seed, rows in _load_table():
         moving = tuple(name for name in COLUMNS if rows[name].notna().all())
         yield replace(random_case(seed), t_end=rows["t [s]"].max(), columns=moving)
 
 
 def store_random_references(seeds: Iterable[int]) -> Iterator[pd.DataFrame]:
-    """Store references of further seeds; the lines of the summary, seed by seed.
+    """Store references of further seeds and yield their rows of the summary.
 
-    A seed whose two methods differ by more than `MAX_DISAGREEMENT` of some column is run for two fifths of
-    its time instead; one that still has no reference worth the name is left out.
+    If the two methods differ by more than `MAX_DISAGREEMENT`, the run is shortened to
+    `SHORTENED_FRACTION`. Seeds that then differ by more than `MAX_DISAGREEMENT_SHORTENED` are
+    skipped.
     """
-    stored = set(pd.read_csv(TABLE)["seed"]) if TABLE.exists() else set()
-    for seed in (seed for seed in seeds if seed not in stored):
+    stored_seeds = set(pd.read_csv(TABLE)["seed"]) if TABLE.exists() else set()
+    for seed in (seed for seed in seeds if seed not in stored_seeds):
         case = random_case(seed)
-        found = _reference_of_moving_columns(case)
-        if found is None or found[1]["disagreement"].max() > MAX_DISAGREEMENT:
-            found = _reference_of_moving_columns(replace(case, t_end=0.4 * case.duration))
-        if found is None or found[1]["disagreement"].max() > MAX_DISAGREEMENT_SHORTENED:
+        result = _reference_of_moving_columns(case)
+        if result is None or result[1]["disagreement"].max() > MAX_DISAGREEMENT:
+            shortened = replace(case, t_end=SHORTENED_FRACTION * case.duration)
+            result = _reference_of_moving_columns(shortened)
+        if result is None or result[1]["disagreement"].max() > MAX_DISAGREEMENT_SHORTENED:
             continue
-        table, lines = found
+        table, summary = result
         table.insert(0, "seed", seed)
         _append(TABLE, table, "%.12g")
-        _append(SUMMARY, lines, "%.2g")
-        yield lines
+        _append(SUMMARY, summary, "%.2g")
+        yield summary
 
 
 def _reference_of_moving_columns(case: RandomCase) -> tuple[pd.DataFrame, pd.DataFrame] | None:
-    """Reference and summary of the columns that move; None if a method fails, or nothing moves."""
+    """Return reference and summary of the moving columns, or None if there are none."""
     try:
-        table, lines = compute_reference(case, EFFORT)
+        table, summary = compute_reference(case, EFFORT)
     except SystemExit:
         return None
     moving = np.ptp(table[list(COLUMNS)], axis=0) > MIN_MOTION
     if not moving.any():
         return None
     table.loc[:, [name for name in COLUMNS if not moving[name]]] = np.nan
-    return table, lines[lines["column"].map(moving)]
+    return table, summary[summary["column"].map(moving)]
 
 
 def _append(path: Path, table: pd.DataFrame, digits: str) -> None:

@@ -1,4 +1,4 @@
-"""Stored references of the cases: two methods of different kind, and how far they differ."""
+"""Stored references of the cases, by two methods of different kind and their disagreement."""
 
 from __future__ import annotations
 
@@ -21,117 +21,116 @@ STEPS = tuple(2000 * 2**k for k in range(10))
 
 @dataclass(frozen=True)
 class Effort:
-    """How far references are refined.
+    """Limits of the refinement of references.
 
     Attributes
     ----------
-    settled
-        Refinement ends where it changes less than this share of the amplitude.
+    converged
+        Refinement stops at a smaller change, relative to the amplitude.
     patience
-        A method is refined while its next run is expected to take less processor time [s].
+        Longest expected processor time of the next refinement [s].
     """
 
-    settled: float = 1e-7
+    converged: float = 1e-7
     patience: float = 15.0
 
 
 @dataclass(frozen=True)
 class MethodResult:
-    """Rows of all compared columns by one method, and the method in words."""
+    """Rows of all compared columns by one method, and a description of the method."""
 
     method: str
     rows: np.ndarray
 
 
 def store_reference(case: ToleranceCase, effort: Effort) -> pd.DataFrame:
-    """Store the reference of a case, and in the summary how well it is known; its lines there."""
-    table, lines = compute_reference(case, effort)
+    """Store the reference of a case, update the summary and return its rows there."""
+    table, rows = compute_reference(case, effort)
     FOLDER.mkdir(exist_ok=True)
     table.to_csv(FOLDER / f"{case.name}.csv", index=False, float_format="%.9g")
-    known = pd.read_csv(SUMMARY) if SUMMARY.exists() else lines.iloc[:0]
-    others = known[known["case"] != case.name]
-    pd.concat([others, lines]).to_csv(SUMMARY, index=False, float_format="%.2g")
-    return lines
+    summary = pd.read_csv(SUMMARY) if SUMMARY.exists() else rows.iloc[:0]
+    others = summary[summary["case"] != case.name]
+    pd.concat([others, rows]).to_csv(SUMMARY, index=False, float_format="%.2g")
+    return rows
 
 
 def compute_reference(case: ToleranceCase, effort: Effort) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Rows by the first method, and by column how far the second one is from them.
+    """Return the rows of the first method and the disagreement of the second by column.
 
     Raises
     ------
     SystemExit
-        If no run of one of the methods reached the end.
+        If no run of one of the methods reaches the end.
     """
-    answers = _refine_until_converged(case, _radau_results(case, effort), effort)
-    if not answers:
+    results = _refine_until_converged(case, _radau_results(case, effort), effort)
+    if not results:
         raise SystemExit(f"{case.name}: Radau did not reach the end")
-    truth = answers[-1]
+    first = results[-1]
     if case.exact:
-        truth, witness = MethodResult("closed form", case.exact(case.times)), truth
+        first, second = MethodResult("closed form", case.exact(case.times)), first
     elif case.small:
-        truth, witness = _modal_result(case), truth
+        first, second = _modal_result(case), first
     else:
         others = chain(_bdf_results(case, effort), _extrapolated_results(case, effort))
-        witness = _select_nearest(case, truth, others, effort)
+        second = _select_nearest(case, first, others, effort)
     headers = [*case.columns, *case.reactions]
-    table = pd.DataFrame(truth.rows, columns=headers)
+    table = pd.DataFrame(first.rows, columns=headers)
     table.insert(0, "t [s]", case.times)
-    lines = pd.DataFrame({"case": case.name, "column": headers})
-    lines["method 1"], lines["method 2"] = truth.method, witness.method
-    lines["disagreement"] = relative_deviations(witness.rows, truth.rows)
-    lines["last refinement"] = (
-        relative_deviations(answers[-2].rows, answers[-1].rows) if len(answers) > 1 else np.nan
+    summary = pd.DataFrame({"case": case.name, "column": headers})
+    summary["method 1"], summary["method 2"] = first.method, second.method
+    summary["disagreement"] = relative_deviations(second.rows, first.rows)
+    summary["last refinement"] = (
+        relative_deviations(results[-2].rows, results[-1].rows) if len(results) > 1 else np.nan
     )
-    return table, pd.concat([lines, _compare_with_published(case, table)])
+    return table, pd.concat([summary, _compare_with_published(case, table)])
 
 
 def _compare_with_published(case: ToleranceCase, table: pd.DataFrame) -> pd.DataFrame:
-    """How far the end of a reference is from published numbers, where there are some."""
-    ends = case.published or {}
-    columns = table[list(ends)]
-    apart = np.abs(columns.iloc[-1] - pd.Series(ends, dtype=float)) / (
+    """Return the deviations of the end of a reference from published numbers, if any."""
+    end_values = case.published or {}
+    columns = table[list(end_values)]
+    deviations = np.abs(columns.iloc[-1] - pd.Series(end_values, dtype=float)) / (
         0.5 * np.ptp(columns, axis=0)
     )
     return pd.DataFrame(
         {
             "case": case.name,
-            "column": list(ends),
+            "column": list(end_values),
             "method 1": "stored reference",
             "method 2": "published, at the end",
-            "disagreement": apart.to_numpy(),
+            "disagreement": deviations.to_numpy(),
         }
     )
 
 
-def _max_deviation(case: ToleranceCase, truth: MethodResult, other: MethodResult) -> float:
-    """How far two answers differ in the columns the promise is about."""
+def _max_deviation(case: ToleranceCase, first: MethodResult, second: MethodResult) -> float:
+    """Return the largest deviation in the columns that the guarantee covers."""
     n = len(case.columns)
-    return float(relative_deviations(other.rows[:, :n], truth.rows[:, :n]).max())
+    return float(relative_deviations(second.rows[:, :n], first.rows[:, :n]).max())
 
 
 def _refine_until_converged(
-    case: ToleranceCase, answers: Iterable[MethodResult], effort: Effort
+    case: ToleranceCase, results: Iterable[MethodResult], effort: Effort
 ) -> list[MethodResult]:
-    """Ever finer answers up to the first that hardly differs from the one before."""
-    found: list[MethodResult] = []
-    for answer in answers:
-        found.append(answer)
-        if len(found) > 1 and _max_deviation(case, answer, found[-2]) < effort.settled:
+    """Return successively refined results up to the first that has converged."""
+    refined: list[MethodResult] = []
+    for result in results:
+        refined.append(result)
+        if len(refined) > 1 and _max_deviation(case, result, refined[-2]) < effort.converged:
             break
-    return found
+    return refined
 
 
 def _select_nearest(
-    case: ToleranceCase, truth: MethodResult, answers: Iterable[MethodResult], effort: Effort
+    case: ToleranceCase, reference: MethodResult, results: Iterable[MethodResult], effort: Effort
 ) -> MethodResult:
-    """The answer nearest to the truth, or the first that is near enough."""
+    """Return the result nearest to the reference, or the first within the convergence limit."""
     nearest = None
-    for answer in answers:
-        if nearest is None or _max_deviation(case, truth, answer) < _max_deviation(
-            case, truth, nearest
-        ):
-            nearest = answer
-        if _max_deviation(case, truth, nearest) < effort.settled:
+    for result in results:
+        deviation = _max_deviation(case, reference, result)
+        if nearest is None or deviation < _max_deviation(case, reference, nearest):
+            nearest = result
+        if _max_deviation(case, reference, nearest) < effort.converged:
             break
     if nearest is None:
         raise SystemExit(f"{case.name}: the second method did not reach the end")
@@ -139,31 +138,31 @@ def _select_nearest(
 
 
 def _run(case: ToleranceCase, integrator: bd.Integrator) -> tuple[np.ndarray | None, float]:
-    """Compared rows, if the run reached its end, and the processor time it took [s]."""
-    began = process_time()
+    """Return the compared rows, None for a failed run, and the processor time [s]."""
+    start = process_time()
     solution = case.run(integrator)
     rows = None
     if solution.status.success:
         rows = case.select_columns(solution, case.columns + case.reactions)
-    return rows, process_time() - began
+    return rows, process_time() - start
 
 
 def _radau_results(case: ToleranceCase, effort: Effort) -> Iterator[MethodResult]:
-    spent = 0.0
+    last_time = 0.0
     for rtol in RTOLS:
-        # Of order 5, a tenth of the tolerance takes 1.6 times the steps.
-        if 1.6 * spent > effort.patience:
+        # At order 5 a tenth of the tolerance takes 1.6 times the steps.
+        if 1.6 * last_time > effort.patience:
             return
-        rows, spent = _run(case, bd.Radau(rtol, time_limit=40.0 * effort.patience))
+        rows, last_time = _run(case, bd.Radau(rtol, time_limit=40.0 * effort.patience))
         if rows is None:
             return
         yield MethodResult(f"Radau({rtol:.0e})", rows)
 
 
 def _bdf_results(case: ToleranceCase, effort: Effort) -> Iterator[MethodResult]:
-    """Ida, where damping or the lack of fast modes lets it use its order 5."""
-    look = bd.simulate(case.model(**case.parameters), bd.Ida(max_steps=1), case.duration)
-    if look.integrator["max_order"] < 5:
+    """Yield results of Ida where damping or the absence of fast modes permits order 5."""
+    first_step = bd.simulate(case.model(**case.parameters), bd.Ida(max_steps=1), case.duration)
+    if first_step.integrator["max_order"] < 5:
         return
     for rtol in (1e-8, 1e-9, 1e-10, 1e-11):
         settings = bd.Ida(rtol, error_control="velocities", time_limit=4.0 * effort.patience)
@@ -174,13 +173,13 @@ def _bdf_results(case: ToleranceCase, effort: Effort) -> Iterator[MethodResult]:
 
 
 def _extrapolated_results(case: ToleranceCase, effort: Effort) -> Iterator[MethodResult]:
-    """Generalized-alpha of steps 2 h and h, extrapolated (Richardson)."""
-    coarse, spent = None, 0.0
+    """Yield Richardson extrapolations of generalized-alpha with steps 2 h and h."""
+    coarse, last_time = None, 0.0
     for steps in STEPS:
-        if 2.0 * spent > effort.patience:
+        if 2.0 * last_time > effort.patience:
             return
         step = case.duration / steps
-        fine, spent = _run(case, bd.GeneralizedAlpha(step, 0.9, newton_tolerance=1e-9))
+        fine, last_time = _run(case, bd.GeneralizedAlpha(step, 0.9, newton_tolerance=1e-9))
         if fine is None:
             return
         if coarse is not None:

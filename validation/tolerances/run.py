@@ -1,4 +1,4 @@
-"""Print the tables behind the error control of the adaptive integrators.
+"""Print the accuracy tables behind the error control of the adaptive integrators.
 
 python validation/tolerances/run.py                  Ida: error over rtol, default settings
 python validation/tolerances/run.py --alternatives   Ida: other error controls and orders
@@ -6,9 +6,9 @@ python validation/tolerances/run.py --damping        steps of orders 2 and 5 ove
 python validation/tolerances/run.py --wide           all cases and integrators (a quarter hour)
 python validation/tolerances/run.py --random         random mechanisms, all integrators (minutes)
 python validation/tolerances/run.py --references     recompute the stored references (half an hour)
-python validation/tolerances/run.py --random-references 200 210    and of further seeds
+python validation/tolerances/run.py --random-references 200 210   add references of these seeds
 
---case, --integrator and --rtol (several times) pick some; tables of all of them go to results/.
+--case, --integrator and --rtol select runs and may be repeated; complete tables go to results/.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from pendulum import pendulum
 from slider_crank import slider_crank
 
 import beamdae as bd
-from tolerances import error_tables as wide
+from tolerances import error_tables
 from tolerances.cases import CASES, WIDE
 from tolerances.random_cases import SUMMARY as RANDOM_SUMMARY
 from tolerances.random_cases import random_cases, store_random_references
@@ -38,9 +38,9 @@ RESULTS = Path(__file__).parent / "results"
 
 
 def tabulate_ida_run(case: ToleranceCase, integrator: bd.Ida) -> dict[str, object]:
-    """One line of the table."""
+    """Return one row of the table."""
     solution = case.run(integrator)
-    line: dict[str, object] = {
+    row: dict[str, object] = {
         "case": case.name,
         "rtol": f"{integrator.rtol:.0e}",
         "control": solution.integrator["error_control"],
@@ -48,12 +48,12 @@ def tabulate_ida_run(case: ToleranceCase, integrator: bd.Ida) -> dict[str, objec
     }
     if solution.status.success:
         ratio = case.errors(solution).max() / integrator.rtol
-        line |= {"error / rtol": f"{ratio:.1f}", "bound": case.bound}
+        row |= {"error / rtol": f"{ratio:.1f}", "bound": case.bound}
     else:
-        reached = f"stopped at {solution.trajectory.end:.2g} s"
-        line |= {"error / rtol": reached, "bound": case.bound}
+        outcome = f"stopped at {solution.trajectory.end:.2g} s"
+        row |= {"error / rtol": outcome, "bound": case.bound}
     statistics = solution.statistics
-    return line | {
+    return row | {
         "steps": statistics.steps,
         "residuals": statistics.residual_calls,
         "jacobians": statistics.jacobian_calls,
@@ -63,95 +63,105 @@ def tabulate_ida_run(case: ToleranceCase, integrator: bd.Ida) -> dict[str, objec
 
 
 def tabulate_defaults() -> list[dict[str, object]]:
-    """Default settings over rtol."""
+    """Return rows of the default settings over rtol."""
     return [tabulate_ida_run(case, bd.Ida(rtol)) for case in CASES for rtol in RTOLS]
 
 
 def tabulate_alternatives() -> list[dict[str, object]]:
-    """What else could have been the default, at one tolerance and at most 10 s a run."""
-    choices = [(c, o) for c in ("positions", "velocities", "all") for o in (2, 3, 5)]
+    """Return rows of other error controls and orders at rtol 1e-4, at most 10 s a run."""
+    settings = [(c, o) for c in ("positions", "velocities", "all") for o in (2, 3, 5)]
     return [
         tabulate_ida_run(
             case, bd.Ida(1e-4, error_control=control, max_order=order, time_limit=10.0)
         )
         for case in CASES
-        for control, order in choices
+        for control, order in settings
     ]
 
 
 def tabulate_damping() -> list[dict[str, object]]:
-    """Steps of orders 2 and 5 over the Kelvin-Voigt time, positions tested."""
-    lines = []
+    """Return steps of orders 2 and 5 over the Kelvin-Voigt time, with positions tested."""
+    rows = []
     for model in (slider_crank, pendulum, hub_beam):
         for rtol in (1e-4, 1e-6):
             for time in (1e-6, 1e-5, 1e-4, 1e-3):
-                line: dict[str, object] = {"case": model.name, "damping [s]": time, "rtol": rtol}
+                row: dict[str, object] = {"case": model.name, "damping [s]": time, "rtol": rtol}
                 for order in (2, 5):
                     integrator = bd.Ida(
                         rtol, error_control="positions", max_order=order, max_steps=60_000
                     )
                     solution = bd.simulate(model(damping=time), integrator, t_end=2.0)
-                    line[f"order {order}"] = solution.statistics.steps
-                lines.append(line)
-    return lines
+                    row[f"order {order}"] = solution.statistics.steps
+                rows.append(row)
+    return rows
 
 
-def measure(
+def measure_cases(
     options: argparse.Namespace,
     cases: Iterable[ToleranceCase],
     rtols: tuple[float, ...],
     summary: Path,
 ) -> pd.DataFrame:
-    """Lines of the chosen cases and integrators, printed as they come."""
-    chosen = [case for case in cases if not options.case or case.name in options.case]
-    names = options.integrator or list(wide.INTEGRATORS)
-    lines = []
-    for line in wide.error_rows(chosen, names, options.rtol or rtols, summary):
-        lines.append(line)
-        print(*(f"{x:.3g}" if isinstance(x, float) else x for x in line.values()), flush=True)
-    return pd.DataFrame(lines)
+    """Return the table of the selected runs; rows are printed as they are computed."""
+    selected_cases = [case for case in cases if not options.case or case.name in options.case]
+    names = options.integrator or list(error_tables.INTEGRATORS)
+    rows = []
+    for row in error_tables.error_rows(selected_cases, names, options.rtol or rtols, summary):
+        rows.append(row)
+        print(*(f"{x:.3g}" if isinstance(x, float) else x for x in row.values()), flush=True)
+    return pd.DataFrame(rows)
 
 
 def store_table(options: argparse.Namespace, table: pd.DataFrame, name: str) -> None:
-    """Write a table, unless it is one of some cases, integrators or tolerances only."""
+    """Write a table unless it is restricted to some cases, integrators or tolerances."""
     if not (options.case or options.integrator or options.rtol):
         RESULTS.mkdir(exist_ok=True)
         table.to_csv(RESULTS / f"{name}.csv", index=False, float_format="%.3g")
 
 
 def tabulate_wide_set(options: argparse.Namespace) -> pd.DataFrame:
-    """Error over rtol of all cases by all integrators."""
-    table = measure(options, WIDE, RTOLS, SUMMARY)
+    """Return error over rtol of the wide set by all integrators."""
+    table = measure_cases(options, WIDE, RTOLS, SUMMARY)
     store_table(options, table, "wide")
-    print(wide.summarize_coverage(table).to_string(), end="\n\n")
-    return wide.pivot_errors(table)
+    print(error_tables.summarize_coverage(table).to_string(), end="\n\n")
+    return error_tables.pivot_errors(table)
 
 
 def tabulate_random_set(options: argparse.Namespace) -> pd.DataFrame:
-    """How error over rtol is spread over random mechanisms, after the worst of them."""
-    table = measure(options, random_cases(), RTOLS[:3], RANDOM_SUMMARY)
+    """Print the worst random mechanisms; return quantiles of error over rtol over its bound."""
+    table = measure_cases(options, random_cases(), RTOLS[:3], RANDOM_SUMMARY)
     store_table(options, table, "random")
-    print(wide.select_violations(table).head(30).to_string(index=False), end="\n\n")
-    return wide.summarize_quantiles(table)
+    print(error_tables.select_violations(table).head(30).to_string(index=False), end="\n\n")
+    return error_tables.summarize_quantiles(table)
 
 
 def recompute_references(options: argparse.Namespace) -> pd.DataFrame:
     """Recompute the stored references."""
     effort = Effort(patience=options.patience)
-    chosen = [case for case in WIDE if not options.case or case.name in options.case]
-    return pd.concat([store_reference(case, effort) for case in chosen])
+    selected_cases = [case for case in WIDE if not options.case or case.name in options.case]
+    return pd.concat([store_reference(case, effort) for case in selected_cases])
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    what = parser.add_mutually_exclusive_group()
+    tables = parser.add_mutually_exclusive_group()
     for name in ("alternatives", "damping", "wide", "random", "references"):
-        what.add_argument(f"--{name}", action="store_true")
-    what.add_argument("--random-references", type=int, nargs=2, metavar=("FIRST", "END"))
-    parser.add_argument("--case", action="append")
-    parser.add_argument("--integrator", action="append", choices=wide.INTEGRATORS)
-    parser.add_argument("--rtol", action="append", type=float)
-    parser.add_argument("--patience", type=float, default=Effort().patience)
+        tables.add_argument(f"--{name}", action="store_true")
+    tables.add_argument("--random-references", type=int, nargs=2, metavar=("FIRST", "END"))
+    parser.add_argument("--case", action="append", help="run this case only")
+    parser.add_argument(
+        "--integrator",
+        action="append",
+        choices=error_tables.INTEGRATORS,
+        help="run this integrator only",
+    )
+    parser.add_argument("--rtol", action="append", type=float, help="run this tolerance only")
+    parser.add_argument(
+        "--patience",
+        type=float,
+        default=Effort().patience,
+        help="processor time per refinement of a reference [s]",
+    )
     options = parser.parse_args()
     if options.random_references:
         table = pd.concat(store_random_references(range(*options.random_references)))
@@ -162,14 +172,13 @@ def main() -> None:
     elif options.references:
         table = recompute_references(options)
     else:
-        run = (
-            tabulate_alternatives
-            if options.alternatives
-            else tabulate_damping
-            if options.damping
-            else tabulate_defaults
-        )
-        table = pd.DataFrame(run())
+        if options.alternatives:
+            rows = tabulate_alternatives()
+        elif options.damping:
+            rows = tabulate_damping()
+        else:
+            rows = tabulate_defaults()
+        table = pd.DataFrame(rows)
     print(table.to_string(index=table.index.nlevels > 1))
 
 

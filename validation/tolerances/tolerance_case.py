@@ -1,4 +1,4 @@
-"""A case of the tolerance study: model, compared columns, stored reference, the error measure."""
+"""A case of the tolerance study: model, compared columns, stored reference, error measure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ import pandas as pd
 import beamdae as bd
 
 FOLDER = Path(__file__).parent / "references"
-UNDAMPED, DAMPED = 100.0, 30.0
+# Guaranteed error over rtol.
+UNDAMPED = 100.0
+DAMPED = 30.0
 
 
 @dataclass(frozen=True)
@@ -23,25 +25,25 @@ class ToleranceCase:
     Attributes
     ----------
     columns
-        Observed positions and angles the promise is about.
+        Observed positions and angles that the guarantee covers.
     parameters
-        Of the model, where they are not its defaults.
+        Parameters of the model that differ from its defaults.
     bound
-        The promised error over rtol: 30 for damped models, 100 for undamped ones.
+        Guaranteed error over rtol: 30 for damped models, 100 for undamped ones.
     t_end
-        End time [s]; None: that of the model.
+        End time [s]; None: the end time of the model.
     reactions
-        Observed forces and moments, compared as well, but told of separately.
+        Observed forces and moments; their errors are listed separately.
     rows
-        Output times, from 0 to the end.
+        Number of output times from 0 to the end.
     exact
-        The compared columns and reactions at given times in closed form, where there is one.
+        Closed form of the compared columns and reactions at given times, if one exists.
     published
         Published values of columns at the end.
     small
-        Moves little enough for the modes of the linearized equations to tell the motion.
+        True if the modes of the linearized equations represent the motion.
     singular
-        Passes a position in which its constraints depend on each other.
+        True if the motion passes a position with dependent constraints.
     """
 
     name: str
@@ -68,7 +70,7 @@ class ToleranceCase:
         return np.linspace(0.0, self.duration, self.rows)
 
     def run(self, integrator: Any) -> bd.Solution:
-        """Solve the case with rows at the times of the reference."""
+        """Simulate the case with output at the times of the reference."""
         t_end = self.duration
         mechanism = self.model(**self.parameters)
         return bd.simulate(mechanism, integrator, t_end=t_end, output_step=t_end / (self.rows - 1))
@@ -76,7 +78,7 @@ class ToleranceCase:
     def select_columns(
         self, solution: bd.Solution, columns: tuple[str, ...] | None = None
     ) -> np.ndarray:
-        """The compared columns, (rows, columns); `columns` are others to take instead."""
+        """Return observed columns, (rows, columns); defaults to the compared ones."""
         return solution.observed[list(columns or self.columns)].to_numpy()
 
     @property
@@ -85,11 +87,11 @@ class ToleranceCase:
         return self.load_reference(self.columns)
 
     def load_reference(self, columns: tuple[str, ...]) -> np.ndarray:
-        """Columns of the stored reference, (rows, columns)."""
+        """Return columns of the stored reference, (rows, columns)."""
         return pd.read_csv(FOLDER / f"{self.name}.csv")[list(columns)].to_numpy()
 
     def errors(self, solution: bd.Solution, reference: np.ndarray | None = None) -> np.ndarray:
-        """Largest error of each column over the run, relative to its amplitude.
+        """Return the largest error of each column over the run, relative to its amplitude.
 
         The amplitude is half the range of the reference, the smallest of the usual definitions.
         """
@@ -97,13 +99,13 @@ class ToleranceCase:
         return relative_deviations(self.select_columns(solution), reference)
 
     def reaction_errors(self, solution: bd.Solution) -> np.ndarray:
-        """The same of the reactions."""
+        """Return the largest error of each reaction, relative to its amplitude."""
         return relative_deviations(
             self.select_columns(solution, self.reactions), self.load_reference(self.reactions)
         )
 
 
 def relative_deviations(rows: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Largest deviation of each column relative to half the range of the reference."""
+    """Return the largest deviation of each column relative to half the reference range."""
     amplitude = 0.5 * np.ptp(reference, axis=0)
     return np.max(np.abs(rows - reference), axis=0) / amplitude
