@@ -1,281 +1,283 @@
-"""Many cases that differ in numbers: what they are sent and kept with, and no references."""
+"""`bd.sweep`: table of responses, swept values, runs, and sweeps with a folder."""
 
 from __future__ import annotations
 
-import io
-import pickle
-import time
+import subprocess
+import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
-from typer.testing import CliRunner
+from turning import ALPHA, THICK, THIN, run_sweep, turning
 
 import beamdae as bd
-from beamdae.cli.app import app
-from beamdae.report.page.page_file import write_page
-from beamdae.studies import study_page as page_data
-from beamdae.studies.execution import study_run
-from beamdae.studies.execution.executors import LocalPool, SerialPool
-from beamdae.studies.execution.study_run import StudyPlan
-from beamdae.studies.execution.tasks import serialize_value
-from beamdae.studies.store import trajectory_csv as rows
-from beamdae.studies.study_pictures import list_plots
-
-ALPHA = bd.GeneralizedAlpha(step=5e-3)
-
-
-@bd.model(t_end=0.1)
-def swing(mass=2.0, marker="", arm=(1.0, 0.0)):
-    if marker:
-        Path(marker).touch()
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=arm))
-    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
-    mech.observe("end", bob.at(2.0, 0.0))
-    return mech
-
-
-def sweep(*values, **settings):
-    cases = tuple(bd.Case(swing, x, ALPHA) for x in values)
-    return bd.Study("sweep", cases, references=(), **settings)
+from beamdae.studies.sweeps.responses import MEASURES
 
 
 @pytest.fixture(scope="module")
-def swept(tmp_path_factory):
-    study = sweep(*bd.grid(mass=[1.0, -1.0, *range(2, 6)]))
-    return study_run.run_study(study, tmp_path_factory.mktemp("sweep"), SerialPool())
+def speed_radius_sweep():
+    return run_sweep({"speed": [4.0, 1.0, 2.0], "radius": [0.5, 0.0, 2.0]})
 
 
-# Rows as text -------------------------------------------------------------------------------------
+# The table ----------------------------------------------------------------------------------------
 
-ROWS = pd.DataFrame(
-    {
-        '=a, "b"': [0.1 + 0.2, -1e-17, 5e-324, 1e22],
-        "c": [np.nan, np.pi, -0.0, 12.0],
-        "d": [np.inf, -np.inf, 1.7976931348623157e308, 123456.789],
-    },
-    index=pd.Index([0.0, 1 / 3, 0.5, 1.0], name="t [s]"),
+
+def test_all_combinations_are_rows_and_failures_have_a_reason(speed_radius_sweep):
+    assert list(speed_radius_sweep.table["speed"]) == [4.0] * 3 + [1.0] * 3 + [2.0] * 3
+    assert list(speed_radius_sweep.table["radius"]) == [0.5, 0.0, 2.0] * 3
+    assert list(speed_radius_sweep.table["status"]) == ["ok", "failed", "ok"] * 3
+    assert speed_radius_sweep.table["reason"][1] == "turning: radius must be positive, got 0.0."
+    assert speed_radius_sweep.table["tip.x max [m]"][[1, 4, 7]].isna().all()
+    assert repr(speed_radius_sweep) == (
+        "<SweepResults of turning_sweep over speed, radius: 9 cases, 6 reached their end>"
+    )
+    assert "turning_sweep over speed, radius" in speed_radius_sweep._repr_html_()
+
+
+def test_measures_match_the_exact_motion(speed_radius_sweep):
+    completed = speed_radius_sweep.table[speed_radius_sweep.table["status"] == "ok"]
+    w, r, t = completed["speed"].to_numpy(), completed["radius"].to_numpy(), 0.4
+    # The driven angle is exact to rounding; the mean is computed by trapezoids of 1 ms.
+    assert_allclose(completed["tip.x end [m]"], r * np.cos(w * t), atol=1e-9)
+    assert_allclose(completed["tip.x max [m]"], r, atol=1e-9)
+    assert_allclose(completed["tip.x min [m]"], r * np.cos(w * t), atol=1e-9)
+    mean = r**2 * (0.5 + np.sin(2.0 * w * t) / (4.0 * w * t))
+    assert_allclose(completed["tip.x RMS [m]"], np.sqrt(mean), rtol=1e-6)
+    assert not any(c.startswith("tip.y") for c in speed_radius_sweep.table)
+
+
+def test_root_mean_square_is_over_time_and_not_over_rows():
+    t, x = np.array([0.0, 1.0, 1.0, 1.0, 3.0]), np.array([1.0, 1.0, 5.0, 1.0, 1.0])
+    assert MEASURES["RMS"](t, x) == pytest.approx(1.0)
+    assert MEASURES["RMS"](t[:1], -x[:1]) == 1.0
+
+
+def test_outputs_are_columns():
+    outputs = {
+        "swing [m]": lambda run: np.ptp(run["tip.y"]),
+        "far": lambda run: bool(run["tip.x"].iloc[-1] < 0.9),
+        "label": lambda run: run.label,
+        "nothing": lambda run: None,
+    }
+    swept = run_sweep({"speed": [1.0, 3.0]}, outputs=outputs, of=())
+    assert list(swept.table)[:6] == ["speed", "status", *outputs]
+    assert_allclose(swept.table["swing [m]"], np.sin(np.array([0.4, 1.2])), atol=1e-9)
+    assert list(swept.table["far"]) == [False, True]
+    assert set(swept.table["label"]) == {ALPHA.label}
+    assert swept.table["nothing"].isna().all()
+    assert {"tip.y_dot max [m/s]", "tip.angle RMS [rad]"} <= set(swept.table)
+
+
+@pytest.mark.parametrize(
+    ("output", "reason"),
+    [
+        (lambda run: run["tipp"], "the output 'peak' failed, BeamdaeError: "),
+        (lambda run: 1 / 0, "the output 'peak' failed, ZeroDivisionError: division by zero."),
+        (lambda run: run["tip.x"], "the output 'peak' must be a number, a bool, a string or"),
+    ],
 )
+def test_failed_output_fails_its_row(output, reason):
+    table = run_sweep({"speed": [1.0]}, outputs={"peak": output}).table
+    assert table["status"][0] == "failed"
+    assert table["reason"][0].startswith(reason)
+    assert np.isnan(table["peak"][0])
 
 
-def test_rows_are_the_text_pandas_writes():
-    expected = ROWS.rename(columns={'=a, "b"': '\'=a, "b"'}).to_csv(lineterminator="\n")
-    assert rows.format_trajectory(ROWS) == expected.encode()
+# Values -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("table", [ROWS, ROWS[[]], ROWS.iloc[:0], ROWS.iloc[:1]])
-def test_rows_are_read_back_to_the_last_bit(table):
-    found = rows.parse_trajectory(rows.format_trajectory(table), list(table))
-    pd.testing.assert_frame_equal(found, table, check_exact=True, check_column_type=False)
-    assert np.array_equal(np.signbit(found), np.signbit(table))
+@pytest.mark.slow(reason="many small runs")
+def test_values_of_any_type_are_swept_and_labeled():
+    sections = {"thin": THIN, "thick": THICK}
+    swept = run_sweep({"section": sections, "turns": [1, 2], "color": ["red"]})
+    assert list(swept.table["section"]) == ["thin", "thin", "thick", "thick"]
+    assert swept.table["turns"].dtype == int
+    assert swept.sweep.varied == ["section", "turns"]
+    assert swept.run(section="thick", turns=2).label == "section=thick, turns=2"
+    unnamed = run_sweep({"section": [THIN, THICK]})
+    assert all(x.startswith("Section #") for x in unnamed.table["section"])
+    twice = run_sweep({"speed": [1.0, 1.0]})
+    assert twice.run().label == twice.runs[1].label == "speed=1"
+    assert unnamed.run(section=THICK).parameters["section"] == unnamed.table["section"][1]
 
 
-# Packing ------------------------------------------------------------------------------------------
+@pytest.mark.slow(reason="many small runs")
+def test_listed_combinations_are_completed_by_the_model_defaults():
+    swept = run_sweep([{"speed": 2.0}, {"speed": 3.0, "radius": 0.5}])
+    assert swept.table[["speed", "radius"]].to_numpy().tolist() == [[2.0, 1.0], [3.0, 0.5]]
+    assert run_sweep(bd.grid(speed=[1.0, 2.0])).table["speed"].tolist() == [1.0, 2.0]
 
 
-def test_the_model_of_tasks_that_differ_in_numbers_is_packed_once(monkeypatch):
-    serialized = []
-    monkeypatch.setattr(
-        "beamdae.studies.execution.tasks.serialize_value",
-        lambda x: serialized.append(x) or serialize_value(x),
-    )
-    study = sweep(*bd.grid(mass=[1.0, np.float64(2.0), 3]))
-    known = {}
-    tasks = [study.task(case) for case in study.cases]
-    found = [pickle.loads(task.serialize(known)) for task in tasks]
-    assert serialized == [swing]
-    assert [task.case.parameters["mass"] for task in found] == [1.0, 2.0, 3]
-    assert [task.key for task in found] == [task.key for task in tasks]
-    # As in separate packings: what a model does to its own values stays in its case.
-    assert found[0].case.model.build.__globals__ is not found[1].case.model.build.__globals__
+@pytest.mark.slow(reason="many small runs")
+def test_function_with_defaults_is_a_model():
+    def plain(speed=1.0):
+        return turning.build(speed)
+
+    swept = bd.sweep(plain, {"speed": np.linspace(1.0, 2.0, 2)}, integrator=ALPHA, t_end=0.1)
+    assert swept.sweep.name == "plain_sweep"
+    assert list(swept.table["status"]) == ["ok", "ok"]
 
 
-class Arm(tuple):
-    """What a user defines."""
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"over": {"sped": [1.0]}}, "turning: no parameter 'sped' .did you mean 'speed'.., the"),
+        ({"over": {"speed": []}}, "turning_sweep: speed must have at least one value, got none."),
+        ({"over": {"speed": "1,2"}}, "turning_sweep: speed must be a list of values, or a dict"),
+        ({"over": {"speed": 1.0}}, "turning_sweep: speed must be a list of values, or a dict of"),
+        ({"over": {"speed": {1.0, 2.0}}}, "turning_sweep: speed must be a list of values, or a"),
+        ({"over": {"speed": ["fast"]}}, "turning: speed must be of type float, got 'fast'."),
+        ({"over": {"turns": [1.5]}}, "turning: turns must be of type int, got 1.5."),
+        ({"over": {}}, "turning_sweep: over must be a dict of values by parameter, or a list of"),
+        ({"over": [1.0]}, "turning_sweep: over must be a dict of values by parameter, or a list"),
+        ({"of": "tipp"}, "turning_sweep: no observed column 'tipp' .did you mean 'tip"),
+        ({"of": 3}, "turning_sweep: columns must be a list of names of observed columns, got"),
+        ({"outputs": {"speed": len}}, "turning_sweep: the table already has a column 'speed'; ren"),
+        ({"outputs": {"a": 1}}, "turning_sweep: outputs must be a dict of functions of a sol"),
+        ({"outputs": [len]}, "turning_sweep: outputs must be a dict of functions of a solution"),
+        ({"integrator": "ida"}, "sweep: integrator must be Ida"),
+        ({"time_limit": 0.0}, "sweep: time_limit must be positive, got 0."),
+        ({"jobs": 0}, "turning_sweep: jobs must be a whole number of at least 1, got 0."),
+        ({"jobs": 10**6}, "turning_sweep: jobs must be at most"),
+        ({"folder": 3}, "turning_sweep: folder must be the path of a folder of results, got 3."),
+        ({"progress": 3}, "turning_sweep: progress must be a function, got 3."),
+        ({"model": 3}, "sweep: model must be a function with parameters that builds a mechanism"),
+        ({"model": lambda speed=1.0: 0}, "sweep: <lambda> has no default end time; give"),
+        (
+            {"over": None, "jobs": 2},
+            "sweep: folder, jobs, scheduler and progress are not arguments",
+        ),
+    ],
+)
+def test_wrong_arguments_are_rejected(arguments, message):
+    call = {"model": turning, "over": {"speed": [1.0]}, "integrator": ALPHA} | arguments
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.sweep(**call)
 
 
-def test_a_parameter_of_the_users_own_kind_goes_with_the_model(monkeypatch):
-    around = []
-    monkeypatch.setattr(
-        "beamdae.studies.execution.tasks.serialize_with_model", lambda *_: around.append(1)
-    )
-    task = replace(
-        sweep({}).task(sweep({}).cases[0]), case=bd.Case(swing, {"arm": Arm((1.0, 0.0))})
-    )
-    assert pickle.loads(task.serialize({})).case.parameters["arm"] == (1.0, 0.0)
-    assert around == []
+# Runs ---------------------------------------------------------------------------------------------
 
 
-# Order --------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow(reason="processes of their own")
-def test_a_process_has_its_next_case_before_the_last_one_is_kept(tmp_path):
-    markers = [str(tmp_path / f"{k}") for k in range(2)]
-    study = sweep(*bd.grid(marker=markers))
-    found = LocalPool(1).run_tasks([study.task(case) for case in study.cases])
-    try:
-        next(found)
-        # Nobody asks for the second outcome yet.
-        latest = time.monotonic() + 60.0
-        while not Path(markers[1]).exists():
-            assert time.monotonic() < latest
-            time.sleep(0.01)
-    finally:
-        found.close()
-
-
-# References where errors are asked for ------------------------------------------------------------
-
-FINE = (bd.Radau(rtol=1e-5), bd.GeneralizedAlpha(step=1e-3))
-MIXED = [bd.Case(swing, {"mass": m}, x) for m, x in ((1.0, ALPHA), (2.0, ALPHA), (2.0, FINE[0]))]
-
-
-def measured(cases, **settings):
-    """The groups with a reference."""
-    return list(StudyPlan.of(bd.Study("made", tuple(cases), **settings)).methods)
-
-
-def test_references_are_of_groups_that_compare_integrators_unless_errors_are_asked_for():
-    one, two = "swing(mass=1.0)", "swing(mass=2.0)"
-    assert measured(MIXED) == [two]
-    assert measured(MIXED[:2]) == []
-    assert measured(MIXED[:2] * 2) == [], "the same case twice compares nothing"
-    assert measured(MIXED, errors=True) == measured(MIXED, references=FINE) == [one, two]
-    assert measured(MIXED, columns=("end.x [m]",)) == [one, two]
-    for none in ({"errors": False}, {"references": ()}, {"references": FINE, "errors": False}):
-        assert measured(MIXED, **none) == []
-    assert measured(MIXED[:2], over="mass") == [f"swing, {ALPHA.label}"]
-    assert measured(MIXED[:2], over="mass", errors=False) == []
-
-
-def test_cases_of_equal_parameters_share_a_reference_however_they_are_told():
-    told = [{}, {"mass": 2}, {"mass": 2.0, "marker": ""}, {"marker": "", "mass": 2.0}]
-    cases = [
-        bd.Case(swing, x, bd.GeneralizedAlpha(step=h))
-        for x, h in zip(told, (1, 2, 3, 4), strict=True)
+def test_runs_are_looked_up_by_their_parameters(speed_radius_sweep):
+    run = speed_radius_sweep.run(speed=2, radius=0.5)
+    assert run["tip.x"].iloc[0] == 0.5
+    assert run.label == "speed=2, radius=0.5"
+    assert [one.label for one in speed_radius_sweep.runs][:2] == [
+        "speed=4, radius=0.5",
+        "speed=4, radius=2",
     ]
-    plan = StudyPlan.of(bd.Study("made", tuple(cases), t_end=10.0))
-    assert set(plan.group_by_case.values()) == {"swing"}
-    # Two methods, one of them with two steps.
-    assert len(plan.tasks) == 4 + 3
-
-
-def test_regression_parameters_that_read_alike_are_no_group():
-    """Text and number, and arrays that differ in digits that are not shown."""
-    values = (3, "3", np.array([0.1]), np.array([0.1 + 1e-12]), "a", "A")
-    free = replace(swing, parameters={"x": None})
-    cases = [bd.Case(free, {"x": x}, y) for x in values for y in (ALPHA, FINE[0])]
-    plan = StudyPlan.of(bd.Study("made", tuple(cases)))
-    names = ["swing(x=3)", "swing(x=3) (2)", "swing(x=[0.1])", "swing(x=[0.1]) (2)"]
-    names += ["swing(x=a)", "swing(x=A)"]
-    assert list(plan.methods) == names
-    assert [plan.group_by_case[id(case)] for case in cases[::2]] == names
-
-
-def test_a_study_has_errors_of_some_cases(tmp_path):
-    cases = [*MIXED, bd.Case(swing, {"mass": -1.0}, ALPHA)]
-    results = study_run.run_study(bd.Study("made", tuple(cases)), tmp_path, SerialPool())
-    assert list(results.table["error [-]"].notna()) == [False, True, True, False]
-    assert not results.table["below resolution"][[0, 3]].any()
-    assert set(results.summary["group"]) <= {"swing(mass=2.0)"}
-    assert not results.failed
-    page = page_data.create_study_page(results)
-    assert [(x["label"], x["reference"]["accepted"]) for x in page["groups"]] == [
-        ("swing(mass=2.0)", True),
-        ("made", True),
-    ]
-    assert [case["label"] for case in page["cases"][:2]] == [
-        f"swing(mass=1.0), {ALPHA.label}",
-        ALPHA.label,
-    ]
-    assert write_page(tmp_path / "report.html", page).is_file()
-    kinds = {column["label"]: column["kind"] for column in page["columns"]}
-    assert [kinds[x] for x in ("error", "wall time", "steps")] == ["error", "cost", "number"]
-    # Differences to the reference where there is one, which the table has the largest of.
-    differences = [case["curves"]["difference"] for case in page["cases"][:3]]
-    assert differences[0] == {}
-    assert list(differences[1]) == ["observed", "energy"]
-    reference = results.references["swing(mass=2.0)"]
-    (column, *_) = reference.columns
-    found = results.outcome(cases[1]).table[column] - reference.table[column]
-    assert_allclose(differences[1]["observed"][column], found)
-
-
-# Without references -------------------------------------------------------------------------------
-
-
-def test_a_sweep_runs_its_cases_alone(swept):
-    assert len(swept.outcomes) == 6
-    assert list(swept.table["status"]) == ["ok", "failed", *["ok"] * 4]
-    assert "error [-]" not in swept.table
-    assert swept.references == {}
-    assert swept.summary.empty
-    assert not swept.failed
-
-
-def test_a_sweep_goes_on_where_it_stopped(swept, tmp_path):
-    def refused(tasks):
-        assert list(tasks) == []
-        yield from ()
-
-    pool = SerialPool()
-    pool.outcomes = refused
-    again = study_run.run_study(swept.study, swept.folder, pool)
-    pd.testing.assert_frame_equal(again.table, swept.table)
-    for key, outcome in swept.outcomes.items():
-        if outcome.table is not None:
-            pd.testing.assert_frame_equal(again.outcomes[key].table, outcome.table)
-
-
-def test_the_page_of_a_sweep_has_one_group_and_the_curves_of_the_first_cases(
-    swept, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(page_data, "_MAX_CURVES", 4)
-    page = page_data.create_study_page(swept)
-    assert [group["id"] for group in page["groups"]] == ["sweep"]
-    assert page["cases"][0]["label"] == f"swing(mass=1.0), {ALPHA.label}"
-    drawn = [case["curves"] is not None for case in page["cases"]]
-    assert drawn == [True, False, True, True, False, False]
-    assert page["notes"] == [
-        "Curves are shown for the first 4 cases; those of all cases are in trajectories/."
-    ]
-    assert write_page(tmp_path / "report.html", page).stat().st_size > 10_000
-    assert list_plots(swept) == {}
-
-
-def test_references_are_two_or_none():
+    assert len(speed_radius_sweep.runs) == 6
+    other = speed_radius_sweep.run(speed=2.0, radius=2.0)
+    assert_allclose(run.difference(other, "tip.x").iloc[0], -1.5)
+    with pytest.raises(bd.BeamdaeError, match=r"3 cases have speed=2.0; also give radius."):
+        speed_radius_sweep.run(speed=2.0)
+    with pytest.raises(bd.BeamdaeError, match=r"no case has speed=9.0"):
+        speed_radius_sweep.run(speed=9.0)
     with pytest.raises(
-        bd.BeamdaeError, match=r"two integrators with different methods, or \(\) for"
+        bd.BeamdaeError, match=r"no parameter 'sped' .did you mean 'speed'.. is swe"
     ):
-        replace(sweep({}), references=3)
-    assert replace(sweep({}), references=[]).references == ()
+        speed_radius_sweep.run(sped=9.0)
+    with pytest.raises(
+        bd.BeamdaeError, match=r"radius=0 has no rows, turning: radius must .*, got 0.0.$"
+    ):
+        speed_radius_sweep.run(speed=2.0, radius=0.0)
 
 
-SWEEP_FILE = f"""
+def test_failed_runs_give_one_warning():
+    with pytest.warns(
+        bd.BeamdaeWarning, match="1 of 2 runs did not .* radius=-1: turning: ra"
+    ) as caught:
+        bd.sweep(turning, {"radius": [1.0, -1.0]}, integrator=ALPHA)
+    assert len(caught) == 1
+    assert caught[0].filename == __file__
+
+
+# Decorated sweeps and folders --------------------------------------------------------------------
+
+
+@bd.sweep(turning, of=["tip.y"], integrator=ALPHA, outputs={"rows": lambda run: len(run.t)})
+def speeds():
+    return {"speed": [1.0, 2.0, 3.0]}
+
+
+@pytest.mark.slow(reason="many small runs")
+def test_regression_warnings_of_runs_are_reported():
+    """A strip bent beyond the validity of its strains used to be "ok" without a warning."""
+
+    def falling(height=0.05):
+        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        rubber = bd.Material(E=5e7, nu=0.3, rho=1000.0)
+        section = bd.Section.rectangle(rubber, width=0.02, height=height, damping=1e-2)
+        line = bd.Line((0.0, 0.0), (1.0, 0.0))
+        beam = mech.add(bd.Beam("strip", line, section, elements=1))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech.observe("tip", beam.end)
+        return mech
+
+    with pytest.warns(bd.BeamdaeWarning, match=r"1 of 2 runs have warnings, .* height=0.01: strip"):
+        swept = bd.sweep(falling, {"height": [0.1, 0.01]}, integrator=ALPHA, t_end=0.4)
+    assert list(swept.table["status"]) == ["ok", "ok"]
+    assert list(swept.table["warnings"] != "") == [False, True]
+    assert "warnings" in swept._repr_html_()
+    assert swept.run(height=0.1).warnings == ()
+    assert "strip" in swept.run(height=0.01).warnings[0]
+
+
+@pytest.mark.slow(reason="many small runs")
+def test_decorated_function_is_a_sweep_that_runs_when_called():
+    assert isinstance(speeds, bd.Sweep)
+    assert speeds.name == "speeds"
+    assert list(speeds().table["rows"]) == [401.0] * 3
+
+
+def test_interrupted_sweep_resumes(tmp_path):
+    done = []
+
+    def stop(report):
+        done.append(report.done)
+        if report.done == 2:
+            raise KeyboardInterrupt
+
+    first = speeds(tmp_path, progress=stop)
+    assert first.interrupted
+    assert list(first.table["status"]) == ["ok", "ok", "interrupted"]
+    resumed = []
+    second = speeds(tmp_path, progress=lambda report: resumed.append(report.done))
+    assert (done, resumed) == ([0, 1, 2], [2, 3])
+    assert list(second.table["status"]) == ["ok"] * 3
+    table = pd.read_csv(tmp_path / "sweep.csv")
+    assert_allclose(table["tip.y max [m]"], np.sin(0.4 * table["speed"]), atol=1e-9)
+    assert all((tmp_path / name).is_file() for name in table["trajectory"])
+
+
+@pytest.mark.slow(reason="many small runs")
+def test_changed_output_runs_the_cases_again(tmp_path):
+    speeds(tmp_path)
+    other = replace(speeds, outputs={"rows": lambda run: -len(run.t)})
+    assert list(other(tmp_path).table["rows"]) == [-401.0] * 3
+
+
+SCRIPT = """
 import beamdae as bd
 
-swing = bd.load_model({str(Path(__file__))!r})
+def fall(mass=1.0):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.observe("ball", mech.add(bd.PointMass("ball", mass, at=(0.0, 0.0))).point)
+    return mech
 
-
-@bd.study()
-def masses():
-    return [bd.Case(swing, x, bd.GeneralizedAlpha(step=5e-3)) for x in bd.grid(mass=[1.0, -1.0])]
+deep = {"deep": lambda run: run["ball.y"].min()}
+swept = bd.sweep(fall, {"mass": [1.0, 2.0, 3.0]}, t_end=1.0, outputs=deep, jobs=2)
+print(swept.table["deep"].round(3).tolist())
 """
 
 
-@pytest.mark.slow(reason="processes of their own")
-def test_the_command_tells_how_many_cases_of_a_sweep_reached_their_end(tmp_path):
-    (tmp_path / "study.py").write_text(SWEEP_FILE)
-    arguments = ["compare", str(tmp_path / "study.py"), "--workers", "1", "--out", str(tmp_path)]
-    result = CliRunner().invoke(app, arguments)
-    assert result.exit_code == 0
-    assert "2 cases, 1 reached their end" in result.output
-    assert "failed: swing(mass=-1.0), " in result.output
-    assert (tmp_path / "masses" / "report.html").is_file()
-    table = pd.read_csv(io.BytesIO((tmp_path / "masses" / "cases.csv").read_bytes()))
-    assert list(table["mass"]) == [1.0, -1.0]
+@pytest.mark.slow(reason="starts worker processes")
+def test_script_without_main_guard_runs_in_worker_processes(tmp_path):
+    (tmp_path / "script.py").write_text(SCRIPT)
+    ran = subprocess.run(
+        [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
+    assert ran.stdout.splitlines() == ["[-4.905, -4.905, -4.905]"]
+    assert "Traceback" not in ran.stderr

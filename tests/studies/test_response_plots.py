@@ -1,0 +1,113 @@
+"""Response plots of sweeps, and the page with their runs over each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from turning import THICK, THIN, run_sweep
+
+import beamdae as bd
+from beamdae.report.page.page_file import write_page
+from beamdae.studies.study_page import create_study_page
+from beamdae.studies.sweeps.response_plots import ParameterScale
+from beamdae.studies.sweeps.responses import MEASURES
+from beamdae.studies.sweeps.sweep_results import create_sweep_page
+
+
+@pytest.fixture(scope="module")
+def speed_radius_sweep():
+    return run_sweep({"speed": [4.0, 1.0, 2.0], "radius": [0.5, 0.0, 2.0]})
+
+
+@pytest.mark.slow(reason="many small runs")
+def test_curves_connect_runs_in_order_of_the_parameter():
+    swept = run_sweep({"speed": [4.0, 1.0, 2.0]}, of="tip")
+    plot = swept.plot("tip.y")
+    (axes,) = plot.figure.axes
+    assert axes.get_title() == "tip.y"
+    assert len(axes.lines) == len(MEASURES) + 1
+    assert_allclose(axes.lines[1].get_xdata(), [1.0, 2.0, 4.0])
+    assert_allclose(axes.lines[1].get_ydata(), np.sin([0.4, 0.8, 1.6]), atol=2e-3)
+    assert axes.get_xscale() == "log"
+    assert [x.get_title() for x in swept.plot("tip.x max", "tip.y end").figure.axes] == [
+        "tip.x max",
+        "tip.y end",
+    ]
+    with pytest.raises(bd.BeamdaeError, match="no response 'tipp'"):
+        swept.plot("tipp")
+    with pytest.raises(bd.BeamdaeError, match="no parameter 'radius' varies; choose speed"):
+        swept.plot(x="radius")
+    with pytest.raises(bd.BeamdaeError, match="a map needs two varied parameters, got 1 "):
+        swept.map()
+
+
+def test_two_parameters_give_several_curves_and_a_map(speed_radius_sweep):
+    plot = speed_radius_sweep.plot("tip.x max")
+    (axes,) = plot.figure.axes
+    heights = [line.get_ydata() for line in axes.lines[:3]]
+    assert_allclose(heights[0], [0.5] * 3, atol=1e-9)
+    assert np.isnan(heights[1]).all()
+    # The model rejects the radius 0 at each speed, so that all speeds have a mark.
+    assert_allclose(axes.lines[3].get_xdata(), [1.0, 2.0, 4.0])
+    names = [text.get_text() for text in plot.figure.legends[0].get_texts()]
+    assert names == ["radius=0.5", "radius=0", "radius=2", "did not reach its end"]
+    colored = speed_radius_sweep.map("tip.x max").figure.axes[0].collections[0].get_array()
+    assert_allclose(np.ma.filled(colored, -1.0), [[-1.0] * 3, [0.5] * 3, [2.0] * 3], atol=1e-9)
+
+
+@pytest.mark.slow(reason="many small runs")
+def test_values_that_are_not_numbers_are_in_order_of_appearance_and_not_connected():
+    swept = run_sweep({"color": ["red", "green"], "section": {"thick": THICK, "thin": THIN}})
+    (axes,) = swept.plot("tip.x max", x="section").figure.axes
+    assert [tick.get_text() for tick in axes.get_xticklabels()] == ["thick", "thin"]
+    assert {line.get_linestyle() for line in axes.lines} == {"None"}
+    assert swept.map("tip.x max").figure.axes[0].get_xlabel() == "color"
+
+
+@pytest.mark.slow(reason="many small runs")
+def test_geometric_values_have_a_logarithmic_axis_and_few_pairs_are_dots():
+    swept = run_sweep([{"speed": x, "radius": 1.0 / x} for x in (0.1, 1.0, 10.0)])
+    assert ParameterScale.of(swept.table, "speed").log
+    assert_allclose(
+        ParameterScale.of(swept.table, "speed").cell_edges(), 10.0 ** np.arange(-1.5, 2.0)
+    )
+    (dots,) = swept.map("tip.x max").figure.axes[0].collections
+    assert_allclose(dots.get_offsets()[:, 0], [0.1, 1.0, 10.0])
+
+
+def test_page_has_one_group_of_all_runs(speed_radius_sweep, tmp_path):
+    assert speed_radius_sweep.page(tmp_path / "report.html").stat().st_size > 10_000
+    page = create_study_page(
+        speed_radius_sweep.results, speed_radius_sweep.table[["speed", "radius", "tip.x max [m]"]]
+    )
+    assert [group["label"] for group in page["groups"]] == ["turning_sweep"]
+    assert [case["label"] for case in page["cases"]][:2] == [
+        "speed=4, radius=0.5",
+        "speed=4, radius=0",
+    ]
+    columns = {c["label"]: c for c in page["columns"]}
+    assert columns["tip.x max"]["unit"] == "m"
+    assert columns["tip.x max"]["kind"] == "number"
+    assert page["cases"][0]["values"][columns["tip.x max"]["key"]] == pytest.approx(0.5)
+    assert write_page(tmp_path / "again.html", page).is_file()
+
+
+def test_page_plots_responses_over_a_parameter(speed_radius_sweep):
+    page = create_sweep_page(speed_radius_sweep)
+    keys = {column["key"]: column["label"] for column in page["columns"]}
+    assert keys[page["axes"]["x"]] in ("speed", "radius")
+    assert page["axes"]["y"] in keys
+    other = {"speed": "radius", "radius": "speed"}[keys[page["axes"]["x"]]]
+    families = [case["family"] for case in page["cases"]]
+    assert families == [
+        f"{other}={setting[other]:g}" for setting in speed_radius_sweep.sweep.settings
+    ]
+    assert [case["series"] for case in page["cases"]] == families
+    # A line connects its runs from left to right, in whatever order the values are listed.
+    ranks = [case["rank"] for case in page["cases"] if case["family"] == families[0]]
+    assert sorted(ranks) == sorted(
+        speed_radius_sweep.sweep.settings[k][keys[page["axes"]["x"]]]
+        for k in range(len(families))
+        if families[k] == families[0]
+    )

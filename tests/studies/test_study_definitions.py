@@ -1,0 +1,216 @@
+"""Definitions of cases, studies and grids: names of studies, and errors for wrong arguments."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.studies.execution.tasks import Limits
+
+ALPHA = bd.GeneralizedAlpha(step=5e-3)
+REFERENCES = (bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3))
+
+
+@bd.model(t_end=0.1)
+def swing(mass=2.0, extra=None):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=(1.0, 0.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.observe("end", bob.at(2.0, 0.0))
+    return mech
+
+
+# Names ----------------------------------------------------------------------------------------
+
+INVALID_NAMES = [
+    "../x",
+    "/etc/x",
+    "..",
+    ".",
+    ".hidden",
+    "a/b",
+    "a\\b",
+    "x" * 300,
+    "a\nb",
+    "a\0b",
+    "CON",
+]
+INVALID_NAMES += ["nul.txt", "com1", "", " a", "a ", "a.", "a:b", "\u202ea", "\ud800", "é" * 100]
+
+
+@pytest.mark.parametrize("name", INVALID_NAMES)
+def test_regression_names_that_are_no_folder_names_are_rejected(name):
+    """Such names used to write outside of --out."""
+    with pytest.raises(bd.BeamdaeError, match="study: its name must be a valid folder name"):
+        bd.Study(name, (bd.Case(swing),))
+
+    def build(mass=1.0):
+        return swing()
+
+    build.__name__ = name
+    with pytest.raises(bd.BeamdaeError, match="model: build: its name must be a valid folder name"):
+        bd.model(t_end=1.0)(build)
+
+
+@pytest.mark.parametrize("name", ["a", "hub_beam_compare_x=0.5", "größe", "梁", "Con2", "a.b c"])
+def test_folder_names_are_accepted(name):
+    assert bd.Study(name, (bd.Case(swing),)).name == name
+
+
+# Wrong arguments --------------------------------------------------------------------------------
+
+CASE = bd.Case(swing)
+
+
+class WithoutRepr:
+    def __repr__(self):
+        raise RuntimeError
+
+
+WRONG_CASES = {
+    "integrator a text": lambda: bd.Case(swing, integrator="ida"),
+    "integrator a class": lambda: bd.Case(swing, integrator=bd.Ida),
+    "integrator None": lambda: bd.Case(swing, integrator=None),
+    "model None": lambda: bd.Case(None),
+    "model a function": lambda: bd.Case(lambda: None),
+    "model a mechanism": lambda: bd.Case(swing()),
+    "parameters a list": lambda: bd.Case(swing, [1, 2]),
+    "parameters None": lambda: bd.Case(swing, None),
+    "parameters a text": lambda: bd.Case(swing, "mass=1"),
+    "names of parameters": lambda: bd.Case(swing, {1: 2.0}),
+    "parameters odd": lambda: bd.Case(swing, WithoutRepr()),
+}
+WRONG_STUDIES = {
+    "name None": {"name": None},
+    "name a number": {"name": 5},
+    "cases None": {"cases": None},
+    "cases a case": {"cases": CASE},
+    "cases of None": {"cases": (CASE, None)},
+    "cases a text": {"cases": "abc"},
+    "cases a set": {"cases": {1}},
+    "cases none": {"cases": ()},
+    "references none for errors": {"references": (), "errors": True},
+    "errors a text": {"errors": "yes"},
+    "references one": {"references": bd.Ida(1e-6)},
+    "references one of two": {"references": (bd.Ida(1e-6),)},
+    "references three": {"references": (bd.Ida(1e-6), ALPHA, bd.Radau(1e-6))},
+    "references texts": {"references": ("ida", "radau")},
+    "references a text": {"references": "ab"},
+    "references classes": {"references": (bd.Ida, bd.Radau)},
+    "references of None": {"references": (bd.Ida(1e-6), None)},
+    "columns a text": {"columns": "q"},
+    "columns a number": {"columns": 5},
+    "columns None": {"columns": None},
+    "columns numbers": {"columns": [1, 2]},
+    "t_end a text": {"t_end": "x"},
+    "t_end a list": {"t_end": [1.0]},
+    "t_end negative": {"t_end": -1.0},
+    "t_end nan": {"t_end": float("nan")},
+    "t_end huge": {"t_end": 10**400},
+    "output_step zero": {"output_step": 0.0},
+    "limits None": {"limits": None},
+    "limits a number": {"limits": 5.0},
+    "limits a dict": {"limits": {"time": 5.0}},
+    "repetitions half": {"repetitions": 1.5},
+    "repetitions a text": {"repetitions": "two"},
+    "repetitions None": {"repetitions": None},
+    "repetitions infinite": {"repetitions": float("inf")},
+    "over a number": {"over": 5},
+    "over a list": {"over": ["mass"]},
+    "over unknown": {"over": "elements"},
+}
+
+
+@pytest.mark.parametrize("name", WRONG_CASES)
+def test_regression_wrong_cases_are_rejected(name):
+    with pytest.raises(bd.BeamdaeError, match=r"^Case(: model| of swing: \w+) must be .*got .*\.$"):
+        WRONG_CASES[name]()
+
+
+@pytest.mark.parametrize("name", WRONG_STUDIES)
+def test_regression_wrong_studies_are_rejected(name):
+    valid = {"name": "made", "cases": (CASE,), "references": REFERENCES}
+    with pytest.raises(bd.BeamdaeError, match=r"^(made|study): .*\.$") as error:
+        bd.Study(**(valid | WRONG_STUDIES[name]))
+    assert "\n" not in str(error.value)
+
+
+def create_listing(result):
+    def listing():
+        return result() if callable(result) else result
+
+    return listing
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (create_listing(None), "listing: cases must be a list of at least one Case, got None"),
+        (create_listing(5), "listing: cases must be a list of at least one Case, got 5"),
+        (create_listing([]), "listing: cases must be a list of at least one Case, got "),
+        (create_listing([1]), "listing: cases must be a list of at least one Case, got 1 in it"),
+        (
+            create_listing(lambda: (1 / 0 for _ in "a")),
+            "listing: it cannot list its cases, ZeroDivisionErr",
+        ),
+        (
+            create_listing(lambda: sys.exit(3)),
+            r"listing: it cannot list its cases, it called sys.exit\(3\)",
+        ),
+        (lambda x: [CASE], "it cannot list its cases, TypeError"),
+        (5, "study: it must decorate a function, got 5"),
+        (None, "study: it must decorate a function, got None"),
+    ],
+)
+def test_regression_wrong_study_functions_are_rejected(function, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.study()(function)
+
+
+def test_study_function_may_be_a_generator():
+    @bd.study()
+    def listing():
+        yield from (CASE, CASE)
+
+    assert len(listing.cases) == 2
+
+
+@pytest.mark.parametrize("name", ["time_limit", "memory_limit", "patience"])
+@pytest.mark.parametrize("value", ["x", -1.0, 0, float("nan"), [1.0], 10**400])
+def test_wrong_limits_are_rejected(name, value):
+    with pytest.raises(bd.BeamdaeError, match=f"study: {name} must"):
+        bd.study(**{name: value})
+    with pytest.raises(bd.BeamdaeError, match=r"Limits: \w+ must"):
+        Limits(value)
+
+
+@pytest.mark.parametrize("value", [5, None, "abc", b"abc", {"a": 1}, WithoutRepr()])
+def test_grids_of_values_that_are_not_lists_are_rejected(value):
+    with pytest.raises(bd.BeamdaeError, match="grid: mass must be a list of values, got "):
+        bd.grid(mass=value)
+
+
+def test_huge_grids_are_rejected():
+    with pytest.raises(bd.BeamdaeError, match="grid: mass, size must have at most 1000000 comb"):
+        bd.grid(mass=range(10_000), size=range(10_000))
+    assert len(bd.grid(mass=(m for m in range(3)), size=np.arange(2))) == 6
+    assert bd.grid() == [{}]
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"columns": "q"}, "columns must be a list of names"),
+        ({"columns": 5}, "columns must be a list of names"),
+        ({"reference": 5}, "reference must be a Case or a Solution"),
+        ({"t_end": "x"}, "t_end must be a number"),
+        ({"output_step": -1}, "output_step must be positive"),
+        ({"progress": 5}, "progress must be a function"),
+    ],
+)
+def test_wrong_comparisons_are_rejected_before_the_first_run(settings, message):
+    with pytest.raises(bd.BeamdaeError, match=f"compare: {message}"):
+        bd.compare([CASE], **settings)

@@ -1,0 +1,341 @@
+"""Failures of cases, interrupts and dying processes: each has a reason, and no result is lost."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+from slow_study import slow_study
+
+import beamdae as bd
+from beamdae.studies.execution import executors, study_run
+from beamdae.studies.execution.deferred_interrupts import DeferredInterrupts
+from beamdae.studies.execution.executors import LocalPool, SerialPool
+from beamdae.studies.execution.study_run import StudyResults
+from beamdae.studies.execution.tasks import Limits, Outcome
+from beamdae.studies.study_page import create_study_page
+
+ALPHA = bd.GeneralizedAlpha(step=5e-3)
+REFERENCES = (bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3))
+
+
+@bd.model(t_end=0.1)
+def swing(mass=2.0, extra=None):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=(1.0, 0.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.observe("end", bob.at(2.0, 0.0))
+    return mech
+
+
+class MuteError(Exception):
+    def __str__(self):
+        raise ValueError("no text")
+
+
+@bd.model(t_end=0.1)
+def faulty(kind="none", marker=""):
+    if kind == "exit":
+        sys.exit(3)
+    if kind == "exit with words":
+        sys.exit("enough")
+    if kind == "generator":
+        raise GeneratorExit
+    if kind == "base":
+        raise BaseException("odd")
+    if kind == "mute":
+        raise MuteError
+    if kind == "long":
+        raise ValueError("a\nb" * 100_000)
+    if kind == "interrupt":
+        raise KeyboardInterrupt
+    if kind == "at once":
+        os._exit(0)
+    if kind == "at once, 3":
+        os._exit(3)
+    if kind == "killed":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if kind == "hanging":
+        time.sleep(1000.0)
+    if kind == "greedy":
+        assert [np.ones(10_000_000) for _ in range(1000)]
+    if kind == "talkative":
+        sys.stdout.write("x" * 10_000_000)
+        os.write(2, b"z" * 1_000_000)
+    if kind == "threads":
+        threading.Thread(target=time.sleep, args=(1000.0,)).start()
+    if kind == "children":
+        with open(marker, "a") as file:
+            file.write(f"{subprocess.Popen(['sleep', '1000']).pid}\n")
+    if kind == "fork":
+        os.fork()
+    if kind == "elsewhere":
+        os.chdir("/")
+    return swing()
+
+
+def create_study(*cases, **settings):
+    return bd.Study("faults", cases, references=REFERENCES, **settings)
+
+
+def create_faulty_cases(*kinds):
+    return [bd.Case(faulty, {"kind": kind}, ALPHA) for kind in kinds]
+
+
+REASONS = {
+    "exit": "the model called sys.exit(3)",
+    "exit with words": "the model called sys.exit('enough')",
+    "generator": "GeneratorExit",
+    "base": "BaseException: odd",
+    "mute": "MuteError",
+}
+
+
+def test_regression_exceptions_of_models_are_rows_of_the_table(tmp_path):
+    """sys.exit() in a model used to end the study with exit code 0 and without tables."""
+    study = create_study(*create_faulty_cases("none", *REASONS, "long"))
+    results = study_run.run_study(study, tmp_path, SerialPool())
+    assert results.table["status"][0] == "ok"
+    assert list(results.table["reason"][1:-1]) == list(REASONS.values())
+    (*_, last) = results.table["reason"]
+    assert len(last) < 300
+    assert "\n" not in last
+    assert (tmp_path / "cases.csv").is_file()
+
+
+def test_regression_compare_has_a_row_for_each_exception(tmp_path, monkeypatch):
+    table = bd.compare([*create_faulty_cases(*REASONS, "long"), bd.Case(swing, {}, ALPHA)])
+    assert list(table["reason"][:-2]) == list(REASONS.values())
+    assert list(table["status"]) == ["failed"] * 6 + ["ok"]
+    with pytest.raises(bd.BeamdaeError, match=r"the reference failed, .*sys\.exit\(3\)"):
+        bd.compare([bd.Case(swing)], reference=create_faulty_cases("exit")[0])
+    interrupted = bd.compare([*create_faulty_cases("interrupt"), bd.Case(swing, {}, ALPHA)])
+    assert list(interrupted["status"]) == ["interrupted"] * 2
+
+
+# Incomplete studies -------------------------------------------------------------------------------
+
+
+def check_complete(results: StudyResults) -> StudyResults:
+    """Check that the results have all that pictures, page and terminal need, and return them."""
+    assert len(results.table) == len(results.study.cases)
+    for column in ("status", "reason", "error [-]", "wall time [s]", "below resolution", "steps"):
+        assert column in results.table
+    assert set(results.references) == set(results.table["group"])
+    assert next(iter(results.summary)) == "group"
+    assert pd.read_csv(results.folder / "cases.csv").shape == results.table.shape
+    assert create_study_page(results)["cases"]
+    for case in results.study.cases:
+        assert isinstance(results.outcome(case), Outcome)
+        results.frames_of(case)
+    return results
+
+
+def test_regression_study_without_a_successful_case_has_all_tables(tmp_path):
+    results = check_complete(
+        study_run.run_study(
+            create_study(*create_faulty_cases("base", "mute")), tmp_path, SerialPool()
+        )
+    )
+    assert results.failed
+    assert not results.interrupted
+    # Stored failures give the same table.
+    again = check_complete(study_run.run_study(results.study, tmp_path, SerialPool()))
+    assert list(again.table["reason"]) == list(results.table["reason"])
+
+
+def test_group_without_a_successful_case_fails_the_study(tmp_path):
+    study = create_study(*create_faulty_cases("base"), bd.Case(swing, {}, ALPHA))
+    results = check_complete(study_run.run_study(study, tmp_path, SerialPool()))
+    assert results.failed
+    assert list(results.table["status"]) == ["failed", "ok"]
+
+
+class InterruptingPool(SerialPool):
+    """Executor that sends Ctrl-C `times` times after `after` runs."""
+
+    def __init__(self, after, times=1):
+        self.after, self.times = after, times
+
+    def run_tasks(self, tasks):
+        for k, result in enumerate(super().run_tasks(tasks)):
+            if k == self.after:
+                for _ in range(self.times):
+                    signal.raise_signal(signal.SIGINT)
+            yield result
+
+
+@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.parametrize("after", [0, 2, 4])
+def test_interrupt_at_any_moment_leaves_a_complete_study(tmp_path, after):
+    """The moments are before the first run ends, during the references and during the cases."""
+    study = create_study(bd.Case(swing, {}, ALPHA), bd.Case(swing, {}, bd.Ida(rtol=1e-3)))
+    results = check_complete(study_run.run_study(study, tmp_path, InterruptingPool(after)))
+    assert results.interrupted
+    assert len(results.outcomes) == after
+    assert list(results.table["status"]) == ["interrupted" if after < 4 else "ok", "interrupted"]
+    reports = []
+    assert not check_complete(
+        study_run.run_study(study, tmp_path, SerialPool(), reports.append)
+    ).interrupted
+    assert reports[0].stored == after
+
+
+@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.parametrize(
+    "function", ["_load_stored_outcomes", "_evaluate_outcomes", "_write_tables"]
+)
+def test_interrupt_waits_while_files_are_read_or_written(tmp_path, monkeypatch, function):
+    study = create_study(bd.Case(swing, {}, ALPHA))
+    study_run.run_study(study, tmp_path, SerialPool())
+    original = getattr(study_run, function)
+
+    def interrupt(*arguments):
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        return original(*arguments)
+
+    monkeypatch.setattr(study_run, function, interrupt)
+    reports = []
+    results = check_complete(study_run.run_study(study, tmp_path, SerialPool(), reports.append))
+    assert results.interrupted
+    assert len(reports) == 1
+
+
+def test_deferred_interrupts_are_recorded_and_passed_to_the_previous_handler():
+    signals = []
+    before = signal.signal(signal.SIGINT, lambda number, _: signals.append(number))
+    try:
+        with DeferredInterrupts() as interrupts:
+            signal.raise_signal(signal.SIGINT)
+            assert interrupts.received
+        assert signal.getsignal(signal.SIGINT)(2, None) is None
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert signals == [2, 2]
+    with DeferredInterrupts() as interrupts:
+        interrupts.immediate = True
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+    ignored = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with DeferredInterrupts() as interrupts:
+            signal.raise_signal(signal.SIGINT)
+        assert not interrupts.received
+    finally:
+        signal.signal(signal.SIGINT, ignored)
+
+
+def is_alive(pid):
+    ran = subprocess.run(["ps", "-o", "stat=", "-p", pid], capture_output=True, text=True)
+    return ran.stdout.strip() not in ("", "Z", "Zs", "ZN", "Z+")
+
+
+# Processes ------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow(reason="processes die and are started again")
+def test_processes_that_die_or_hang_are_rows(tmp_path, monkeypatch, capfd):
+    # It includes the start of a process, which takes seconds on a busy machine.
+    monkeypatch.setattr(executors, "_KILL_DELAY", 20.0)
+    marker = tmp_path / "children"
+    kinds = [*REASONS, "interrupt", "at once", "at once, 3", "killed", "hanging", "greedy"]
+    harmless = ["talkative", "threads", "children", "fork", "elsewhere", "none"]
+    cases = [
+        bd.Case(faulty, {"kind": kind, "marker": str(marker)}, ALPHA)
+        for kind in [*kinds, *harmless]
+    ]
+    study = create_study(*cases, limits=Limits(time=2.0, memory=1.0))
+    tasks = [study.task(case) for case in cases]
+    begin = time.monotonic()
+    results = {x.task.case.parameters["kind"]: x for x in LocalPool(2).run_tasks(tasks)}
+    assert time.monotonic() - begin < 120.0
+    sentences = {kind: x.outcome.status.sentence for kind, x in results.items()}
+    assert {kind: sentences[kind] for kind in REASONS} == REASONS
+    assert sentences["interrupt"] == "the model raised KeyboardInterrupt"
+    died = "its process died 2 times, it"
+    assert sentences["at once"] == f"{died} ended with exit code 0"
+    assert sentences["at once, 3"] == f"{died} ended with exit code 3"
+    assert sentences["killed"] == f"{died} was killed by SIGKILL"
+    assert sentences["hanging"] == "killed, it did not end at its time limit"
+    assert "memory" in sentences["greedy"]
+    assert all(results[kind].outcome.status.success for kind in harmless)
+    assert [kind for kind, x in results.items() if not x.storable] == [
+        kind for kind in results if sentences[kind].startswith(died)
+    ]
+    out, err = capfd.readouterr()
+    assert (out, err) == ("", "")
+    assert not any(map(is_alive, marker.read_text().split()))
+
+
+DRIVER = """
+import sys
+from pathlib import Path
+if __name__ == "__main__":
+    from beamdae.cli.model_files.model_file import ModelFile
+    from beamdae.studies.execution import study_run
+    from beamdae.studies.execution.executors import LocalPool
+    study = ModelFile(Path("file.py")).studies["masses"]
+    print("ready", flush=True)
+    report = lambda progress: print("done", progress.done, flush=True)
+    results = study_run.run_study(study, Path("out"), LocalPool(2), report)
+    print("end", results.interrupted, len(results.table), flush=True)
+    print("bye", flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.mark.slow(reason="processes are interrupted as they start, work and end")
+@pytest.mark.parametrize(("line", "seconds"), [("ready", 0.1), ("ready", 0.8), ("done 2", 0.0)])
+@pytest.mark.parametrize("presses", [1, 3])
+def test_regression_interrupt_prints_no_traceback(tmp_path, line, seconds, presses):
+    """Processes interrupted while they import or end used to print tracebacks."""
+    (tmp_path / "file.py").write_text(slow_study(cases=8, seconds=0.3))
+    (tmp_path / "driver.py").write_text(DRIVER)
+    process = subprocess.Popen(
+        [sys.executable, "driver.py"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    while process.stdout.readline().strip() != line:
+        assert process.poll() is None
+    time.sleep(seconds)
+    for _ in range(presses):
+        # A terminal sends Ctrl-C to all processes of the command.
+        os.killpg(process.pid, signal.SIGINT)
+        time.sleep(0.01)
+    while (last_line := process.stdout.readline().strip()) and last_line[:3] != "end":
+        pass
+    _, errors = process.communicate("", timeout=30.0)
+    assert last_line == "end True 8"
+    assert errors == ""
+    assert not list(tmp_path.rglob("*.scratch"))
+
+
+# Labels ---------------------------------------------------------------------------------------
+
+
+def test_regression_numbers_of_any_size_have_labels_and_cells(tmp_path):
+    values = (10**400, 10**6000, {"a": float("nan")}, {1: 2, "b": 3})
+    cases = [bd.Case(swing, {"extra": value}, ALPHA) for value in values]
+    assert {case.label for case in cases} == {ALPHA.label}
+    assert all(case.group.startswith("swing(extra=") for case in cases)
+    assert len({case.fingerprint(0.1, 0.01) for case in cases}) == len(cases)
+    results = study_run.run_study(create_study(*cases), tmp_path, InterruptingPool(2))
+    assert list(results.table["group"]) == [case.group for case in cases]
+    assert len(pd.read_csv(tmp_path / "cases.csv")) == len(cases)
+    with pytest.raises(bd.BeamdaeError, match="swing: mass must be finite"):
+        create_study(bd.Case(swing, {"mass": 10**400}))

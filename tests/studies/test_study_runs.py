@@ -1,0 +1,285 @@
+"""Runs of studies: serialized tasks, stored rows, the plan of references, and the page."""
+
+from __future__ import annotations
+
+import io
+import pickle
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+from typer.testing import CliRunner
+
+import beamdae as bd
+from beamdae.cli.app import app
+from beamdae.report.page.page_file import write_page
+from beamdae.studies import study_page
+from beamdae.studies.execution import study_run
+from beamdae.studies.execution.executors import LocalPool, SerialPool
+from beamdae.studies.execution.study_run import StudyPlan
+from beamdae.studies.execution.tasks import serialize_value
+from beamdae.studies.store.trajectory_csv import format_trajectory, parse_trajectory
+from beamdae.studies.study_pictures import list_plots
+
+ALPHA = bd.GeneralizedAlpha(step=5e-3)
+
+
+@bd.model(t_end=0.1)
+def swing(mass=2.0, marker="", arm=(1.0, 0.0)):
+    if marker:
+        Path(marker).touch()
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.RigidBody("bob", mass, inertia=0.1, center=arm))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.observe("end", bob.at(2.0, 0.0))
+    return mech
+
+
+def sweep(*values, **settings):
+    cases = tuple(bd.Case(swing, x, ALPHA) for x in values)
+    return bd.Study("sweep", cases, references=(), **settings)
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    study = sweep(*bd.grid(mass=[1.0, -1.0, *range(2, 6)]))
+    return study_run.run_study(study, tmp_path_factory.mktemp("sweep"), SerialPool())
+
+
+# Trajectory files ---------------------------------------------------------------------------------
+
+ROWS = pd.DataFrame(
+    {
+        '=a, "b"': [0.1 + 0.2, -1e-17, 5e-324, 1e22],
+        "c": [np.nan, np.pi, -0.0, 12.0],
+        "d": [np.inf, -np.inf, 1.7976931348623157e308, 123456.789],
+    },
+    index=pd.Index([0.0, 1 / 3, 0.5, 1.0], name="t [s]"),
+)
+
+
+def test_trajectory_file_is_the_csv_of_pandas():
+    expected = ROWS.rename(columns={'=a, "b"': '\'=a, "b"'}).to_csv(lineterminator="\n")
+    assert format_trajectory(ROWS) == expected.encode()
+
+
+@pytest.mark.parametrize("table", [ROWS, ROWS[[]], ROWS.iloc[:0], ROWS.iloc[:1]])
+def test_trajectory_file_preserves_all_bits(table):
+    parsed = parse_trajectory(format_trajectory(table), list(table))
+    pd.testing.assert_frame_equal(parsed, table, check_exact=True, check_column_type=False)
+    assert np.array_equal(np.signbit(parsed), np.signbit(table))
+
+
+# Serialization ------------------------------------------------------------------------------------
+
+
+def test_model_of_tasks_with_plain_parameters_is_serialized_once(monkeypatch):
+    serialized = []
+    monkeypatch.setattr(
+        "beamdae.studies.execution.tasks.serialize_value",
+        lambda x: serialized.append(x) or serialize_value(x),
+    )
+    study = sweep(*bd.grid(mass=[1.0, np.float64(2.0), 3]))
+    models = {}
+    tasks = [study.task(case) for case in study.cases]
+    received = [pickle.loads(task.serialize(models)) for task in tasks]
+    assert serialized == [swing]
+    assert [task.case.parameters["mass"] for task in received] == [1.0, 2.0, 3]
+    assert [task.key for task in received] == [task.key for task in tasks]
+    # Each task has its own copy: a model that changes its globals affects its own case only.
+    assert received[0].case.model.build.__globals__ is not received[1].case.model.build.__globals__
+
+
+class Arm(tuple):
+    """A type that a user defines."""
+
+
+def test_parameter_of_a_user_type_is_serialized_with_the_model(monkeypatch):
+    calls = []
+    monkeypatch.setattr(
+        "beamdae.studies.execution.tasks.serialize_with_model", lambda *_: calls.append(1)
+    )
+    task = replace(
+        sweep({}).task(sweep({}).cases[0]), case=bd.Case(swing, {"arm": Arm((1.0, 0.0))})
+    )
+    assert pickle.loads(task.serialize({})).case.parameters["arm"] == (1.0, 0.0)
+    assert calls == []
+
+
+# Order of tasks -----------------------------------------------------------------------------------
+
+
+@pytest.mark.slow(reason="starts worker processes")
+def test_process_gets_its_next_task_before_the_last_result_is_stored(tmp_path):
+    markers = [str(tmp_path / f"{k}") for k in range(2)]
+    study = sweep(*bd.grid(marker=markers))
+    results = LocalPool(1).run_tasks([study.task(case) for case in study.cases])
+    try:
+        next(results)
+        # The second result is not requested yet.
+        deadline = time.monotonic() + 60.0
+        while not Path(markers[1]).exists():
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+    finally:
+        results.close()
+
+
+# Plan of references -------------------------------------------------------------------------------
+
+FINE = (bd.Radau(rtol=1e-5), bd.GeneralizedAlpha(step=1e-3))
+MIXED = [bd.Case(swing, {"mass": m}, x) for m, x in ((1.0, ALPHA), (2.0, ALPHA), (2.0, FINE[0]))]
+
+
+def referenced_groups(cases, **settings):
+    """Return the groups with a reference."""
+    return list(StudyPlan.of(bd.Study("mixed", tuple(cases), **settings)).methods)
+
+
+def test_groups_that_compare_integrators_have_references_unless_errors_says_otherwise():
+    one, two = "swing(mass=1.0)", "swing(mass=2.0)"
+    assert referenced_groups(MIXED) == [two]
+    assert referenced_groups(MIXED[:2]) == []
+    assert referenced_groups(MIXED[:2] * 2) == [], "the same case twice compares nothing"
+    assert (
+        referenced_groups(MIXED, errors=True)
+        == referenced_groups(MIXED, references=FINE)
+        == [one, two]
+    )
+    assert referenced_groups(MIXED, columns=("end.x [m]",)) == [one, two]
+    for none in ({"errors": False}, {"references": ()}, {"references": FINE, "errors": False}):
+        assert referenced_groups(MIXED, **none) == []
+    assert referenced_groups(MIXED[:2], over="mass") == [f"swing, {ALPHA.label}"]
+    assert referenced_groups(MIXED[:2], over="mass", errors=False) == []
+
+
+def test_cases_with_equal_parameters_share_a_reference():
+    parameters = [{}, {"mass": 2}, {"mass": 2.0, "marker": ""}, {"marker": "", "mass": 2.0}]
+    cases = [
+        bd.Case(swing, x, bd.GeneralizedAlpha(step=h))
+        for x, h in zip(parameters, (1, 2, 3, 4), strict=True)
+    ]
+    plan = StudyPlan.of(bd.Study("mixed", tuple(cases), t_end=10.0))
+    assert set(plan.group_by_case.values()) == {"swing"}
+    # The references are three runs: two methods, one of them with two steps.
+    assert len(plan.tasks) == 4 + 3
+
+
+def test_regression_different_parameters_with_equal_labels_are_different_groups():
+    """Labels of strings and numbers, and of arrays with equal leading digits, are equal."""
+    values = (3, "3", np.array([0.1]), np.array([0.1 + 1e-12]), "a", "A")
+    free = replace(swing, parameters={"x": None})
+    cases = [bd.Case(free, {"x": x}, y) for x in values for y in (ALPHA, FINE[0])]
+    plan = StudyPlan.of(bd.Study("mixed", tuple(cases)))
+    names = ["swing(x=3)", "swing(x=3) (2)", "swing(x=[0.1])", "swing(x=[0.1]) (2)"]
+    names += ["swing(x=a)", "swing(x=A)"]
+    assert list(plan.methods) == names
+    assert [plan.group_by_case[id(case)] for case in cases[::2]] == names
+
+
+def test_study_with_errors_of_some_cases(tmp_path):
+    cases = [*MIXED, bd.Case(swing, {"mass": -1.0}, ALPHA)]
+    results = study_run.run_study(bd.Study("mixed", tuple(cases)), tmp_path, SerialPool())
+    assert list(results.table["error [-]"].notna()) == [False, True, True, False]
+    assert not results.table["below resolution"][[0, 3]].any()
+    assert set(results.summary["group"]) <= {"swing(mass=2.0)"}
+    assert not results.failed
+    page = study_page.create_study_page(results)
+    assert [(x["label"], x["reference"]["accepted"]) for x in page["groups"]] == [
+        ("swing(mass=2.0)", True),
+        ("mixed", True),
+    ]
+    assert [case["label"] for case in page["cases"][:2]] == [
+        f"swing(mass=1.0), {ALPHA.label}",
+        ALPHA.label,
+    ]
+    assert write_page(tmp_path / "report.html", page).is_file()
+    kinds = {column["label"]: column["kind"] for column in page["columns"]}
+    assert [kinds[x] for x in ("error", "wall time", "steps")] == ["error", "cost", "number"]
+    # Only cases with a reference have differences.
+    differences = [case["curves"]["difference"] for case in page["cases"][:3]]
+    assert differences[0] == {}
+    assert list(differences[1]) == ["observed", "energy"]
+    reference = results.references["swing(mass=2.0)"]
+    (column, *_) = reference.columns
+    expected = results.outcome(cases[1]).table[column] - reference.table[column]
+    assert_allclose(differences[1]["observed"][column], expected)
+
+
+# Studies without references -----------------------------------------------------------------------
+
+
+def test_study_without_references_runs_its_cases_only(swept):
+    assert len(swept.outcomes) == 6
+    assert list(swept.table["status"]) == ["ok", "failed", *["ok"] * 4]
+    assert "error [-]" not in swept.table
+    assert swept.references == {}
+    assert swept.summary.empty
+    assert not swept.failed
+
+
+def test_finished_study_runs_no_task_again(swept, tmp_path):
+    def require_no_tasks(tasks):
+        assert list(tasks) == []
+        yield from ()
+
+    pool = SerialPool()
+    pool.run_tasks = require_no_tasks
+    repeated = study_run.run_study(swept.study, swept.folder, pool)
+    pd.testing.assert_frame_equal(repeated.table, swept.table)
+    for key, outcome in swept.outcomes.items():
+        if outcome.table is not None:
+            pd.testing.assert_frame_equal(repeated.outcomes[key].table, outcome.table)
+
+
+def test_page_without_references_has_one_group_and_the_curves_of_the_first_cases(
+    swept, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(study_page, "_MAX_CURVES", 4)
+    page = study_page.create_study_page(swept)
+    assert [group["id"] for group in page["groups"]] == ["sweep"]
+    assert page["cases"][0]["label"] == f"swing(mass=1.0), {ALPHA.label}"
+    has_curves = [case["curves"] is not None for case in page["cases"]]
+    assert has_curves == [True, False, True, True, False, False]
+    assert page["notes"] == [
+        "Curves are shown for the first 4 cases; those of all cases are in trajectories/."
+    ]
+    assert write_page(tmp_path / "report.html", page).stat().st_size > 10_000
+    assert list_plots(swept) == {}
+
+
+def test_references_must_be_two_or_none():
+    with pytest.raises(
+        bd.BeamdaeError, match=r"two integrators with different methods, or \(\) for"
+    ):
+        replace(sweep({}), references=3)
+    assert replace(sweep({}), references=[]).references == ()
+
+
+SWEEP_FILE = f"""
+import beamdae as bd
+
+swing = bd.load_model({str(Path(__file__))!r})
+
+
+@bd.study()
+def masses():
+    return [bd.Case(swing, x, bd.GeneralizedAlpha(step=5e-3)) for x in bd.grid(mass=[1.0, -1.0])]
+"""
+
+
+@pytest.mark.slow(reason="starts worker processes")
+def test_command_prints_the_number_of_completed_cases(tmp_path):
+    (tmp_path / "study.py").write_text(SWEEP_FILE)
+    arguments = ["compare", str(tmp_path / "study.py"), "--workers", "1", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0
+    assert "2 cases, 1 reached their end" in result.output
+    assert "failed: swing(mass=-1.0), " in result.output
+    assert (tmp_path / "masses" / "report.html").is_file()
+    table = pd.read_csv(io.BytesIO((tmp_path / "masses" / "cases.csv").read_bytes()))
+    assert list(table["mass"]) == [1.0, -1.0]
