@@ -1,7 +1,8 @@
-"""Studies: many runs in parallel, kept on disk, and measured against what two methods agree on.
+"""Studies: many cases in parallel, stored on disk, measured against references of two methods.
 
-May import: report, simulation and everything below.
-Next: a column of the case table in `tables`, a place where runs are done in `pool`.
+May import: checks, report, verification, simulation and everything below.
+Next: a column of the case table in `run_values`, a figure in `study_pictures`, an executor in
+`execution`.
 """
 
 from beamdae.studies.case import Case, default_integrators, grid
