@@ -1,4 +1,4 @@
-"""Section forces and periodic motions against closed forms, and what is stored of them."""
+"""Section forces and periodic motions against closed forms and the stored table."""
 
 import pandas as pd
 import pytest
@@ -11,30 +11,36 @@ from numpy.testing import assert_allclose
 STORED = pd.read_csv(SUMMARY)
 
 
-def given(case, *slow):
-    marks = [pytest.mark.slow(reason="runs of beams")] if case.name in slow else []
+def case_parameter(case, *slow_names):
+    marks = [pytest.mark.slow(reason="runs of beams")] if case.name in slow_names else []
     return pytest.param(case, id=case.name, marks=marks)
 
 
 @pytest.mark.parametrize("label", FORMULATIONS)
-@pytest.mark.parametrize("case", [given(case, "rotating rod") for case in SECTION_FORCE_CASES])
-def test_known_section_forces_are_met(case, label):
+@pytest.mark.parametrize(
+    "case", [case_parameter(case, "rotating rod") for case in SECTION_FORCE_CASES]
+)
+def test_section_forces_match_references(case, label):
     for row in case.rows_by(label):
         assert float(row["relative"]) <= case.tolerance, row
 
 
-SLOW = ("shaken cantilever", "peak of a slider-crank over its speed")
+SLOW_PERIODIC_CASES = ("shaken cantilever", "peak of a slider-crank over its speed")
 
 
-@pytest.mark.parametrize("case", [given(case, *SLOW) for case in PERIODIC_CASES])
-def test_known_periodic_motions_are_met(case):
+@pytest.mark.parametrize(
+    "case", [case_parameter(case, *SLOW_PERIODIC_CASES) for case in PERIODIC_CASES]
+)
+def test_periodic_motions_match_references(case):
     for row in case.rows():
         assert float(row["relative"]) <= case.tolerance, row
 
 
 @pytest.mark.parametrize("case", [*SECTION_FORCE_CASES, *PERIODIC_CASES], ids=lambda x: x.name)
-def test_all_of_them_are_in_the_table(case):
-    lines = STORED[STORED["case"] == case.name]
-    assert (lines["relative"] <= case.tolerance).all()
-    for _, own in lines.groupby("setting"):
-        assert_allclose(own["published"].astype(float), list(case.reference.values()), rtol=1e-8)
+def test_table_contains_every_case(case):
+    rows = STORED[STORED["case"] == case.name]
+    assert (rows["relative"] <= case.tolerance).all()
+    for _, setting_rows in rows.groupby("setting"):
+        assert_allclose(
+            setting_rows["published"].astype(float), list(case.reference.values()), rtol=1e-8
+        )

@@ -1,4 +1,4 @@
-"""Mechanisms whose motion is known, with every integrator."""
+"""Mechanisms with closed-form motions, by every integrator."""
 
 import numpy as np
 import pytest
@@ -9,13 +9,13 @@ from conformance import integrators
 import beamdae as bd
 
 STEP, RTOL = 2.5e-4, 1e-6
-OF_BEAMS = ("moving load", "follower load")
+BEAM_CASES = ("moving load", "follower load")
 every_case = pytest.mark.parametrize(
     "case",
     [
         pytest.param(
             case,
-            marks=[pytest.mark.slow(reason="runs of seconds")] if case.name in OF_BEAMS else [],
+            marks=[pytest.mark.slow(reason="runs of seconds")] if case.name in BEAM_CASES else [],
         )
         for case in MECHANISM_CASES
     ],
@@ -25,27 +25,29 @@ every_case = pytest.mark.parametrize(
 
 @every_case
 @integrators(RTOL, STEP, newton_tolerance=1e-9)
-def test_every_integrator_finds_the_motion(case, integrator):
+def test_motion_matches_closed_form(case, integrator):
     solution = case.run(integrator)
-    # Of fixed steps ten times the error of phase of the trapezoidal rule: friction that turns round
-    # takes a share of a step.
-    phase = 10.0 * (case.rate * STEP) ** 2 / 12.0 * case.rate * case.t_end
-    bound = 100.0 * RTOL if integrator.accuracy.name == "rtol" else phase
-    for name, (known, found) in case.compare(solution).items():
-        error = np.max(np.abs(found - known)) / np.max(np.abs(known))
-        # Forces are not tested.
-        share = 10.0 if "[N" in name else 1.0
-        assert error < case.model_error + share * max(bound, 1e-6), name
-    # Work goes with the square of the motion.
+    # Fixed steps: ten times the phase error of the trapezoidal rule, because a reversal of friction
+    # may occur within a step.
+    phase_error = 10.0 * (case.rate * STEP) ** 2 / 12.0 * case.rate * case.t_end
+    bound = 100.0 * RTOL if integrator.accuracy.name == "rtol" else phase_error
+    for name, (published, computed) in case.compare(solution).items():
+        error = np.max(np.abs(computed - published)) / np.max(np.abs(published))
+        # The error test does not include forces.
+        factor = 10.0 if "[N" in name else 1.0
+        assert error < case.model_error + factor * max(bound, 1e-6), name
+    # Work is quadratic in the motion.
     assert solution.quality.energy_imbalance < 10.0 * max(bound, 1e-5)
 
 
-@pytest.mark.slow(reason="a beam whose whole spectrum takes part")
+@pytest.mark.slow(reason="the whole spectrum of a beam")
 @integrators(1e-4, 2e-3)
-def test_a_load_that_moves_the_other_way(integrator):
-    there, back = (
+def test_load_in_the_opposite_direction_gives_the_same_deflection(integrator):
+    forward, backward = (
         bd.simulate(moving_load(speed=speed), integrator, 4.0 / 3.0, 0.05) for speed in (3.0, -3.0)
     )
     y = "middle.y [m]"
-    size = np.abs(there.columns[y]).max()
-    np.testing.assert_allclose(back.columns[y], there.columns[y], rtol=0.0, atol=1e-3 * size)
+    amplitude = np.abs(forward.columns[y]).max()
+    np.testing.assert_allclose(
+        backward.columns[y], forward.columns[y], rtol=0.0, atol=1e-3 * amplitude
+    )

@@ -12,8 +12,11 @@ from scipy.integrate import solve_ivp
 
 import beamdae as bd
 from benchmarks.systems import (
+    CAR_AXIS_END,
+    IFTOMM_END,
     PERIOD_TWO_GRAVITY,
     arevalo,
+    arevalo_motion,
     car_axis,
     cycloid_slide,
     knife_edge,
@@ -153,16 +156,7 @@ class PublishedCase:
 def _car_axis_answer(t: Array) -> dict[str, Array]:
     # The published multipliers are on the right-hand side of the equations of motion.
     return {
-        "q": np.array(
-            [
-                [
-                    0.493455784275402809122e-1,
-                    0.496989460230171153861,
-                    0.104174252488542151681e1,
-                    0.373911027265361256927,
-                ]
-            ]
-        ),
+        "q": np.array([list(CAR_AXIS_END.values())]),
         "v": np.array(
             [
                 [
@@ -183,17 +177,18 @@ CAR_AXIS = PublishedCase(
     "cran/deTestSet R/ex_reference.R",
     car_axis,
     (3.0,),
-    # Masses of 5e-4 kg on springs of stiffness 1 N/m.
+    # Masses of 5e-4 on springs of stiffness 1.
     np.sqrt(1.0 / 5e-4),
     _car_axis_answer,
 )
 
 
 def _arevalo_answer(t: Array) -> dict[str, Array]:
-    x, y = np.sin(t**2), np.cos(t**2)
+    q = arevalo_motion(t)
+    x, y = q.T
     rate = 2.0 * t
     return {
-        "q": np.stack([x, y], axis=-1),
+        "q": q,
         "v": np.stack([rate * y, -rate * x], axis=-1),
         "lam": (4.0 * t**2)[:, None],
     }
@@ -261,7 +256,7 @@ IFTOMM_PENDULUM = PublishedCase(
     lambda: pendulum(9.81, -0.5 * np.pi),
     (10.0,),
     np.sqrt(2.0 * 9.81),
-    lambda t: {"q": np.array([[-0.275087462577, -0.961419205099]])},
+    lambda t: {"q": np.array([list(IFTOMM_END.values())])},
 )
 
 
