@@ -19,7 +19,7 @@ from beamdae.beams.kinematics import Kinematics, MaterialPoint, create_custom_ki
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.sections import Section, SectionLaw, Taper, VaryingSection, require_section
 from beamdae.beams.strains import fiber_strain, fiber_stress, identity, section_forces
-from beamdae.curves.plane_curves import PlaneCurve, require_curve
+from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve, require_curve
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
@@ -73,7 +73,6 @@ _GYRATION_SAMPLES = 3  # sections at which a varying section is checked
 # Measured: 95 to 150 kB, in long chains of beams and in a single one of 10 000 elements.
 _BYTES_PER_ELEMENT_INTERVAL = 9e4
 
-_ARC_LENGTH_TOLERANCE = 1e-9  # relative to the length; rounding of s at the ends
 _OUTLINE_POINTS = 33
 
 
@@ -295,7 +294,7 @@ class Beam(Part):
 
     def _require_arc_length(self, s: float) -> float:
         s = require_finite(self.name, "arc length s", s)
-        slack = _ARC_LENGTH_TOLERANCE
+        slack = ARC_LENGTH_TOLERANCE
         if not -slack * self.length <= s <= self.length * (1.0 + slack):
             raise BeamdaeError(
                 f"{self.name}: arc length s must lie in [0, {self.length:.6g}] m, got {s:g}."

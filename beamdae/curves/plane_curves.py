@@ -21,7 +21,7 @@ Array = np.ndarray
 
 # Largest tangent angle of an arc [rad]; beyond it, rounding of the angle distorts the curve.
 _MAX_ANGLE = 1e6
-_ARC_LENGTH_TOLERANCE = 1e-9  # relative to the length; rounding of the ends of a segment
+ARC_LENGTH_TOLERANCE = 1e-9  # relative to the length; rounding of points and ends
 _CIRCLE_TOLERANCE = 1e-12  # relative to the circumference; rounding of a full circle
 
 # Quadrature of curves without a closed arc length: intervals, Gauss points and weights in each.
@@ -227,7 +227,7 @@ class Segment:
             start=require_finite("Segment", "start", self.start),
             end=require_finite("Segment", "end", self.end),
         )
-        whole, slack = self.curve.length, _ARC_LENGTH_TOLERANCE
+        whole, slack = self.curve.length, ARC_LENGTH_TOLERANCE
         if not -slack * whole <= self.start < self.end <= whole * (1.0 + slack):
             raise BeamdaeError(
                 f"Segment: start and end must ascend within [0, {whole:.12g}] m, "

@@ -45,14 +45,17 @@ from beamdae.integrators.method import (
 )
 from beamdae.integrators.run_plan import RunPlan
 from beamdae.native.loop_functions import combine, factorize, max_norm, solve
-from beamdae.native.return_codes import DONE, FULL, NEW_PIVOTS, SINGULAR
+from beamdae.native.return_codes import (
+    DONE,
+    FULL,
+    NEW_PIVOTS,
+    NOT_CONVERGED,
+    NOT_FINITE,
+    SINGULAR,
+)
 from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
-
-# Codes of stages that cannot be solved, besides SINGULAR.
-NOT_CONVERGED = -1
-NOT_FINITE = -2
 
 _FAILURES = {
     NOT_CONVERGED: "Newton's iteration did not converge; take a smaller step",

@@ -22,12 +22,12 @@ from beamdae.equations.starts.reduced_equations import (
 )
 from beamdae.errors import BeamdaeError, require_sequence, short_repr, suggest
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
+from beamdae.results.section_forces.applied_loads import GRAVITY
 from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 Stages = tuple[tuple[str, ...], ...]
 
-GRAVITY = "gravity"
 _LOADS_DESCRIPTION = "names of loads (or 'gravity'), or lists of such names, one a stage"
 
 

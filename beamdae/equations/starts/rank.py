@@ -17,7 +17,7 @@ Array = np.ndarray
 
 RANK_TOLERANCE = 1e-9  # singular values of rows of length one below this count as zero
 _MAX_ENTRIES = 2_000_000  # entries of dense matrices held in memory at once
-_INVOLVED_SHARE = 0.1  # of the largest share; keeps rounding from naming a joint
+_MIN_RELATIVE_SHARE = 0.1  # of the largest share; keeps rounding from naming a joint
 _GROUND = ""
 
 
@@ -80,7 +80,7 @@ class ConstraintJacobian:
         left_vectors, _, _ = np.linalg.svd(self.at(time[None], q[None])[0])
         share = np.abs(left_vectors[:, self.rank - 1])
         names = [name.rpartition(".")[0] or name for name in self.equations.lam_names]
-        involved = share > _INVOLVED_SHARE * share.max()
+        involved = share > _MIN_RELATIVE_SHARE * share.max()
         return list(
             dict.fromkeys(name for name, is_in in zip(names, involved, strict=True) if is_in)
         )

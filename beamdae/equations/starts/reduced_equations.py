@@ -21,7 +21,7 @@ from beamdae.errors import BeamdaeError
 Array = np.ndarray
 
 # Gap of redundant constraints where the others are closed, relative to the mechanism.
-_AGREEMENT_TOLERANCE = 1e-9
+_REDUNDANT_GAP_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class ReducedEquations:
             )
         for gaps in evaluator.constraint_levels(time, state.q, state.v)[:2]:
             worst = int(np.argmax(np.abs(gaps)))
-            if abs(gaps[worst]) > _AGREEMENT_TOLERANCE * max(1.0, self.full.length):
+            if abs(gaps[worst]) > _REDUNDANT_GAP_TOLERANCE * max(1.0, self.full.length):
                 raise BeamdaeError(
                     f"{self.full.lam_names[worst]}: it contradicts the constraints it depends on "
                     f"by {abs(gaps[worst]):.3g} at t = {time[0]:g} s; make them agree or remove it."

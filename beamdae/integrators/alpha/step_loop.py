@@ -27,16 +27,21 @@ from beamdae.integrators.compiled_run import (
 )
 from beamdae.integrators.method import clip_step
 from beamdae.native.loop_functions import combine, euclidean_norm, factorize, fill, max_norm, solve
-from beamdae.native.return_codes import DONE, FULL, NEW_PIVOTS, SINGULAR
+from beamdae.native.return_codes import (
+    DONE,
+    ERROR_TOO_LARGE,
+    FULL,
+    NEW_PIVOTS,
+    NOT_CONVERGED,
+    NOT_FINITE,
+    SINGULAR,
+)
 
 Array = np.ndarray
 
 # Code of a loop that needs the starting values of an interval; see `family.AlphaStart`.
 FIRST_STEP = 10
-# Codes of loops that cannot continue.
-NOT_CONVERGED = -1
-NOT_FINITE = -2
-ERROR_TOO_LARGE = -4
+# Code of a loop that cannot continue, besides those of `return_codes`.
 STEP_NOT_CHANGED = -6
 
 # Relative difference of steps that are taken as equal.

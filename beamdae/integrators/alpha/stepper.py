@@ -13,10 +13,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.integrators.alpha.family import AlphaStart
 from beamdae.integrators.alpha.jerk import AdaptiveAlphaWorkspace, JerkEquations
 from beamdae.integrators.alpha.step_loop import (
-    ERROR_TOO_LARGE,
     FIRST_STEP,
-    NOT_CONVERGED,
-    NOT_FINITE,
     STEP_NOT_CHANGED,
     set_step,
     take_adaptive_steps,
@@ -25,7 +22,7 @@ from beamdae.integrators.alpha.step_loop import (
 from beamdae.integrators.alpha.workspace import AlphaWorkspace, Motion
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.method import STEPS_PER_CHECK, StepError, count_equal_steps
-from beamdae.native.return_codes import SINGULAR
+from beamdae.native.return_codes import ERROR_TOO_LARGE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.outcome import Statistics
 
 Array = np.ndarray

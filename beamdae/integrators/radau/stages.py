@@ -24,7 +24,7 @@ from beamdae.integrators.radau.coefficients import (
     C,
     T,
 )
-from beamdae.integrators.radau.workspace import NOT_CONVERGED, NOT_FINITE, RadauWorkspace
+from beamdae.integrators.radau.workspace import RadauWorkspace
 from beamdae.native.loop_functions import (
     combine,
     factorize,
@@ -34,7 +34,7 @@ from beamdae.native.loop_functions import (
     solve,
     split_complex,
 )
-from beamdae.native.return_codes import DONE, NEW_PIVOTS, SINGULAR
+from beamdae.native.return_codes import DONE, NEW_PIVOTS, NOT_CONVERGED, NOT_FINITE, SINGULAR
 
 Array = np.ndarray
 

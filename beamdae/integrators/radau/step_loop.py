@@ -13,9 +13,9 @@ from beamdae.integrators.radau.stages import (
     set_stages,
     solve_stages,
 )
-from beamdae.integrators.radau.workspace import ERROR_TOO_LARGE, TOO_SMALL, RadauWorkspace
+from beamdae.integrators.radau.workspace import TOO_SMALL, RadauWorkspace
 from beamdae.native.loop_functions import combine, max_norm
-from beamdae.native.return_codes import DONE, FULL, NEW_PIVOTS
+from beamdae.native.return_codes import DONE, ERROR_TOO_LARGE, FULL, NEW_PIVOTS
 
 # One over the order of the error of a step of the embedded method, which is of order 3.
 _ERROR_EXPONENT = 1.0 / 4.0

@@ -24,16 +24,9 @@ from beamdae.integrators.error_control import (
 )
 from beamdae.integrators.method import MATRIX_SINGULAR, RESIDUAL_NOT_FINITE, StepError
 from beamdae.integrators.radau.step_loop import take_radau_steps
-from beamdae.integrators.radau.workspace import (
-    ERROR_TOO_LARGE,
-    NOT_CONVERGED,
-    NOT_FINITE,
-    TOO_SMALL,
-    RadauWorkspace,
-    StepSizeState,
-)
+from beamdae.integrators.radau.workspace import TOO_SMALL, RadauWorkspace, StepSizeState
 from beamdae.integrators.run_plan import RunPlan
-from beamdae.native.return_codes import SINGULAR
+from beamdae.native.return_codes import ERROR_TOO_LARGE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.outcome import Statistics
 
 Array = np.ndarray

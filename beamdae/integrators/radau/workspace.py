@@ -11,10 +11,7 @@ from beamdae.equations.formulations.first_order import FirstOrderBuffers
 
 Array = np.ndarray
 
-# Codes of a step that fails, besides `return_codes.SINGULAR`.
-NOT_CONVERGED = -1
-NOT_FINITE = -2
-ERROR_TOO_LARGE = -4
+# Code of a step that fails, besides those of `return_codes`: the step became too small.
 TOO_SMALL = -5
 
 

@@ -39,7 +39,7 @@ _LEGEND_ENTRY_LETTERS = 60
 _LEGEND_LETTER_WIDTH = 0.075
 _LEGEND_LINE_WIDTH = 0.8
 _LEGEND_ROW_HEIGHT = 0.19  # [inch]
-_MAX_PANELS = 12
+MAX_PANELS = 12
 _RESOLUTION = 150  # of files [dots per inch]
 
 # Larger values overflow when matplotlib computes the range of an axis.
@@ -100,7 +100,7 @@ def create_panels(number: int, title: str, what: str = "columns") -> tuple[Figur
     # matplotlib takes longer to import than some commands take to run.
     from matplotlib.figure import Figure
 
-    requested, number = number, min(number, _MAX_PANELS)
+    requested, number = number, min(number, MAX_PANELS)
     columns = 1 if number == 1 else 2
     rows = max(math.ceil(number / columns), 1)
     figure = Figure(figsize=(4.6 * columns + 0.6, 2.3 * rows + 1.2), layout="constrained")

@@ -14,7 +14,14 @@ from beamdae.errors import BeamdaeError, require_count, short_repr
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.page.motion_player import build_motion_player
 from beamdae.report.pictures.animation_files import FigureAnimation
-from beamdae.report.pictures.figures import COLORS, disable_math_text, format_axis, wrap_title
+from beamdae.report.pictures.figures import (
+    COLORS,
+    MAX_PANELS,
+    disable_math_text,
+    format_axis,
+    wrap_title,
+)
+from beamdae.report.pictures.run_animation import MAX_FRAMES
 from beamdae.report.pictures.scene_artists import (
     SceneArtists,
     add_caption,
@@ -36,7 +43,6 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-_MAX_PANELS = 12
 _MAX_COLUMNS = 3
 # Largest displacement in a picture, relative to the extent of the mechanism.
 _AMPLITUDE = 0.12
@@ -48,7 +54,6 @@ _MIN_PANEL_HEIGHT = 0.8
 _MAX_PANEL_HEIGHT = 3.6
 _PANEL_TITLE_HEIGHT = 0.35
 _DISPLAYED_PERIOD = 2.0  # [s]
-_MAX_FRAMES = 500
 
 
 class _ModeScenes:
@@ -115,7 +120,7 @@ def draw_modes(modes: Modes) -> Plot:
 def create_modes_figure(modes: Modes, title: str = "") -> Figure:
     """Return the mode shapes as a figure."""
     scenes = _ModeScenes("draw_modes", modes)
-    panels = [scenes.vibrating(k, np.ones(1)) for k in range(min(len(modes), _MAX_PANELS))]
+    panels = [scenes.vibrating(k, np.ones(1)) for k in range(min(len(modes), MAX_PANELS))]
     low, high = padded_extent([scenes.rest, *panels])
     columns = min(len(panels), _MAX_COLUMNS)
     rows = math.ceil(len(panels) / columns)
@@ -161,7 +166,7 @@ def animate_mode(
     """
     scenes = _ModeScenes("animate_mode", modes)
     k = require_count("animate_mode", "mode", mode, most=len(modes)) - 1
-    number = require_count("animate_mode", "frames", frames, least=2, most=_MAX_FRAMES)
+    number = require_count("animate_mode", "frames", frames, least=2, most=MAX_FRAMES)
     # A real mode shape starts at rest.
     phases = np.exp(2j * np.pi * (np.arange(number) / number - 0.25))
     scene, caption = scenes.vibrating(k, phases), f"mode {_describe_mode(modes, k)}"

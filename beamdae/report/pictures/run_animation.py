@@ -37,7 +37,7 @@ _DEFAULT_RATE = 25  # frames per second
 _MAX_RATE = 50  # frames per second; browsers show GIF files no faster
 _MIN_RATE = 0.1  # frames per second
 _MIN_FRAMES = 2
-_MAX_FRAMES = 500
+MAX_FRAMES = 500
 _COLOR_BAR_STRIP = 0.62  # height below the picture [inch]
 _THUMBNAIL_SIZE = 160.0  # longer side [pixels]
 _THUMBNAIL_FRAMES = 6
@@ -84,9 +84,9 @@ def animate(
     t = frame_times(solution, 2)
     speed = require_positive("animate", "speed", speed)
     duration = float(t[-1] - t[0]) / speed
-    number = round(np.clip(_DEFAULT_RATE * duration, _MIN_FRAMES, _MAX_FRAMES))
+    number = round(np.clip(_DEFAULT_RATE * duration, _MIN_FRAMES, MAX_FRAMES))
     if frames is not None:
-        number = require_count("animate", "frames", frames, _MIN_FRAMES, _MAX_FRAMES)
+        number = require_count("animate", "frames", frames, _MIN_FRAMES, MAX_FRAMES)
     rate = 1.0
     if duration > 0.0:
         rate = float(np.clip((number - 1) / duration, _MIN_RATE, _MAX_RATE))

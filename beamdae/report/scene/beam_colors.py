@@ -12,6 +12,7 @@ from beamdae.beams.beam import Beam
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.errors import BeamdaeError, require_choice
 from beamdae.report.scene.mechanism_scene import count_beam_sections
+from beamdae.results.section_forces.recovery import MAX_EVALUATIONS
 from beamdae.results.section_forces.section_motions import (
     SectionFunction,
     evaluate_sections,
@@ -41,8 +42,6 @@ _DIVERGING_SCALE = ("#0072B2", "#b8b8b8", "#D55E00")
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""))
 # Strains below this are shown in thousandths.
 _MAX_SMALL_STRAIN = 0.1
-# Number of sections times rows evaluated in one call, which bounds the memory.
-_MAX_EVALUATIONS = 100_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +152,7 @@ def _evaluate(beam: Beam, what: str, sections: int, q: Array, v: Array) -> Array
     places = np.linspace(0.0, beam.length, sections).tolist()
     strain_terms = [beam.kinematics.strains(s) for s in places]
     functions = [SectionFunction(x.operator, x.values) for x in strain_terms]
-    rows = max(_MAX_EVALUATIONS // sections, 1)
+    rows = max(MAX_EVALUATIONS // sections, 1)
     strains_rates = np.concatenate(
         [
             evaluate_sections(

@@ -31,7 +31,7 @@ from beamdae.symbolic.statements import ConstraintStatement, ForceStatement, Loc
 
 Array = np.ndarray
 
-GRAVITY = "gravity"  # key of gravity among the load factors of parts
+GRAVITY = "gravity"  # name of gravity among the loads
 ALL_LOADS: Mapping[str, float] = MappingProxyType({})  # every load with the factor 1
 
 

@@ -48,7 +48,7 @@ RowGroup = tuple[Array, Mapping[str, float]]
 
 _SAME_SECTION = 1e-9  # arc lengths closer than this are the same, relative to the length
 _SECTIONS_PER_STRETCH = 5  # between two element boundaries or forces, including both ends
-_MAX_EVALUATIONS = 100_000  # sections times rows that are evaluated at once
+MAX_EVALUATIONS = 100_000  # sections times rows that are evaluated at once
 
 
 def recover_section_forces(
@@ -85,7 +85,7 @@ def recover_section_forces(
         sections = _requested_sections(beam, s)
     blocks = []
     columns = max(len(sections[0]), beam.mesh.elements * beam.mesh.nodes)
-    block_size = max(_MAX_EVALUATIONS // columns, 1)
+    block_size = max(MAX_EVALUATIONS // columns, 1)
     for rows, factors in groups:
         for k in range(0, len(rows), block_size):
             block = rows[k : k + block_size]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.beams.beam import Beam
+from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, require_positive
 from beamdae.results.displays import Plot, load_views
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 SECTION_FORCE_HEADERS = {"N": "N [N]", "Q": "Q [N]", "M": "M [N m]"}
-_TIME = "t [s]"
 _ARC_LENGTH = "s [m]"
 
 
@@ -117,7 +117,7 @@ class SectionForces:
 
     def _row_labels(self) -> dict[str, Array]:
         return {
-            _TIME: np.repeat(self.t, len(self.s)),
+            TIME: np.repeat(self.t, len(self.s)),
             _ARC_LENGTH: np.tile(self.s, len(self.t)),
         }
 
