@@ -9,7 +9,6 @@ import pandas as pd
 
 from beamdae.studies.case import Case, format_parameter
 from beamdae.studies.deviations import compute_deviations, select_reaction_columns
-from beamdae.studies.execution.tasks import Outcome
 from beamdae.studies.references import Reference
 from beamdae.studies.run_values import (
     COUNT_COLUMNS,
@@ -18,6 +17,7 @@ from beamdae.studies.run_values import (
     describe_event_mismatch,
     is_event_count,
 )
+from beamdae.studies.tasks import Outcome
 
 ERROR_COLUMN = "error [-]"
 # Settings that integrators are refined by.

@@ -19,9 +19,9 @@ from beamdae.studies.deviations import (
     require_column_names,
     select_error_columns,
 )
-from beamdae.studies.execution.tasks import NOT_RUN, Outcome, describe_exception
 from beamdae.studies.references import Reference
 from beamdae.studies.run_values import collect_event_values, collect_run_values, tabulate_trajectory
+from beamdae.studies.tasks import NOT_RUN, Outcome, describe_exception
 
 CaseProgress = Callable[[str, float], None]
 

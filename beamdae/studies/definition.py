@@ -21,7 +21,7 @@ from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model, require_file_name
 from beamdae.studies.case import Case, DigestCache
 from beamdae.studies.deviations import require_column_names
-from beamdae.studies.execution.tasks import Limits, Task, describe_exception
+from beamdae.studies.tasks import Limits, Task, describe_exception
 
 _DEFAULT_OUTPUT_ROWS = 400
 _DEFAULT_TIME_LIMIT = 120.0  # seconds

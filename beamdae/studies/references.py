@@ -14,8 +14,8 @@ from beamdae.integrators import GeneralizedAlpha, Radau
 from beamdae.studies.case import Case, DigestCache
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compute_deviations, count_common_rows, select_error_columns
-from beamdae.studies.execution.tasks import Outcome, Task
 from beamdae.studies.run_values import extrapolate_events
+from beamdae.studies.tasks import Outcome, Task
 from beamdae.studies.unique_names import number_duplicates
 
 # Different methods, so that a common error is unlikely.

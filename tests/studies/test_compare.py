@@ -12,7 +12,7 @@ from beamdae.results.columns import observed_columns
 from beamdae.studies import deviations, run_values
 from beamdae.studies.case import default_integrators
 from beamdae.studies.execution.case_run import run_task
-from beamdae.studies.execution.tasks import Task
+from beamdae.studies.tasks import Task
 
 ALPHA = bd.GeneralizedAlpha(step=2e-3)
 

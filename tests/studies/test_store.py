@@ -19,9 +19,9 @@ import beamdae as bd
 from beamdae.results.outcome import Status
 from beamdae.studies.execution import study_run
 from beamdae.studies.execution.executors import SerialPool
-from beamdae.studies.execution.tasks import Limits, Outcome, Task
 from beamdae.studies.store import store
 from beamdae.studies.store.store import Store
+from beamdae.studies.tasks import Limits, Outcome, Task
 from beamdae.studies.unique_names import create_file_names
 
 

@@ -25,10 +25,10 @@ from beamdae.studies.case_summaries import summarize_cases, summarize_mesh_study
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.execution import case_run, study_run
 from beamdae.studies.execution.executors import LocalPool, SerialPool
-from beamdae.studies.execution.tasks import Limits, Outcome
 from beamdae.studies.references import REFERENCE_NOT_RUN
 from beamdae.studies.store.store import Store
 from beamdae.studies.study_page import create_study_page
+from beamdae.studies.tasks import Limits, Outcome
 
 ALPHA = bd.GeneralizedAlpha(step=2e-3)
 REFERENCES = (bd.Ida(rtol=1e-7), bd.GeneralizedAlpha(step=5e-4, newton_tolerance=1e-10))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.studies.execution.tasks import Limits
+from beamdae.studies.tasks import Limits
 
 ALPHA = bd.GeneralizedAlpha(step=5e-3)
 REFERENCES = (bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3))

@@ -13,9 +13,9 @@ from rich.console import Console
 import beamdae as bd
 from beamdae.report.terminal import text_tables as terminal
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
-from beamdae.studies.execution.tasks import Outcome
 from beamdae.studies.references import build_reference, create_reference_tasks
 from beamdae.studies.run_values import collect_run_values, tabulate_trajectory
+from beamdae.studies.tasks import Outcome
 
 
 @bd.model(t_end=1.0)

@@ -19,8 +19,8 @@ from beamdae.studies.execution import executors, study_run
 from beamdae.studies.execution.deferred_interrupts import DeferredInterrupts
 from beamdae.studies.execution.executors import LocalPool, SerialPool
 from beamdae.studies.execution.study_run import StudyResults
-from beamdae.studies.execution.tasks import Limits, Outcome
 from beamdae.studies.study_page import create_study_page
+from beamdae.studies.tasks import Limits, Outcome
 
 ALPHA = bd.GeneralizedAlpha(step=5e-3)
 REFERENCES = (bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3))

@@ -9,7 +9,7 @@ from beamdae.results.outcome import Status
 from beamdae.studies.execution import study_run
 from beamdae.studies.execution.executors import SerialPool
 from beamdae.studies.execution.study_progress import TimeEstimator
-from beamdae.studies.execution.tasks import Outcome
+from beamdae.studies.tasks import Outcome
 
 ALPHA = bd.GeneralizedAlpha(step=5e-3)
 REFERENCES = (bd.Ida(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3))

@@ -21,9 +21,9 @@ from beamdae.studies import study_page
 from beamdae.studies.execution import study_run
 from beamdae.studies.execution.executors import LocalPool, SerialPool
 from beamdae.studies.execution.study_run import StudyPlan
-from beamdae.studies.execution.tasks import serialize_value
 from beamdae.studies.store.trajectory_csv import format_trajectory, parse_trajectory
 from beamdae.studies.study_pictures import list_plots
+from beamdae.studies.tasks import serialize_value
 
 ALPHA = bd.GeneralizedAlpha(step=5e-3)
 
@@ -80,7 +80,7 @@ def test_trajectory_file_preserves_all_bits(table):
 def test_model_of_tasks_with_plain_parameters_is_serialized_once(monkeypatch):
     serialized = []
     monkeypatch.setattr(
-        "beamdae.studies.execution.tasks.serialize_value",
+        "beamdae.studies.tasks.serialize_value",
         lambda x: serialized.append(x) or serialize_value(x),
     )
     study = sweep(*bd.grid(mass=[1.0, np.float64(2.0), 3]))
@@ -101,7 +101,7 @@ class Arm(tuple):
 def test_parameter_of_a_user_type_is_serialized_with_the_model(monkeypatch):
     calls = []
     monkeypatch.setattr(
-        "beamdae.studies.execution.tasks.serialize_with_model", lambda *_: calls.append(1)
+        "beamdae.studies.tasks.serialize_with_model", lambda *_: calls.append(1)
     )
     task = replace(
         sweep({}).task(sweep({}).cases[0]), case=bd.Case(swing, {"arm": Arm((1.0, 0.0))})

@@ -19,7 +19,6 @@ from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.results.outcome import Status
 from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
-from beamdae.studies.execution.tasks import Limits, Outcome, Task, describe_exception
 from beamdae.studies.run_values import (
     collect_run_values,
     evaluate_outputs,
@@ -33,6 +32,7 @@ from beamdae.studies.store.file_reads import (
     record_file_reads,
 )
 from beamdae.studies.store.trajectory_csv import format_trajectory
+from beamdae.studies.tasks import Limits, Outcome, Task, describe_exception
 
 _MIN_PROGRESS = 1e-5  # of the simulated time within `Limits.patience`, relative to the end time
 

@@ -13,9 +13,9 @@ from beamdae.report.text import shorten_text
 from beamdae.results.outcome import Status
 from beamdae.studies.execution.case_run import run_task
 from beamdae.studies.execution.deferred_interrupts import DeferredInterrupts
-from beamdae.studies.execution.tasks import Outcome, SerializedModels, Task, describe_exception
 from beamdae.studies.execution.worker_processes import WorkerError, WorkerProcess, wait_for_workers
 from beamdae.studies.store.file_reads import clear_module_reads
+from beamdae.studies.tasks import Outcome, SerializedModels, Task, describe_exception
 
 _KILL_DELAY = 60.0  # after the time limit of a task, until its process is killed [s]
 _MAX_ATTEMPTS = 2  # of a task whose process dies

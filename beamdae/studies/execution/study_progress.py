@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdae.studies.execution.tasks import Outcome, Task
+from beamdae.studies.tasks import Outcome, Task
 
 # Steps of a run by tolerance before any is done, steps = 300 (1e-3 / rtol)^0.25: in the table of
 # runs in the README they grow by 1.5 to 2.1 per decade, for undamped beams by more.

@@ -23,7 +23,6 @@ from beamdae.studies.deviations import select_observed_columns
 from beamdae.studies.execution.deferred_interrupts import DeferredInterrupts
 from beamdae.studies.execution.executors import Executor
 from beamdae.studies.execution.study_progress import ProgressCounter, StudyProgress
-from beamdae.studies.execution.tasks import NOT_RUN, Outcome, Task
 from beamdae.studies.references import (
     REFERENCE_NOT_RUN,
     Reference,
@@ -32,6 +31,7 @@ from beamdae.studies.references import (
     group_cases,
 )
 from beamdae.studies.store.store import Store
+from beamdae.studies.tasks import NOT_RUN, Outcome, Task
 from beamdae.studies.unique_names import create_file_names
 
 _MAX_NOTES = 20  # on damaged files; further ones are counted

@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import Any, Generic, TypeVar
 
 from beamdae.studies.execution.case_run import run_task
-from beamdae.studies.execution.tasks import Outcome
+from beamdae.studies.tasks import Outcome
 
 _EXIT_CODE_TIMEOUT = 1.0  # for a process that closed its connection to end [s]
 

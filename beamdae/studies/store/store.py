@@ -17,9 +17,9 @@ import pandas as pd
 from beamdae.errors import BeamdaeError
 from beamdae.results.outcome import Kind, Status
 from beamdae.results.storage.files import atomic_write, remove_stale_scratch_files, write_bytes
-from beamdae.studies.execution.tasks import Outcome, Task
 from beamdae.studies.store.file_reads import changed_files
 from beamdae.studies.store.trajectory_csv import format_trajectory, parse_trajectory
+from beamdae.studies.tasks import Outcome, Task
 
 _FORMAT = 3
 _MAX_RECORD_BYTES = 1_000_000_000  # larger files are not records

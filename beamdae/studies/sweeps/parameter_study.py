@@ -20,8 +20,8 @@ from beamdae.studies.case import (
     grid,
 )
 from beamdae.studies.definition import Study
-from beamdae.studies.execution.tasks import Task
 from beamdae.studies.store.fingerprints import FingerprintError, digest
+from beamdae.studies.tasks import Task
 
 Output = Callable[[Solution], Any]
 

@@ -14,7 +14,6 @@ from beamdae.report.pictures.figures import characteristic_columns
 from beamdae.results.columns import Header, observed_columns, select_columns
 from beamdae.studies.deviations import select_observed_columns
 from beamdae.studies.execution.study_run import StudyResults
-from beamdae.studies.execution.tasks import Outcome
 from beamdae.studies.run_values import format_output_column
 from beamdae.studies.sweeps.parameter_study import (
     REASON,
@@ -26,6 +25,7 @@ from beamdae.studies.sweeps.parameter_study import (
     format_setting,
     parameter_column,
 )
+from beamdae.studies.tasks import Outcome
 
 Array = np.ndarray
 

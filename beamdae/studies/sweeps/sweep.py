@@ -29,7 +29,6 @@ from beamdae.studies.deviations import require_column_names
 from beamdae.studies.execution.executors import SerialPool, create_executor
 from beamdae.studies.execution.study_progress import StudyProgress
 from beamdae.studies.execution.study_run import run_study
-from beamdae.studies.execution.tasks import Limits
 from beamdae.studies.sweeps.parameter_study import (
     TRAJECTORY,
     Output,
@@ -42,6 +41,7 @@ from beamdae.studies.sweeps.sweep_results import (
     create_sweep_results,
     list_warnings,
 )
+from beamdae.studies.tasks import Limits
 
 
 @dataclass(frozen=True)

@@ -85,8 +85,8 @@ class Task:
     def serialize(self, models: SerializedModels) -> bytes:
         """Return the task as bytes for another process, with the source of its model.
 
-        A model is serialized once and kept in `models`. This needs a task whose other values are plain
-        numbers and strings: what else a user defines may refer to the same objects as the model.
+        A model is serialized once and cached in `models`. That needs a task whose other values are
+        plain numbers and strings: other user-defined objects may share objects with the model.
         """
         case = self.case
         values = (*case.parameters.values(), *vars(case.integrator).values())
