@@ -112,6 +112,6 @@ BEAM = VARIANTS[0].beam(ARC)
     ],
 )
 def test_invalid_loads_are_rejected(make, message):
-    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as refused:
+    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as problem:
         make()
-    assert str(refused.value).endswith(".")
+    assert str(problem.value).endswith(".")

@@ -144,7 +144,7 @@ def in_load_directions(*case, **words):
     ],
 )
 @pytest.mark.parametrize(
-    ("nodes", "shape", "continuity", "bound"),
+    ("nodes", "shape", "continuity", "max_error"),
     [
         (4, "curved", "cartesian", 2e-6),
         # 8.1e-4 in the tangent frame, 4.2e-4 in the chord frame.
@@ -156,10 +156,10 @@ def in_load_directions(*case, **words):
         (2, "straight", "cartesian", 1.2e-2),
     ],
 )
-def test_default_quadrature_does_not_lock(nodes, shape, continuity, bound, frame, strain):
+def test_default_quadrature_does_not_lock(nodes, shape, continuity, max_error, frame, strain):
     case = {"nodes": nodes, "shape": shape, "continuity": continuity}
     worst = [np.abs(errors(r, 8, frame=frame, strain=strain, **case)).max() for r in SLENDERNESS]
-    assert max(worst) < bound
+    assert max(worst) < max_error
     # Constant to three digits and to the rounding of the solution for the most slender arc.
     assert max(worst) < 1.05 * worst[0] + 1e-6
 

@@ -284,8 +284,8 @@ def test_kinetic_energy_is_that_of_the_moving_material_points(kind, shape):
     def points(q):
         nodal = row @ q[3:].reshape(kind.nodes, 3)
         turns = [_rotation(np.arctan2(t[1], t[0])) for t in tangent]
-        carried = np.array([s + A @ u[:2] for s, A, u in zip(place, turns, nodal, strict=True)])
-        return q[:2] + carried @ _rotation(q[2]).T, q[2] + nodal[:, 2]
+        rotated = np.array([s + A @ u[:2] for s, A, u in zip(place, turns, nodal, strict=True)])
+        return q[:2] + rotated @ _rotation(q[2]).T, q[2] + nodal[:, 2]
 
     h = 1e-5
     (r1, w1), (r0, w0) = points(q + h * v), points(q - h * v)
@@ -459,8 +459,8 @@ def test_jacobian_of_step_equations(variant, stabilized):
     time, at = np.array([0.3, 0.4]), StepPrediction(q_p, v_p, a_p, q_n, np.array([3.0, 5.0, 0.7]))
     whole = _full(step.pattern, step.jacobian(time, at, x))
     # Corrections of positions, r = -G^T eta, are separate unknowns of the matrix: eliminate them.
-    own, r = slice(step.size), slice(step.size, None)
-    jacobian = whole[own, own] - whole[own, r] @ whole[r, own]
+    main_rows, r = slice(step.size), slice(step.size, None)
+    jacobian = whole[main_rows, main_rows] - whole[main_rows, r] @ whole[r, main_rows]
     assert_derivative(jacobian, lambda z: step.residual(time, at, z), x)
 
 
@@ -474,8 +474,8 @@ def test_packed_states_solve_the_first_order_form(form):
     # Closing the joints stops at 1e-12 of the mechanism's size; forces are of order ten.
     residual = system.residual(time, y, yp)
     assert_allclose(residual, 0.0, atol=1e-10)
-    for unpacked, original in zip(system.unpack(y, yp), state, strict=True):
-        assert_allclose(unpacked, original, rtol=0.0, atol=0.0)
+    for unpacked_state, original in zip(system.unpack(y, yp), state, strict=True):
+        assert_allclose(unpacked_state, original, rtol=0.0, atol=0.0)
 
 
 # What a beam reports ---------------------------------------------------------------------------

@@ -18,7 +18,7 @@ every_kinematics = pytest.mark.parametrize("kind", KINEMATICS)
 
 
 @cache
-def free_beam(kind, gravity=(0.0, 0.0), added=None, **start):
+def free_beam(kind, gravity=(0.0, 0.0), extra_part=None, **start):
     """Return a free beam whose motion, strains and section forces are observed."""
     mech = bd.Mechanism(gravity=gravity)
     beam = mech.add(
@@ -27,8 +27,8 @@ def free_beam(kind, gravity=(0.0, 0.0), added=None, **start):
     for s in (0.0, 0.4 * LENGTH, LENGTH):
         mech.observe(f"at {s}", beam.at(s))
     mech.observe("inside", beam.section_forces(0.4 * LENGTH))
-    if added is not None:
-        mech.add(added(beam))
+    if extra_part is not None:
+        mech.add(extra_part(beam))
     return NumericEquations(mech)
 
 

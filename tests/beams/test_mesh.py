@@ -206,8 +206,8 @@ def test_kinks_between_curved_elements_are_of_third_order(nodes):
     for n in (4, 8, 16):
         mesh = create_beam(ARC, n, nodes=nodes).mesh
         element = np.arange(n)
-        left, right = (mesh.axis(element, np.full(n, xi)).angle for xi in (1.0, -1.0))
-        kinks.append(np.abs(left[:-1] - right[1:]).max())
+        end_angles, start_angles = (mesh.axis(element, np.full(n, xi)).angle for xi in (1.0, -1.0))
+        kinks.append(np.abs(end_angles[:-1] - start_angles[1:]).max())
     # 5.6e-4, 7.0e-5, 8.8e-6 rad with 4 nodes, 1.9e-3, 2.4e-4, 3.0e-5 with 3: the slope of
     # quadratics is off by h^2, the same on both sides of a node.
     assert_allclose(np.log2(np.divide(kinks[:-1], kinks[1:])), 3.0, atol=0.05)
@@ -281,9 +281,9 @@ def test_nodal_coordinates_are_components_along_the_curve(shape, nodes):
             if node == 0:
                 continue
             names = (f"u{node}", f"v{node}")
-            given = q[[coordinates.index(name) for name in names]]
+            local = q[[coordinates.index(name) for name in names]]
             vector = rotation(angles[e, i]) @ nodal[e, i, :2]
-            assert_allclose(vector, rotation(tangent[node]) @ given, atol=1e-14 * 10)  # rounding
+            assert_allclose(vector, rotation(tangent[node]) @ local, atol=1e-14 * 10)  # rounding
 
 
 @every_shape

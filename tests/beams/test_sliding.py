@@ -229,10 +229,10 @@ def test_passing_an_end_is_an_event(ends):
     bead = mech.add(bd.PointMass("bead", 1e-3, at=(0.4, 0.0), velocity=(2.0, 0.0)))
     mech.add(bd.SlidingOnBeam("slide", bead.point, rail, ends=ends))
     solution = bd.simulate(mech, bd.Radau(), t_end=0.5)
-    (passed,) = solution.events.to_dict("records")
-    assert passed["event"] == "slide at the end of rail"
-    assert passed["direction"] == "up"
-    assert_allclose(passed["t [s]"], 0.3, rtol=1e-6)
+    (record,) = solution.events.to_dict("records")
+    assert record["event"] == "slide at the end of rail"
+    assert record["direction"] == "up"
+    assert_allclose(record["t [s]"], 0.3, rtol=1e-6)
     assert_allclose(solution.t[-1], 0.5 if ends == "record" else 0.3, rtol=1e-6)
 
 

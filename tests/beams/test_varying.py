@@ -112,7 +112,7 @@ def test_first_frequency_of_a_pointed_cantilever(shape, published):
 
 @parametrize_variants(REPRESENTATIVE_VARIANTS)
 def test_constant_section_law_equals_the_section(variant):
-    def made(section):
+    def equations_with(section):
         mech = bd.Mechanism(gravity=(0.4, -9.81))
         beam = mech.add(variant.beam(ARC, section=section))
         mech.add(bd.RayleighDamping("damping", beam, mass=0.7, stiffness=0.02))
@@ -120,7 +120,7 @@ def test_constant_section_law_equals_the_section(variant):
         mech.observe("stress", beam.stress(0.7, 0.02))
         return NumericEquations(mech)
 
-    plain, along = made(variant.section), made(lambda s: variant.section)
+    plain, along = equations_with(variant.section), equations_with(lambda s: variant.section)
     q, v, a = random_state(plain, seed=3)
     for what in ("force", "energies", "stiffness", "damping", "mass"):
         actual = getattr(along, what)(q=q, v=v, a=a)

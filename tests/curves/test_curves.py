@@ -44,8 +44,8 @@ def assert_consistent(curve):
     tangent = (curve.point(s + h) - curve.point(s - h)) / (2.0 * h)
     # Differences truncate at (h / R)^2 / 6, and round the coordinates.
     rounding = 1e-15 * (np.abs(curve.point(s)).max() + length) / h
-    bound = (h * np.abs(curvature).max()) ** 2 + rounding + 1e-11
-    assert_allclose(tangent, np.stack([np.cos(angle), np.sin(angle)], axis=-1), atol=bound)
+    tolerance = (h * np.abs(curvature).max()) ** 2 + rounding + 1e-11
+    assert_allclose(tangent, np.stack([np.cos(angle), np.sin(angle)], axis=-1), atol=tolerance)
     turning = (curve.tangent_angle(s + h) - curve.tangent_angle(s - h)) / (2.0 * h)
     # The curvature varies by its own size over a hundredth of the length in the sharpest case.
     size = np.abs(curvature).max()

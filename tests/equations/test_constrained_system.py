@@ -188,9 +188,9 @@ def test_a_coordinate_without_inertia_is_named():
 
 
 def test_a_force_that_is_not_finite_at_the_start_is_an_error():
-    broken = system(force=lambda t, q, v: ca.vertcat(0.0, ca.sqrt(q[1] - 1.0)))
+    singular_system = system(force=lambda t, q, v: ca.vertcat(0.0, ca.sqrt(q[1] - 1.0)))
     with pytest.raises(bd.BeamdaeError, match=r"q1.*not finite.*t = 0"):
-        bd.simulate(broken, bd.Ida(), 1.0)
+        bd.simulate(singular_system, bd.Ida(), 1.0)
 
 
 @pytest.mark.parametrize(
@@ -205,7 +205,7 @@ def test_a_force_that_is_not_finite_at_the_start_is_an_error():
         ({"time_scale": 0.0}, "ConstrainedSystem: time_scale must be positive, got 0"),
     ],
 )
-def test_invalid_systems_are_refused(change, message):
+def test_invalid_systems_are_rejected(change, message):
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
     arguments = {
         "t": t,
@@ -262,7 +262,7 @@ def test_units_are_in_the_headers():
         (("m", ""), "units must be strings such as 'm' and 'rad', got ''"),
     ],
 )
-def test_invalid_units_are_refused(units, message):
+def test_invalid_units_are_rejected(units, message):
     with pytest.raises(bd.BeamdaeError, match=f"^ConstrainedSystem: {message}"):
         _ = system(units=units).equations
 
@@ -323,7 +323,7 @@ def test_rtol_is_relative_to_the_scales(integrator):
         ([1.0, 0.0], "scales must be pos"),
     ],
 )
-def test_invalid_scales_are_refused(scales, words):
+def test_invalid_scales_are_rejected(scales, words):
     with pytest.raises(bd.BeamdaeError, match=words):
         _ = system(scales=scales).equations
 

@@ -17,7 +17,7 @@ LINE = bd.Line((0.0, 0.0), (0.8, 0.0))
 
 
 @pytest.mark.parametrize("elements", [10**7, 10**9, 10**15])
-def test_regression_more_elements_than_fit_into_memory_are_refused_at_once(elements):
+def test_regression_more_elements_than_fit_into_memory_are_rejected_at_once(elements):
     """Ten million elements exhausted the memory of the machine after 25 s."""
     begin = time.perf_counter()
     with pytest.raises(
@@ -49,7 +49,7 @@ def test_a_memory_limit_of_the_process_is_respected(monkeypatch):
 
 
 @pytest.mark.parametrize("section", [STRIP, bd.Section.circle(ALLOY, 0.001)], ids=["strip", "wire"])
-def test_regression_a_circle_of_one_chord_is_refused(section):
+def test_regression_a_circle_of_one_chord_is_rejected(section):
     """Its two nodes coincide: the chord has length zero."""
     ring = bd.Arc(radius=0.3, length=2.0 * np.pi * 0.3)
     with pytest.raises(
@@ -66,7 +66,7 @@ def test_a_circle_of_a_few_nodes_is_accepted(nodes, elements):
     assert bd.Beam("ring", ring, STRIP, elements=elements, nodes=nodes).mesh.nodes == nodes
 
 
-def test_three_quarters_of_a_circle_in_one_chord_are_refused():
+def test_three_quarters_of_a_circle_in_one_chord_are_rejected():
     arc = bd.Arc(radius=0.3, length=1.5 * np.pi * 0.3)
     with pytest.raises(bd.BeamdaeError, match="are too few for its curve"):
         Mesh(arc, 1, 2, "curved").require_resolved_curve("arc")
@@ -75,7 +75,7 @@ def test_three_quarters_of_a_circle_in_one_chord_are_refused():
 @pytest.mark.parametrize(
     ("second_moment", "area"), [(1e-70, 7.5e-5), (4e-11, 1e-70), (1e30, 1e-4), (1e-60, 1.0)]
 )
-def test_regression_a_degenerate_section_is_refused(second_moment, area):
+def test_regression_a_degenerate_section_is_rejected(second_moment, area):
     """All columns of the run were nan."""
     section = bd.Section(ALLOY, area, second_moment)
     with pytest.raises(bd.BeamdaeError, match=r"^beam: second_moment .* and area .* radius of gyr"):
@@ -83,13 +83,13 @@ def test_regression_a_degenerate_section_is_refused(second_moment, area):
 
 
 @pytest.mark.parametrize("angle", [1e50, -1e50, 1e20])
-def test_regression_an_angle_lost_in_rounding_is_refused(angle):
+def test_regression_an_angle_lost_in_rounding_is_rejected(angle):
     with pytest.raises(bd.BeamdaeError, match=r"^Arc: angle must lie within 1e\+06 rad"):
         bd.Arc(radius=1.0, length=1.0, angle=angle)
 
 
 @pytest.mark.parametrize("mass", [[-1.0, 1.0], [1.0, -1e-3], [[1.0, 0.0], [0.0, -1.0]]])
-def test_a_negative_mass_is_refused(mass):
+def test_a_negative_mass_is_rejected(mass):
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
     system = bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=mass, force=[0.0, 1.0], q0=[0.0, 0.0], v0=[0.0, 0.0]

@@ -78,7 +78,7 @@ def test_a_coordinate_without_equilibrium_is_named():
         ({"crank.angle_dot": 1.0, "rod.angle_dot": 1.0}, "do not allow .*rod.angle_dot = 1"),
     ],
 )
-def test_impossible_starts_are_refused(start, words):
+def test_impossible_starts_are_rejected(start, words):
     with pytest.raises(bd.BeamdaeError, match=words):
         bd.simulate(slider_crank(), t_end=0.1, start=start)
 

@@ -96,7 +96,7 @@ def test_a_prescribed_velocity_does_work(integrator):
     assert_allclose(solution.ledger["energy.work_of_drivers [J]"], work, rtol=0.0, atol=1e-4)
 
 
-def test_a_constraint_not_linear_in_velocities_is_refused():
+def test_a_constraint_not_linear_in_velocities_is_rejected():
     mech, _ = body_with(lambda local: local.v[0] ** 2 - 1.0)
     message = "row: its nonholonomic constraint must be linear in the velocities"
     with pytest.raises(bd.BeamdaeError, match=message):
@@ -112,7 +112,7 @@ def test_a_constraint_not_linear_in_velocities_is_refused():
         ("rows", 1, "pushed: it depends on 1 multipliers of 'rows', which has 0"),
     ],
 )
-def test_missing_multipliers_are_refused(joint, count, message):
+def test_missing_multipliers_are_rejected(joint, count, message):
     mech, body = body_with(lambda local: local.v[1])
     mech.add(Pushed(body, joint, count))
     with pytest.raises(bd.BeamdaeError, match=message):

@@ -24,7 +24,7 @@ class FollowsLaw(bd.Part):
 
 
 @pytest.mark.parametrize("breakpoint_time", [math.nan, math.inf])
-def test_regression_breakpoints_that_are_not_finite_are_refused(breakpoint_time):
+def test_regression_breakpoints_that_are_not_finite_are_rejected(breakpoint_time):
     def build():
         law = bd.Law((lambda t: 1.0, lambda t: 2.0), (breakpoint_time,))
         mech = bd.Mechanism()

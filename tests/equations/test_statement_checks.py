@@ -90,7 +90,7 @@ def test_regression_a_load_acts_on_the_body_of_its_attachment_whatever_its_field
     assert_allclose(NumericEquations(pushed()).force(), [0.0, 0.0, 0.0, -3.0, 0.0, 0.0], atol=1e-15)
 
 
-def test_an_attachment_of_a_foreign_body_is_refused_by_add():
+def test_an_attachment_of_a_foreign_body_is_rejected_by_add():
     stranger = disk("stranger")
     for part in (Push("push", stranger.at(0.0, 0.0)), Pin("pin", stranger.at(0.0, 0.0))):
         with pytest.raises(bd.BeamdaeError, match=f"^{part.name}: it refers to 'stranger', which"):
@@ -123,7 +123,7 @@ def test_attachments_are_detected_in_containers():
             bd.Mechanism().add(part)
 
 
-def test_a_foreign_body_without_a_field_is_refused_by_assembly():
+def test_a_foreign_body_without_a_field_is_rejected_by_assembly():
     stranger = disk("stranger").at(0.0, 0.0)
     mech = bd.Mechanism()
     mech.add(disk())
@@ -144,10 +144,10 @@ def test_a_foreign_body_without_a_field_is_refused_by_assembly():
         ({"stated_name": "pull"}, "push: its statements must carry its name, got 'pull'"),
     ],
 )
-def test_statements_that_do_not_fit_are_refused(settings, message):
-    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as refused:
+def test_statements_that_do_not_fit_are_rejected(settings, message):
+    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as problem:
         bd.equations_of_motion(pushed(**settings))
-    assert str(refused.value).endswith(".")
+    assert str(problem.value).endswith(".")
 
 
 LOCAL = Local(3, 1, 1)
@@ -225,16 +225,16 @@ def stating(forces=lambda: [], constraints=lambda: []):
         ),
     ],
 )
-def test_regression_invalid_statements_are_refused_with_the_name_of_the_part(part, message):
+def test_regression_invalid_statements_are_rejected_with_the_name_of_the_part(part, message):
     mech = bd.Mechanism()
     mech.add(POINT)
     mech.add(part)
-    with pytest.raises(bd.BeamdaeError, match=f"^made: {message}") as refused:
+    with pytest.raises(bd.BeamdaeError, match=f"^made: {message}") as problem:
         bd.equations_of_motion(mech)
-    assert str(refused.value).endswith(".")
+    assert str(problem.value).endswith(".")
 
 
-def test_regression_a_point_whose_motion_starts_elsewhere_is_refused():
+def test_regression_a_point_whose_motion_starts_elsewhere_is_rejected():
     """A joint there moved the body by 1 m without any error."""
     mech = bd.Mechanism()
     body = mech.add(disk())
@@ -244,7 +244,7 @@ def test_regression_a_point_whose_motion_starts_elsewhere_is_refused():
         bd.equations_of_motion(mech)
 
 
-def test_regression_ambiguous_headers_are_refused():
+def test_regression_ambiguous_headers_are_rejected():
     mech = pushed()
     place = mech.part("second").at(3.0, 0.0)
     mech.observe("c", place)
@@ -335,13 +335,13 @@ class Body(bd.Part):
         (Body((Variable("x", "m"),), (0.0, 1.0)), r"body: initial_position must have shape \(1,\)"),
     ],
 )
-def test_parts_that_do_not_fit_are_refused(part, message):
+def test_parts_that_do_not_fit_are_rejected(part, message):
     mech = bd.Mechanism()
     mech.add(disk())
     mech.add(part)
-    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as refused:
+    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as problem:
         bd.equations_of_motion(mech)
-    assert str(refused.value).endswith(".")
+    assert str(problem.value).endswith(".")
 
 
 def test_regression_scales_come_from_units_and_not_from_names():
@@ -356,7 +356,7 @@ def test_regression_scales_come_from_units_and_not_from_names():
     assert scales == [1.0, 7.0]
 
 
-def test_a_reaction_without_constraints_is_refused():
+def test_a_reaction_without_constraints_is_rejected():
     mech = pushed()
     joint = bd.Revolute("push", mech.ground.at(0.0, 0.0), mech.part("first").at(0.0, 0.0))
     mech.observe("force", joint.reaction)

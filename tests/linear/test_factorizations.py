@@ -76,7 +76,7 @@ def test_auto_is_dense_for_small_systems_and_sparse_for_large_ones():
 @pytest.mark.parametrize("dtype", [float, complex])
 @pytest.mark.parametrize("method", ["dense", "sparse"])
 @pytest.mark.parametrize("bad", [0.0, np.nan, np.inf])
-def test_singular_or_infinite_matrix_is_refused(method, bad, dtype):
+def test_singular_or_infinite_matrix_is_rejected(method, bad, dtype):
     pattern = sp.csc_array(sp.eye_array(3, format="csc"))
     solver = create_factorization(pattern, method, dtype)
     with pytest.raises(SingularMatrixError):
@@ -87,7 +87,7 @@ def test_singular_or_infinite_matrix_is_refused(method, bad, dtype):
 
 
 @pytest.mark.parametrize("method", ["dense", "sparse"])
-def test_rank_deficient_matrix_is_refused(method):
+def test_rank_deficient_matrix_is_rejected(method):
     pattern = sp.csc_array(np.ones((2, 2)))
     with pytest.raises(SingularMatrixError):
         create_factorization(pattern, method).factorize(np.array([1.0, 2.0, 2.0, 4.0]))

@@ -80,8 +80,8 @@ def test_random_matrices_are_solved_as_by_lapack(kind, given_pattern):
         x = solve_with(*analysis, right)
         assert normwise_error(matrix, x, right) < 1e-9
         expected = np.linalg.solve(matrix, right)
-        bound = 1e-9 * np.linalg.cond(matrix) * np.abs(expected).max()
-        assert_allclose(x, expected, rtol=0.0, atol=bound)
+        tolerance = 1e-9 * np.linalg.cond(matrix) * np.abs(expected).max()
+        assert_allclose(x, expected, rtol=0.0, atol=tolerance)
 
 
 @pytest.mark.parametrize("kind", [float, complex])
@@ -112,7 +112,7 @@ def test_zeros_of_the_analyzed_matrix_may_become_nonzero():
 
 
 @pytest.mark.parametrize("pivot", [0.0, 1e-30, 1e-14])
-def test_unsuitable_pivots_are_refused(pivot):
+def test_unsuitable_pivots_are_rejected(pivot):
     rng, size = np.random.default_rng(0), 12
     pattern = sp.csc_array(np.ones((size, size)))
     plan, _ = analysis = analyze(pattern, rng.normal(size=size * size))
@@ -139,7 +139,7 @@ def test_refinement_recovers_digits_lost_by_small_pivots():
 
 @pytest.mark.parametrize("kind", [float, complex])
 @pytest.mark.parametrize("bad", [0.0, np.nan, np.inf, 1e-320])
-def test_unsolvable_matrix_is_refused_without_side_effects(kind, bad):
+def test_unsolvable_matrix_is_rejected_without_side_effects(kind, bad):
     pattern = sp.csc_array(sp.eye_array(3, format="csc"))
     plan, factors = analyze(pattern, np.array([1.0, 2.0, 3.0], kind))
     with np.errstate(all="ignore"):
@@ -158,7 +158,7 @@ def test_unsolvable_matrix_is_refused_without_side_effects(kind, bad):
         [[np.inf, 1.0], [1.0, 2.0]],
     ],
 )
-def test_singular_matrix_is_refused(matrix):
+def test_singular_matrix_is_rejected(matrix):
     with pytest.raises(SingularMatrixError):
         analyze(*csc(matrix))
 

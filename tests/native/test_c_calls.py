@@ -36,7 +36,7 @@ class Work:
     numbers_at: int
     largest: int = 0
     answer: int = 0
-    called: int = 0
+    calls: int = 0
 
 
 def calls(work):
@@ -48,9 +48,9 @@ def calls(work):
 
 
 def count_call(work, first, second):
-    work.called += 1
+    work.calls += 1
     fill(array_at(second, 1), first)
-    return work.called
+    return work.calls
 
 
 def address(function):
@@ -88,7 +88,7 @@ def test_callbacks_share_the_table_of_the_loop():
     table = loop.table.ctypes.data
     assert [function(x, out.ctypes.data, table) for x in (1.5, 2.5)] == [1, 2]
     loop.unload()
-    assert (work.called, out[0]) == (2, 2.5)
+    assert (work.calls, out[0]) == (2, 2.5)
 
 
 @compiled
@@ -96,13 +96,13 @@ def test_bind_replaces_arrays_in_the_same_table():
     work = Work(np.arange(4.0), np.ones(4), 0, 0, 0, 0)
     loop = CompiledLoop(calls, work)
     table, words = loop.table.ctypes.data, loop.table.copy()
-    work.numbers, work.called = np.zeros(9), 5
+    work.numbers, work.calls = np.zeros(9), 5
     loop.bind()
     assert loop.table.ctypes.data == table
     assert not np.array_equal(loop.table, words)
-    work.called = 0
+    work.calls = 0
     loop.unload()
-    assert work.called == 5
+    assert work.calls == 5
 
 
 @compiled

@@ -147,7 +147,7 @@ def test_compiled_elimination_agrees(kind, rtol, size):
 
 @pytest.mark.parametrize("kind", [float, complex])
 @pytest.mark.parametrize("number", [0.0, np.nan, np.inf])
-def test_compiled_elimination_refuses_the_same_pivots(kind, number):
+def test_compiled_elimination_rejects_the_same_pivots(kind, number):
     plain, _ = system(kind, 12, 0)
     plain.nonzeros[:] = number
     compiled = copy.deepcopy(plain)

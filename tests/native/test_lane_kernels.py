@@ -236,7 +236,7 @@ def test_unaligned_memory_is_supported_and_nothing_else_is_written(offset):
         (np.ones(2), np.ones((3, 8)), np.ones((8, 2)).T, "out must be a writable C-contiguous"),
     ],
 )
-def test_arrays_of_wrong_shape_or_type_are_refused(shared, local, out, words):
+def test_arrays_of_wrong_shape_or_type_are_rejected(shared, local, out, words):
     with pytest.raises(ValueError, match=words):
         build_lane_kernel(small())(shared, local, out)
 
@@ -301,7 +301,7 @@ def test_kernels_cannot_be_pickled():
 
 
 @pytest.mark.parametrize("shape", ["three inputs", "two outputs", "sparse", "MX"])
-def test_functions_of_another_form_are_refused(shape):
+def test_functions_of_another_form_are_rejected(shape):
     s, x, more = SX.sym("s", 2), SX.sym("x", 2), SX.sym("more")
     inputs, outputs = {
         "three inputs": ([s, x, more], [x]),

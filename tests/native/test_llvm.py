@@ -104,12 +104,12 @@ def test_objects_with_equal_symbols_have_independent_lifetimes():
 
 
 @pytest.mark.parametrize("ir", ["nonsense", "define double @f(double %x) {\n ret float 0.0\n}"])
-def test_invalid_ir_is_refused(ir):
+def test_invalid_ir_is_rejected(ir):
     with pytest.raises(MachineCodeError, match=r"LLVM cannot compile kernels \(.+\)"):
         compile_module(ir, 1)
 
 
-def test_missing_symbols_are_refused(capfd):
+def test_missing_symbols_are_rejected(capfd):
     content = compile_module(CALLS, 1)
     with pytest.raises(MachineCodeError, match=r"LLVM cannot load kernels \(.*twice"):
         LoadedObject(content, ["twice"])

@@ -134,8 +134,8 @@ def test_compiled_loop_agrees_with_plain_python(size):
 def test_loops_of_one_function_have_separate_objects(cache):
     works = [work(size) for size in (2, 5)]
     plain = copy.deepcopy(works)
-    bound = [compile_without_warnings(use_all_fields, one) for one in works]
-    assert [loop() for loop in bound] == [use_all_fields(one) for one in plain]
+    loops = [compile_without_warnings(use_all_fields, one) for one in works]
+    assert [loop() for loop in loops] == [use_all_fields(one) for one in plain]
     for one, other in zip(works, plain, strict=True):
         assert_same(one, other)
     assert len(list(cache.iterdir())) == 1

@@ -191,10 +191,10 @@ def test_object_with_the_checksum_of_another_kernel_is_not_loaded(cache, builds)
 def test_change_between_check_and_use_has_no_effect(cache, monkeypatch):
     build_lane_kernel(FUNCTION)
     (file,) = cached_objects(cache)
-    read = object_cache._read_private_file
+    read_file = object_cache._read_private_file
 
     def replaced_after(path):
-        content = read(path)
+        content = read_file(path)
         path.write_bytes(b"not an object")
         return content
 
@@ -276,7 +276,7 @@ def ignore_private_parents(monkeypatch):
     monkeypatch.setattr(object_cache, "_OTHERS_ENTER", -1)
 
 
-def test_cache_below_a_folder_that_others_can_write_to_is_refused(cache, builds, monkeypatch):
+def test_cache_below_a_folder_that_others_can_write_to_is_rejected(cache, builds, monkeypatch):
     build_lane_kernel(FUNCTION)
     planted = cached_objects(cache)[0]
     cache.parent.chmod(0o777)

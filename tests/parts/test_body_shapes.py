@@ -62,8 +62,8 @@ def test_a_polygon_has_the_same_mass_properties_at_any_place_and_orientation(
 ):
     reference = bd.RigidBody.polygon("angle", L_SHAPE, **STEEL)
     c, s = np.cos(turn), np.sin(turn)
-    moved = np.roll(L_SHAPE, first, axis=0)[:: -1 if backwards else 1] @ [(c, s), (-s, c)] + by
-    body = bd.RigidBody.polygon("angle", moved, **STEEL)
+    outline = np.roll(L_SHAPE, first, axis=0)[:: -1 if backwards else 1] @ [(c, s), (-s, c)] + by
+    body = bd.RigidBody.polygon("angle", outline, **STEEL)
     # Rounding error of the coordinates, 2e-15 m, relative to 0.1 m.
     assert_allclose((body.mass, body.inertia), (reference.mass, reference.inertia), rtol=1e-11)
     center = np.array(reference.center) @ [(c, s), (-s, c)] + by

@@ -61,14 +61,14 @@ def test_bouncing_ball_hits_the_floor_at_the_times_of_the_closed_form(integrator
     assert solution.status.success, solution.status.sentence
     assert solution.quality.energy_imbalance < 1e-3
     down = solution.v[:, 1] < 0.0
-    found = solution.t[1:][down[:-1] & ~down[1:]]
+    impact_times = solution.t[1:][down[:-1] & ~down[1:]]
     expected, t = [], speed / GRAVITY
     for _ in range(4):
         expected.append(t)
         speed = rebound(0.7, np.sqrt(2.0 * GRAVITY), speed)
         t += 2.0 * speed / GRAVITY
     # Each contact lasts half a millisecond; rows are 0.1 ms apart.
-    assert_allclose(found, expected, rtol=0.0, atol=2e-3)
+    assert_allclose(impact_times, expected, rtol=0.0, atol=2e-3)
     assert np.all(solution.observed["floor.N [N]"] >= 0.0)
     assert solution.observed["gap [m]"].min() > -1e-3
 
@@ -197,6 +197,6 @@ FLOOR = bd.LineSurface(GROUND)
     ],
 )
 def test_error_messages(make, message):
-    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as refused:
+    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as problem:
         make()
-    assert str(refused.value).endswith(".")
+    assert str(problem.value).endswith(".")

@@ -13,19 +13,19 @@ import beamdae as bd
 
 def test_the_law_receives_the_observed_motion():
     """It does virtual work on that motion: forces at the point, moments on the rotation."""
-    seen = []
+    motions = []
     mech = bd.Mechanism()
     body = mech.add(bd.RigidBody("body", 1.0, 1.0))
     on = body.at(1.0, 0.5)
 
     def law(body, t):
-        seen.append((*body.position, body.angle, *body.velocity, body.rate))
+        motions.append((*body.position, body.angle, *body.velocity, body.rate))
         return (body.position[0], body.velocity[1] + t, 2.0 * body.rate + 3.0 * body.angle)
 
     load = mech.add(bd.ForceLaw("load", on, law))
     mech.observe("point", on)
     mech.observe("load", load.load)
-    assert len(seen[0]) == 6
+    assert len(motions[0]) == 6
     numeric = NumericEquations(mech, time=(0.4, 0.4))
     q, v = np.array([0.3, -0.2, 0.7]), np.array([1.0, 0.5, -2.0])
     x, y, angle, _, vy, rate = numeric.observed("point", q=q, v=v)
@@ -87,13 +87,13 @@ def test_coulomb_damped_oscillator_decays_linearly(integrator):
     period = 2.0 * np.pi / 10.0
     solution = bd.simulate(mech, integrator, t_end=3.0 * period, output_step=0.5 * period)
     assert solution.status.success, solution.status.sentence
-    lost = 2.0 * friction / stiffness * np.arange(7)
+    decrement = 2.0 * friction / stiffness * np.arange(7)
     amplitude = (solution.q[:, 0] - 1.0) * (-1.0) ** np.arange(7)
     # Regularization by tanh reduces the decrement by speed / (w A), below 3 %.
-    assert_allclose(amplitude, 0.2 - lost, rtol=0.0, atol=0.03 * lost[1])
+    assert_allclose(amplitude, 0.2 - decrement, rtol=0.0, atol=0.03 * decrement[1])
     assert solution.quality.energy_imbalance < 1e-4
-    taken = 0.5 * stiffness * (0.2**2 - (0.2 - lost[-1]) ** 2)
-    assert_allclose(solution.ledger["energy.dissipated [J]"].iloc[-1], taken, rtol=5e-3)
+    dissipated = 0.5 * stiffness * (0.2**2 - (0.2 - decrement[-1]) ** 2)
+    assert_allclose(solution.ledger["energy.dissipated [J]"].iloc[-1], dissipated, rtol=5e-3)
 
 
 @pytest.mark.parametrize("native", [True, False])
@@ -171,6 +171,6 @@ GROUND = bd.Mechanism().ground.at(0.0, 0.0)
     ],
 )
 def test_error_messages(make, message):
-    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as refused:
+    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as problem:
         make()
-    assert str(refused.value).endswith(".")
+    assert str(problem.value).endswith(".")

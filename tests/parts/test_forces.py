@@ -61,9 +61,9 @@ def test_body_force_rotates_with_its_section(variant, s):
     loaded, bare = with_load(variant, s, lambda on: bd.Force("load", on, tuple(force), "body"))
     q, v, _ = random_state(loaded, seed=2)
     angle = loaded.observed("place", q=q)[2]
-    drawn = loaded.observed("place")[2]
-    turned = rotation(angle - drawn) @ force
-    work = finite_differences(lambda z: loaded.observed("place", q=z)[:2] @ turned, q)
+    drawn_angle = loaded.observed("place")[2]
+    rotated_force = rotation(angle - drawn_angle) @ force
+    work = finite_differences(lambda z: loaded.observed("place", q=z)[:2] @ rotated_force, q)
     assert_allclose(bare.force(q) - loaded.force(q), work, **DIFFERENCES)
     assert_allclose(loaded.energies(q, v)[3], work @ v, **DIFFERENCES)
 

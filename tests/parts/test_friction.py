@@ -20,9 +20,9 @@ GRAVITY, MASS, COEFFICIENT = 9.81, 2.0, 0.3
 
 def run(model, integrator, t_end, step=None):
     """Return the solution of a run that reached its end."""
-    found = bd.simulate(model, integrator, t_end, step)
-    assert found.status.success, found.status.sentence
-    return found
+    solution = bd.simulate(model, integrator, t_end, step)
+    assert solution.status.success, solution.status.sentence
+    return solution
 
 
 class Spring(Part):
@@ -51,8 +51,8 @@ def block(speed=2.0, turn=0.0, at=(0.0, 0.0), spring=None, start=0.0, **friction
     mech.add(guide)
     if spring is not None:
         mech.add(Spring("spring", body, spring))
-    given = {"coefficient": COEFFICIENT, "regularization": 1e-3} | friction
-    rubbing = mech.add(bd.Friction("friction", guide, **given))
+    settings = {"coefficient": COEFFICIENT, "regularization": 1e-3} | friction
+    rubbing = mech.add(bd.Friction("friction", guide, **settings))
     mech.observe("friction", rubbing.reaction)
     mech.observe("block", body.at(*center))
     return mech
@@ -64,26 +64,28 @@ def block(speed=2.0, turn=0.0, at=(0.0, 0.0), spring=None, start=0.0, **friction
 )
 @pytest.mark.parametrize("turn", [0.0, 2.5])
 def test_block_on_a_plane_slows_down_by_mu_g(integrator, turn):
-    found = run(block(turn=turn, at=(2.0, -1.0)), integrator, 0.5, 0.1)
-    travel = 2.0 * found.t - 0.5 * COEFFICIENT * GRAVITY * found.t**2
-    gone = np.hypot(found.q[:, 0] - 2.0, found.q[:, 1] + 1.0)
+    solution = run(block(turn=turn, at=(2.0, -1.0)), integrator, 0.5, 0.1)
+    travel = 2.0 * solution.t - 0.5 * COEFFICIENT * GRAVITY * solution.t**2
+    distance = np.hypot(solution.q[:, 0] - 2.0, solution.q[:, 1] + 1.0)
     # Smoothing reduces the reaction N of 20 N by (1e-3 / N)^2 / 2 = 1e-9; the rest is rtol.
-    assert_allclose(gone, travel, rtol=0.0, atol=2e-8)
-    held = COEFFICIENT * MASS * GRAVITY
-    assert_allclose(found.columns["friction.F [N]"], -held, rtol=1e-6)
-    assert_allclose(found.columns["friction.v [m/s]"], 2.0 - 0.3 * GRAVITY * found.t, atol=1e-6)
-    assert found.quality.energy_imbalance < 1e-7
-    assert_allclose(found.ledger["energy.dissipated [J]"], held * travel, atol=1e-6)
+    assert_allclose(distance, travel, rtol=0.0, atol=2e-8)
+    friction_force = COEFFICIENT * MASS * GRAVITY
+    assert_allclose(solution.columns["friction.F [N]"], -friction_force, rtol=1e-6)
+    assert_allclose(
+        solution.columns["friction.v [m/s]"], 2.0 - 0.3 * GRAVITY * solution.t, atol=1e-6
+    )
+    assert solution.quality.energy_imbalance < 1e-7
+    assert_allclose(solution.ledger["energy.dissipated [J]"], friction_force * travel, atol=1e-6)
 
 
 def test_a_force_below_the_friction_limit_makes_it_creep():
     """Under F < mu N it creeps with v = regularization atanh(F / (mu N))."""
     pull = 3.0
     mech = block(speed=0.0, start=1.0, spring=pull)
-    found = run(mech, bd.Radau(rtol=1e-8), 1.0, 0.5)
+    solution = run(mech, bd.Radau(rtol=1e-8), 1.0, 0.5)
     creep = 1e-3 * np.arctanh(pull / (COEFFICIENT * MASS * GRAVITY))
     assert_allclose(
-        found.columns["friction.v [m/s]"][1:], -creep, rtol=2e-3
+        solution.columns["friction.v [m/s]"][1:], -creep, rtol=2e-3
     )  # as the spring slackens
 
 
@@ -93,8 +95,8 @@ def test_stribeck(speed):
     numeric = NumericEquations(block(speed=speed, **law))
     expected = -MASS * GRAVITY * np.tanh(speed / 1e-3)
     expected *= 0.3 + 0.2 * np.exp(-((speed / 0.02) ** 2))
-    found = numeric.observed("friction", v=[speed, 0.0, 0.0], lam=[-MASS * GRAVITY])
-    assert_allclose(found, [expected, speed], rtol=1e-8)  # by the smoothing
+    solution = numeric.observed("friction", v=[speed, 0.0, 0.0], lam=[-MASS * GRAVITY])
+    assert_allclose(solution, [expected, speed], rtol=1e-8)  # by the smoothing
 
 
 def pendulum(turn=0.0, at=(0.0, 0.0), swap=False, **friction):
@@ -104,8 +106,8 @@ def pendulum(turn=0.0, at=(0.0, 0.0), swap=False, **friction):
     bar = mech.add(bd.RigidBody("bar", MASS, 0.2, (at[0] + 0.5 * c, at[1] + 0.5 * s)))
     ends = [mech.ground.at(*at), bar.at(*at)]
     pin = mech.add(bd.Revolute("pin", *(ends[::-1] if swap else ends)))
-    given = {"coefficient": 0.3, "regularization": 0.01, "radius": 0.05} | friction
-    mech.observe("friction", mech.add(bd.Friction("friction", pin, **given)).reaction)
+    settings = {"coefficient": 0.3, "regularization": 0.01, "radius": 0.05} | friction
+    mech.observe("friction", mech.add(bd.Friction("friction", pin, **settings)).reaction)
     mech.observe("pin", pin.reaction)
     return mech
 
@@ -113,28 +115,28 @@ def pendulum(turn=0.0, at=(0.0, 0.0), swap=False, **friction):
 @integrators(1e-7, 1e-3)
 def test_a_bearing_dissipates_the_energy_the_pendulum_loses(integrator):
     peak = {"static": 0.4, "stribeck": 0.05}
-    found = run(pendulum(**peak), integrator, 5.0, 0.01)
-    assert found.quality.energy_imbalance < 1e-4
+    solution = run(pendulum(**peak), integrator, 5.0, 0.01)
+    assert solution.quality.energy_imbalance < 1e-4
     reference = run(pendulum(**peak), bd.Radau(rtol=1e-10), 5.0, 0.01)
     # Error of generalized-alpha at this step is 1e-4, of the others 2e-6.
-    assert_allclose(found.q[:, 2], reference.q[:, 2], rtol=0.0, atol=2e-4)
-    held = np.hypot(reference.columns["pin.Fx [N]"], reference.columns["pin.Fy [N]"])
+    assert_allclose(solution.q[:, 2], reference.q[:, 2], rtol=0.0, atol=2e-4)
+    bearing_force = np.hypot(reference.columns["pin.Fx [N]"], reference.columns["pin.Fy [N]"])
     slip = 0.05 * reference.v[:, 2]
     assert_allclose(reference.columns["friction.v [m/s]"], slip, rtol=1e-12)
     size = 0.3 + 0.1 * np.exp(-((slip / 0.05) ** 2))
-    moment = -0.05 * held * size * np.tanh(slip / 0.01)
+    moment = -0.05 * bearing_force * size * np.tanh(slip / 0.01)
     assert_allclose(reference.columns["friction.M [N m]"], moment, rtol=1e-6, atol=1e-9)
 
 
 def test_results_do_not_depend_on_place_direction_and_order_of_points():
     integrator = bd.Radau(rtol=1e-10)
     plain = run(pendulum(), integrator, 2.0, 0.5)
-    moved = run(pendulum(1.3, (4.0, -3.0)), integrator, 2.0, 0.5)
+    displaced = run(pendulum(1.3, (4.0, -3.0)), integrator, 2.0, 0.5)
     swapped = run(pendulum(swap=True), integrator, 2.0, 0.5)
     # Rounding may change the steps: runs agree to their tolerance.
-    assert_allclose(moved.q[:, 2], plain.q[:, 2], rtol=0.0, atol=1e-8)
+    assert_allclose(displaced.q[:, 2], plain.q[:, 2], rtol=0.0, atol=1e-8)
     assert_allclose(swapped.q[:, 2], plain.q[:, 2], rtol=0.0, atol=1e-8)
-    moments = [x.columns["friction.M [N m]"] for x in (plain, moved, swapped)]
+    moments = [x.columns["friction.M [N m]"] for x in (plain, displaced, swapped)]
     assert_allclose(moments[1], moments[0], rtol=0.0, atol=1e-6)
     assert_allclose(moments[2], -moments[0], rtol=0.0, atol=1e-6)
 
@@ -227,9 +229,9 @@ def test_error_messages(make, message):
 
 
 def test_numbers_of_any_type_are_converted_to_float():
-    given = {name: Decimal("0.3") for name in ("static", "stribeck", "radius")}
-    made = bd.Friction("f", PIN, 0.1, 1e-3, **given)
-    assert all(type(getattr(made, name)) is float for name in given)
+    settings = {name: Decimal("0.3") for name in ("static", "stribeck", "radius")}
+    friction = bd.Friction("f", PIN, 0.1, 1e-3, **settings)
+    assert all(type(getattr(friction, name)) is float for name in settings)
 
 
 def test_its_joint_must_be_part_of_the_mechanism():

@@ -65,8 +65,8 @@ def test_levels_are_time_derivatives_along_a_motion(make, variant, phase):
     size, rate, start = rng.uniform(0.2, 1.0, (3, numeric.n))
 
     def motion(t, order):
-        turned = rate * t + start + 0.5 * np.pi * order
-        return size * rate**order * np.sin(turned) + (numeric.equations.q0 if order == 0 else 0.0)
+        phase = rate * t + start + 0.5 * np.pi * order
+        return size * rate**order * np.sin(phase) + (numeric.equations.q0 if order == 0 else 0.0)
 
     def level(k, t):
         q, v, a = (motion(t, order) for order in range(3))
@@ -102,8 +102,8 @@ def test_reactions_on_all_bodies_are_equivalent_to_the_constraint_forces(make, v
     joint = mech.part("j")
     if not hasattr(joint, "reaction_on"):
         pytest.skip("a joint of one's own need not tell reactions on either body")
-    known = {x: getattr(joint, x, None) for x in ("a", "b", "carrier", "on")}
-    places = {name: place for name, place in known.items() if place is not None}
+    attachments = {x: getattr(joint, x, None) for x in ("a", "b", "carrier", "on")}
+    places = {name: place for name, place in attachments.items() if place is not None}
     both = [(place, axes) for place in places for axes in ("inertial", "body")]
     for place, axes in both:
         mech.observe(f"{place} {axes}", joint.reaction_on(place, axes))
@@ -111,7 +111,7 @@ def test_reactions_on_all_bodies_are_equivalent_to_the_constraint_forces(make, v
     rng = np.random.default_rng(2)
     q = numeric.equations.q0 + 0.3 * rng.standard_normal(numeric.n)
     lam = rng.standard_normal(numeric.m)
-    found = {both: numeric.observed(" ".join(both), q=q, lam=lam) for both in both}
+    reactions = {both: numeric.observed(" ".join(both), q=q, lam=lam) for both in both}
     for axes in ("inertial", "body"):
         loaded = bd.Mechanism(gravity=tuple(mech.gravity))
         loaded.ground = mech.ground
@@ -120,7 +120,7 @@ def test_reactions_on_all_bodies_are_equivalent_to_the_constraint_forces(make, v
         for name, place in places.items():
             if place.body is mech.ground:
                 continue
-            *force, moment = found[name, axes].tolist()
+            *force, moment = reactions[name, axes].tolist()
             loaded.add(bd.Force(f"force {name}", place, tuple(force), axes))
             loaded.add(bd.Moment(f"moment {name}", place, moment))
         by_loads = NumericEquations(loaded).force(q) - numeric.force(q)
@@ -128,7 +128,7 @@ def test_reactions_on_all_bodies_are_equivalent_to_the_constraint_forces(make, v
     reported = numeric.observed("reaction", q=q, lam=lam)
     names = [column.name for column in joint.reaction.columns]
     assert_allclose(reported, -lam, rtol=1e-15)
-    of_b = found.get(("b", "inertial"), (0.0, 0.0, 0.0))
+    of_b = reactions.get(("b", "inertial"), (0.0, 0.0, 0.0))
     on_b = dict(zip(("Fx", "Fy", "M"), of_b, strict=True))
     for name, value in zip(names, reported, strict=True):
         if name in on_b:
@@ -162,14 +162,14 @@ def test_weld_carries_a_hanging_weight():
         weld = mech.add(bd.Weld("wall", *(ends if ground_first else ends[::-1])))
         mech.observe("wall", weld.reaction)
         numeric = NumericEquations(mech)
-        state = ConsistencySolver(numeric.equations).state(np.zeros(2), *_drawn(numeric))
+        state = ConsistencySolver(numeric.equations).state(np.zeros(2), *_drawn_state(numeric))
         sign = 1.0 if ground_first else -1.0
         expected = sign * np.array([0.0, 2.0 * 9.81, 2.0 * 9.81 * 1.5])
         # Rounding of a saddle-point solution.
         assert_allclose(numeric.observed("wall", q=state.q, lam=state.lam), expected, atol=1e-12)
 
 
-def _drawn(numeric):
+def _drawn_state(numeric):
     return numeric.equations.q0, numeric.equations.v0
 
 
@@ -183,7 +183,7 @@ def test_a_driver_rotates_a_wheel():
     motor = mech.add(bd.Driver("motor", *hub, law=bd.run_up(speed, duration)))
     mech.observe("motor", motor.reaction)
     numeric = NumericEquations(mech, time=(t, t))
-    state = ConsistencySolver(numeric.equations).state(numeric.time, *_drawn(numeric))
+    state = ConsistencySolver(numeric.equations).state(numeric.time, *_drawn_state(numeric))
     turn = 2.0 * np.pi * t / duration
     theta_ddot = speed / duration * (1.0 - np.cos(turn))
     theta_dot = speed / duration * (t - duration / (2.0 * np.pi) * np.sin(turn))
@@ -210,7 +210,7 @@ def test_bead_on_a_rotating_line_has_centrifugal_and_coriolis_acceleration():
     line = mech.add(bd.PointOnLine("slot", rod.at(0.0, 0.0), bead.point))
     mech.observe("slot", line.reaction)
     numeric = NumericEquations(mech)
-    state = ConsistencySolver(numeric.equations).state(np.zeros(2), *_drawn(numeric))
+    state = ConsistencySolver(numeric.equations).state(np.zeros(2), *_drawn_state(numeric))
     where = numeric.index("bead.x")
     # Rounding error.
     assert_allclose(state.v[where:], (speed, omega * distance), rtol=1e-13)

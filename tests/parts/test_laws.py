@@ -153,8 +153,8 @@ def test_table_reproduces_a_line():
     ],
 )
 def test_numbers_and_numpy_formulas_are_laws(law, t, expected):
-    wanted = float(law(t)) if expected is None else expected
-    assert_allclose(value(law, t), wanted, rtol=1e-15)
+    expected_value = float(law(t)) if expected is None else expected
+    assert_allclose(value(law, t), expected_value, rtol=1e-15)
 
 
 @pytest.mark.parametrize(

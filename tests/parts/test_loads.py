@@ -65,15 +65,15 @@ def test_its_power_is_complete_in_the_energy_balance(loaded):
     with_load, without = loaded
     q, v, a = state(with_load, 1)
 
-    def added(at, speed):
+    def added_energies(at, speed):
         return with_load.energies(at, speed) - without.energies(at, speed)
 
     def energy(t):
-        return added(q + t * v + 0.5 * t**2 * a, v + t * a)[:3].sum()
+        return added_energies(q + t * v + 0.5 * t**2 * a, v + t * a)[:3].sum()
 
     h = 1e-3
     rate = (8.0 * (energy(h) - energy(-h)) - (energy(2 * h) - energy(-2 * h))) / (12.0 * h)
-    power, dissipated = added(q, v)[3:]
+    power, dissipated = added_energies(q, v)[3:]
     force = with_load.force(q, v, a) - without.force(q, v, a)
     assert np.any(force)
     # Rounding error of energies of order one, divided by the step.

@@ -13,7 +13,7 @@ import beamdae as bd
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 
 
-def started(mech):
+def find_start(mech):
     """Return its equations and a consistent start."""
     numeric = NumericEquations(mech)
     e = numeric.equations
@@ -23,7 +23,7 @@ def started(mech):
 def test_a_slider_keeps_its_offset_and_its_angle():
     """x'' = omega^2 x along the axis; across it F = -m omega^2 d + 2 m omega x'."""
     omega, distance, offset, mass = 2.0, 0.3, 0.2, 0.4
-    numeric, state = started(slider_on_rod(rate=omega, distance=distance, offset=offset))
+    numeric, state = find_start(slider_on_rod(rate=omega, distance=distance, offset=offset))
     # x' = 0 at the start: the guide pulls the slider in.
     expected = [-mass * omega**2 * offset, 0.0]
     assert_allclose(numeric.observed("guide", q=state.q, lam=state.lam), expected, atol=1e-12)
@@ -56,14 +56,14 @@ def test_planetary_gear_train_has_the_inertia_of_its_wheels():
         for place in ("a", "b", "carrier"):
             mech.observe(f"{gear.name} {place}", gear.reaction_on(place))
     mech.add(bd.Moment("motor", arm.at(0.0, 0.0), moment))
-    numeric, state = started(mech)
+    numeric, state = find_start(mech)
     turns = {"arm": 1.0, "sun": 1.0 + ring_radius / sun_radius}
     turns["planet"] = 1.0 - ring_radius / planet_radius
     total = mass * arm_length**2 + sum(j * turns[name] ** 2 for name, j in inertias.items())
     # Rounding error of a saddle-point solution.
     for name, turn in turns.items():
-        found = state.a[numeric.index(f"{name}.angle")]
-        assert_allclose(found, turn * moment / total, rtol=1e-12)
+        acceleration = state.a[numeric.index(f"{name}.angle")]
+        assert_allclose(acceleration, turn * moment / total, rtol=1e-12)
     for gear in (inner, outer):
         sides = [
             numeric.observed(f"{gear.name} {place}", q=state.q, lam=state.lam)
@@ -89,7 +89,7 @@ def test_rack_and_pinion(side):
     mech.add(bd.Moment("motor", pinion.at(*center), moment))
     mech.observe("teeth", teeth.reaction)
     mech.observe("on pinion", teeth.reaction_on("a"))
-    numeric, state = started(mech)
+    numeric, state = find_start(mech)
     acceleration = side * moment / radius / (mass + inertia / radius**2)
     # Rounding error of a saddle-point solution.
     assert_allclose(state.a[numeric.index("rack.x")], acceleration, rtol=1e-12)
@@ -109,7 +109,7 @@ def test_a_wheel_rolls_down_a_slope():
     ground = mech.ground.at(0.0, 0.0)
     mech.add(bd.PointOnLine("contact", mech.ground.at(*center), wheel.at(*center), tuple(along)))
     mech.add(bd.RackAndPinion("rolling", wheel.at(*center), ground, radius, tuple(along)))
-    numeric, state = started(mech)
+    numeric, state = find_start(mech)
     acceleration = 9.81 * np.sin(-slope) / (1.0 + inertia / (mass * radius**2))
     first = numeric.index("wheel.x")
     # Rounding error of a saddle-point solution.
@@ -143,13 +143,13 @@ def by_bar(mech, name, a, b):
 
 
 def test_links_make_a_double_pendulum():
-    found = [
+    solutions = [
         bd.simulate(double_pendulum(link), bd.Radau(rtol=1e-8), t_end=1.0)
         for link in (by_distance, by_bar)
     ]
     # The bars have 1e-9 of the mass; tolerance of 100 rtol.
-    assert_allclose(*(x.observed[["lower.x [m]", "lower.y [m]"]] for x in found), atol=1e-6)
-    assert found[0].quality.energy_imbalance < 1e-7
+    assert_allclose(*(x.observed[["lower.x [m]", "lower.y [m]"]] for x in solutions), atol=1e-6)
+    assert solutions[0].quality.energy_imbalance < 1e-7
 
 
 def test_a_parallelogram_of_links_keeps_its_coupler_level():
@@ -161,10 +161,10 @@ def test_a_parallelogram_of_links_keeps_its_coupler_level():
         mech.add(bd.Distance(name, mech.ground.at(x, 0.0), end, length=0.5))
     mech.observe("coupler", coupler.at(1.0, -0.5))
     solution = bd.simulate(mech, bd.Ida(rtol=1e-6), t_end=1.0)
-    found = solution.observed
+    observed = solution.observed
     # Positions drift by 1e-8 m.
-    assert_allclose(found["coupler.angle [rad]"], 0.0, atol=1e-6)
-    x, y = (found[f"coupler.{c} [m]"] for c in ("x", "y"))
+    assert_allclose(observed["coupler.angle [rad]"], 0.0, atol=1e-6)
+    x, y = (observed[f"coupler.{c} [m]"] for c in ("x", "y"))
     assert_allclose(np.hypot(x - 0.7, y + 0.1), 0.5, atol=1e-6)
     assert np.ptp(x) > 0.5
 
@@ -179,12 +179,16 @@ def test_power_of_shortening_a_pendulum_is_that_of_its_energy(integrator):
     mech.observe("rope", rope.drive)
     mech.observe("bob", bob.point)
     solution = bd.simulate(mech, integrator, t_end=1.0)
-    found, t = solution.observed, np.asarray(solution.t)
+    observed, t = solution.observed, np.asarray(solution.t)
     # Tolerance of 100 rtol.
-    assert_allclose(np.hypot(found["bob.x [m]"], found["bob.y [m]"]), 1 - 0.3 * t**2, atol=1e-6)
+    assert_allclose(
+        np.hypot(observed["bob.x [m]"], observed["bob.y [m]"]), 1 - 0.3 * t**2, atol=1e-6
+    )
     # Relative drift of the length.
-    assert_allclose(found["rope.power [W]"], found["rope.F [N]"] * 0.6 * t, rtol=1e-6, atol=1e-12)
-    assert found["rope.F [N]"].min() > 0.0
+    assert_allclose(
+        observed["rope.power [W]"], observed["rope.F [N]"] * 0.6 * t, rtol=1e-6, atol=1e-12
+    )
+    assert observed["rope.F [N]"].min() > 0.0
     assert solution.quality.energy_imbalance < 1e-4
 
 
@@ -194,7 +198,7 @@ def test_tension_of_a_link_is_positive():
     rope = mech.add(bd.Distance("rope", bob.point, mech.ground.at(0.0, 0.0)))
     mech.observe("rope", rope.reaction)
     mech.observe("on bob", rope.reaction_on("a"))
-    numeric, state = started(mech)
+    numeric, state = find_start(mech)
     weight = 0.8 * 9.81
     assert_allclose(numeric.observed("rope", q=state.q, lam=state.lam), [weight], rtol=1e-12)
     assert_allclose(numeric.observed("on bob", q=state.q, lam=state.lam), [0.0, weight], atol=1e-12)
@@ -215,9 +219,9 @@ def test_force_and_power_of_a_prescribed_travel():
     state = ConsistencySolver(e).state(numeric.time, e.q0, e.v0)
     rate = 0.4 * np.pi * np.cos(np.pi * t)
     force = -mass * 0.4 * np.pi**2 * np.sin(np.pi * t)
-    found = numeric.observed("motor", q=state.q, v=state.v, lam=state.lam, time=[t, t])
+    motor = numeric.observed("motor", q=state.q, v=state.v, lam=state.lam, time=[t, t])
     # Rounding error; the start is closed to 1e-12.
-    assert_allclose(found, [force, force * rate], rtol=1e-11)
+    assert_allclose(motor, [force, force * rate], rtol=1e-11)
     assert_allclose(state.q[0] - 0.5, 0.4 * np.sin(np.pi * t) * along[0], atol=1e-11)
 
 

@@ -165,8 +165,8 @@ def test_characteristic_length_is_the_extent_of_the_drawing():
     # From (1, -3) to (-6, 0).
     extent = equations.length
     assert extent == pytest.approx(58.0**0.5, rel=1e-15)
-    turned = np.exp(0.8j) * np.array([1.0 + 1.0j, 1.0 - 3.0j, -6.0])
-    assert largest_distance(np.array([turned.real, turned.imag]).T) == pytest.approx(
+    rotated = np.exp(0.8j) * np.array([1.0 + 1.0j, 1.0 - 3.0j, -6.0])
+    assert largest_distance(np.array([rotated.real, rotated.imag]).T) == pytest.approx(
         extent, rel=1e-15
     )
     scales = dict(zip(equations.q_names, equations.position_scales, strict=True))

@@ -55,15 +55,15 @@ def test_displacement_relative_to_its_root_is_the_deformation_of_a_beam(variant)
     q[3:5] = q[:2] + rotation(q[2]) @ np.subtract(ARC.start, CENTER)
     q[5] = ARC.angle + q[2]
     for s in places:
-        own = numeric.observed(f"own {s}", q=q)
-        assert (np.linalg.norm(own) > 0.05) == (s > 0.0)
+        deformation = numeric.observed(f"own {s}", q=q)
+        assert (np.linalg.norm(deformation) > 0.05) == (s > 0.0)
         for name in roots:
             # Rounding error.
-            assert_allclose(numeric.observed(f"{name} {s}", q=q), own, atol=1e-14)
+            assert_allclose(numeric.observed(f"{name} {s}", q=q), deformation, atol=1e-14)
 
 
 @cache
-def cut(variant):
+def hub_of_three_beams(variant):
     return NumericEquations(on_a_hub(variant, bodies=3))
 
 
@@ -75,15 +75,15 @@ def cut(variant):
 )
 def test_rigid_motions_rotate_relative_displacements(turn, shift, size, variant):
     """There are none at rest, at any common place of the disk and the three beams."""
-    numeric = cut(variant)
+    numeric = hub_of_three_beams(variant)
     q, _, _ = random_state(numeric, seed=1, size=size)
-    moved = q.copy()
+    shifted = q.copy()
     for first in ("hub.x", "beam 0.x0", "beam 1.x0", "beam 2.x0"):
         i = numeric.index(first)
-        moved[i : i + 2] = rotation(turn) @ q[i : i + 2] + shift
-        moved[i + 2] += turn
+        shifted[i : i + 2] = rotation(turn) @ q[i : i + 2] + shift
+        shifted[i + 2] += turn
     for k in range(3):
-        here, there = (numeric.observed(f"end {k}", q=x) for x in (q, moved))
+        here, there = (numeric.observed(f"end {k}", q=x) for x in (q, shifted))
         assert (np.abs(here).max() > 0.05) == (size > 0.0)
         # Rounding error at places up to 16 m away.
         assert_allclose(there[:2], rotation(turn) @ here[:2], atol=1e-13)

@@ -17,9 +17,9 @@ from beamdae.native.return_codes import DONE
 
 def run(model, integrator, t_end, step=None):
     """Return the solution of a run that reached its end."""
-    found = bd.simulate(model, integrator, t_end, step)
-    assert found.status.success, found.status.sentence
-    return found
+    solution = bd.simulate(model, integrator, t_end, step)
+    assert solution.status.success, solution.status.sentence
+    return solution
 
 
 MASS, INERTIA = 1.3, 0.4
@@ -93,9 +93,9 @@ def test_generalized_alpha_is_of_second_order(formulation, rho_inf):
         integrator = bd.GeneralizedAlpha(
             step=step, newton_tolerance=1e-10, formulation=formulation, rho_inf=rho_inf
         )
-        found = run(sleigh(), integrator, 2.0, step)
-        angle, rate, force = sleigh_motion(found.t)
-        off = found.q[:, 2] - angle, found.v[:, 2] - rate, -found.lam[:, 0] - force
+        solution = run(sleigh(), integrator, 2.0, step)
+        angle, rate, force = sleigh_motion(solution.t)
+        off = solution.q[:, 2] - angle, solution.v[:, 2] - rate, -solution.lam[:, 0] - force
         return np.max(np.abs(off), axis=1)
 
     # Terms of the next order are visible for rho_inf = 0.
@@ -107,14 +107,14 @@ def test_generalized_alpha_is_of_second_order(formulation, rho_inf):
     [pytest.param(x, id=name) for name, x in tuned(1e-7, 1e-3, also=IDA_FORMS).items()],
 )
 def test_chaplygin_sleigh(integrator):
-    found = run(sleigh(), integrator, 4.0, 0.1)
-    angle, rate, force = sleigh_motion(found.t)
+    solution = run(sleigh(), integrator, 4.0, 0.1)
+    angle, rate, force = sleigh_motion(solution.t)
     # Errors of Ida with error control of positions are 8e-6, 4e-6 and 5e-4; those of
     # generalized-alpha at this step are 8e-7, 4e-7 and 3e-5.
-    assert_allclose(found.q[:, 2], angle, rtol=0.0, atol=2e-5)
-    assert_allclose(found.v[:, 2], rate, rtol=0.0, atol=1e-5)
-    assert_allclose(found.columns["side.F [N]"], force, rtol=0.0, atol=1e-3)
-    assert found.quality.max_position_drift == 0.0
+    assert_allclose(solution.q[:, 2], angle, rtol=0.0, atol=2e-5)
+    assert_allclose(solution.v[:, 2], rate, rtol=0.0, atol=1e-5)
+    assert_allclose(solution.columns["side.F [N]"], force, rtol=0.0, atol=1e-3)
+    assert solution.quality.max_position_drift == 0.0
 
 
 @pytest.mark.parametrize("name", ["ida", "radau", "alpha adaptive"])
@@ -122,12 +122,12 @@ def test_results_do_not_depend_on_place_and_direction_of_the_sleigh(name):
     turn, at = 1.1, (3.0, -2.0)
     integrator = tuned(1e-9, 1e-3)[name]
     plain = run(sleigh(), integrator, 3.0, 0.5).columns
-    moved = run(sleigh(turn, at), integrator, 3.0, 0.5).columns
+    displaced = run(sleigh(turn, at), integrator, 3.0, 0.5).columns
     c, s = np.cos(turn), np.sin(turn)
     x, y = plain["blade.x [m]"], plain["blade.y [m]"]
     # Rounding may change the steps: runs agree to their tolerance.
-    assert_allclose(moved["blade.x [m]"], at[0] + c * x - s * y, rtol=0.0, atol=1e-7)
-    assert_allclose(moved["blade.y [m]"], at[1] + s * x + c * y, rtol=0.0, atol=1e-7)
+    assert_allclose(displaced["blade.x [m]"], at[0] + c * x - s * y, rtol=0.0, atol=1e-7)
+    assert_allclose(displaced["blade.y [m]"], at[1] + s * x + c * y, rtol=0.0, atol=1e-7)
 
 
 @integrators(1e-7, 1e-3)
@@ -138,16 +138,16 @@ def test_knife_edge_on_an_inclined_plane(integrator):
     body = mech.add(bd.RigidBody("edge", MASS, INERTIA, angular_velocity=spin))
     skate = mech.add(bd.Skate("skate", body.at(0.0, 0.0)))
     mech.observe("side", skate.reaction)
-    found = run(mech, integrator, 10.0, 0.1)
-    turn, reach = spin * found.t, 0.5 * pull / spin**2
+    solution = run(mech, integrator, 10.0, 0.1)
+    turn, reach = spin * solution.t, 0.5 * pull / spin**2
     place = reach * np.stack([np.sin(turn) ** 2, turn - 0.5 * np.sin(2.0 * turn)], axis=1)
     # Errors of generalized-alpha at this step are 1e-5, those of forces 2e-4.
-    assert_allclose(found.q[:, :2], place, rtol=0.0, atol=2e-5)
+    assert_allclose(solution.q[:, :2], place, rtol=0.0, atol=2e-5)
     assert_allclose(
-        found.columns["side.F [N]"], 2.0 * MASS * pull * np.sin(turn), rtol=0.0, atol=1e-3
+        solution.columns["side.F [N]"], 2.0 * MASS * pull * np.sin(turn), rtol=0.0, atol=1e-3
     )
-    assert found.quality.max_velocity_drift < 1e-6
-    assert found.quality.energy_imbalance < 1e-4
+    assert solution.quality.max_velocity_drift < 1e-6
+    assert solution.quality.energy_imbalance < 1e-4
 
 
 @integrators(1e-7, 1e-3)
@@ -165,14 +165,14 @@ def test_disk_rolls_down_an_incline(integrator):
             "r", mech.ground.at(0, 0), disk.at(*center), radius, tuple(along * direction)
         )
         mech.observe("r", mech.add(rolling).reaction)
-        found = run(mech, integrator, 1.0, 0.25)
-        travel = 0.5 * rate * found.t**2
+        solution = run(mech, integrator, 1.0, 0.25)
+        travel = 0.5 * rate * solution.t**2
         # Methods of all orders reproduce a parabola up to rtol.
-        assert_allclose((found.q[:, :2] - center) @ direction, travel, rtol=0.0, atol=1e-7)
-        assert_allclose(found.q[:, 2], -travel / radius, rtol=0.0, atol=1e-6)
-        held = [MASS * gravity * np.cos(slope_angle), -INERTIA * rate / radius**2]
-        forces = [found.columns["r.Fn [N]"], found.columns["r.Ft [N]"]]
-        assert_allclose(along * np.array(forces).T, np.tile(held, (5, 1)), rtol=1e-5)
+        assert_allclose((solution.q[:, :2] - center) @ direction, travel, rtol=0.0, atol=1e-7)
+        assert_allclose(solution.q[:, 2], -travel / radius, rtol=0.0, atol=1e-6)
+        reactions = [MASS * gravity * np.cos(slope_angle), -INERTIA * rate / radius**2]
+        forces = [solution.columns["r.Fn [N]"], solution.columns["r.Ft [N]"]]
+        assert_allclose(along * np.array(forces).T, np.tile(reactions, (5, 1)), rtol=1e-5)
 
 
 def test_compiled_loops_compute_the_same_jerk():
@@ -238,10 +238,10 @@ def test_two_perpendicular_skates_fix_a_point():
     for name, direction in (("first", (1.0, 0.0)), ("second", (0.0, 1.0))):
         mech.add(bd.Skate(name, body.at(0.2, 0.0), direction))
     mech.observe("held", body.at(0.2, 0.0))
-    found = run(mech, bd.Radau(), 1.0, 0.5).columns
+    solution = run(mech, bd.Radau(), 1.0, 0.5).columns
     # The form constrains the velocities of the point; its position is their integral.
-    assert_allclose(found["held.x [m]"], 0.2, rtol=0.0, atol=1e-6)
-    assert_allclose(found["held.y_dot [m/s]"], 0.0, rtol=0.0, atol=1e-8)
+    assert_allclose(solution["held.x [m]"], 0.2, rtol=0.0, atol=1e-6)
+    assert_allclose(solution["held.y_dot [m/s]"], 0.0, rtol=0.0, atol=1e-8)
     mech.add(bd.Skate("third", body.at(0.2, 0.0), (1.0, 1.0)))
     with pytest.raises(bd.BeamdaeError, match="depend"):
         run(mech, bd.Radau(), 0.1, 0.1)

@@ -69,9 +69,9 @@ def test_points_of_a_spring_may_coincide_during_the_motion():
     block = mech.add(bd.PointMass("block", 1.0, at=(1.0, 0.0), velocity=(-3.0, 0.0)))
     mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), block.point, 2.0))
     numeric = NumericEquations(mech)
-    met = np.zeros(2)
-    assert_allclose(numeric.force(met), [0.0, 0.0], atol=1e-14)
-    assert np.all(np.isfinite(numeric.stiffness(met)))
+    coinciding = np.zeros(2)
+    assert_allclose(numeric.force(coinciding), [0.0, 0.0], atol=1e-14)
+    assert np.all(np.isfinite(numeric.stiffness(coinciding)))
 
 
 @every_integrator
@@ -120,9 +120,9 @@ def test_springs_are_invariant_under_rigid_motions():
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([[c, -s], [s, c]])
 
-    def numeric(moved):
+    def numeric(is_moved):
         def place(x, y):
-            return tuple(turn @ (x, y) + shift) if moved else (x, y)
+            return tuple(turn @ (x, y) + shift) if is_moved else (x, y)
 
         mech = bd.Mechanism()
         one = mech.add(bd.RigidBody("one", 1.0, 1.0, place(0.0, 0.0)))
@@ -130,22 +130,22 @@ def test_springs_are_invariant_under_rigid_motions():
         a, b = one.at(*place(0.3, 0.4)), other.at(*place(1.5, 0.2))
         mech.add(bd.SpringDamper("spring", a, b, 3.0, 0.4, 0.7))
         mech.add(bd.TorsionSpring("shaft", a, b, 2.0, 0.2))
-        angle_of_axes = angle if moved else 0.0
+        angle_of_axes = angle if is_moved else 0.0
         mech.add(bd.Bushing("bushing", a, b, 3.0, 1.0, 2.0, 0.2, 0.3, 0.1, angle_of_axes))
         return NumericEquations(mech)
 
     rng = np.random.default_rng(0)
     step, v = 0.2 * rng.standard_normal(6), rng.standard_normal(6)
     whole = np.kron(np.eye(2), np.block([[turn, np.zeros((2, 1))], [np.zeros((1, 2)), 1.0]]))
-    drawn, moved = numeric(False), numeric(True)
-    force = drawn.force(drawn.equations.q0 + step, v)
-    again = moved.force(moved.equations.q0 + whole @ step, whole @ v)
+    original, displaced = numeric(False), numeric(True)
+    force = original.force(original.equations.q0 + step, v)
+    again = displaced.force(displaced.equations.q0 + whole @ step, whole @ v)
     assert_allclose(again, whole @ force, atol=1e-13)
-    energies = drawn.energies(drawn.equations.q0 + step, v)
-    others = moved.energies(moved.equations.q0 + whole @ step, whole @ v)
+    energies = original.energies(original.equations.q0 + step, v)
+    others = displaced.energies(displaced.equations.q0 + whole @ step, whole @ v)
     assert_allclose(others, energies, rtol=1e-12, atol=1e-13)
     # Internal forces have no resultant, and no moment about the origin.
-    q = drawn.equations.q0 + step
+    q = original.equations.q0 + step
     assert_allclose(force[:2] + force[3:5], 0.0, atol=1e-13)
     moments = [q[k] * force[k + 1] - q[k + 1] * force[k] + force[k + 2] for k in (0, 3)]
     assert_allclose(sum(moments), 0.0, atol=1e-13)
@@ -155,19 +155,19 @@ def _laws(k):
     return {"law": lambda x, rate: (3.3 + k) * x**3}
 
 
-@pytest.mark.parametrize("given", [lambda k: {"stiffness": 1.0 + k}, _laws])
-def test_many_springs_share_one_kernel(given):
+@pytest.mark.parametrize("settings", [lambda k: {"stiffness": 1.0 + k}, _laws])
+def test_many_springs_share_one_kernel(settings):
     mech = bd.Mechanism()
     body = mech.add(bd.RigidBody("body", 1.0, 1.0))
     for k in range(64):
         a, b = mech.ground.at(float(k), 2.0), body.at(0.1 * k, 0.0)
-        mech.add(bd.Spring(f"spring {k}", a, b, **given(k)))
+        mech.add(bd.Spring(f"spring {k}", a, b, **settings(k)))
     # The kernel of the body, and that of all springs.
     assert sorted(term.count for term in bd.equations_of_motion(mech).forces) == [1, 64]
 
 
 def test_law_of_a_spring_counts_as_a_load_unless_its_energy_is_given():
-    def run(**given):
+    def run(**settings):
         mech = bd.Mechanism()
         block = mech.add(bd.PointMass("block", 1.0, at=(1.4, 0.0)))
         mech.add(
@@ -177,7 +177,7 @@ def test_law_of_a_spring_counts_as_a_load_unless_its_energy_is_given():
                 block.point,
                 free_length=1.0,
                 law=lambda x, rate: 30.0 * x + 200.0 * x**3 + 0.5 * np.tanh(4.0 * rate),
-                **given,
+                **settings,
             )
         )
         return bd.simulate(mech, bd.Radau(rtol=1e-7), t_end=1.0)
@@ -186,8 +186,8 @@ def test_law_of_a_spring_counts_as_a_load_unless_its_energy_is_given():
     assert_allclose(plain.q, potential.q, atol=1e-12)
     for solution in (plain, potential):
         assert solution.quality.energy_imbalance < 1e-5
-    stored = potential.ledger["energy.strain [J]"]
-    assert_allclose(stored.iloc[0], 15.0 * 0.16 + 50.0 * 0.0256, rtol=1e-12)
+    elastic_energy = potential.ledger["energy.strain [J]"]
+    assert_allclose(elastic_energy.iloc[0], 15.0 * 0.16 + 50.0 * 0.0256, rtol=1e-12)
     assert_allclose(
         plain.ledger["energy.dissipated [J]"], potential.ledger["energy.dissipated [J]"], atol=1e-9
     )
@@ -244,6 +244,6 @@ BEAM = VARIANTS[0].beam(ARC)
     ],
 )
 def test_error_messages(make, message):
-    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as refused:
+    with pytest.raises(bd.BeamdaeError, match=f"^{message}") as problem:
         make()
-    assert str(refused.value).endswith(".")
+    assert str(problem.value).endswith(".")

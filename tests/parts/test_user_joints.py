@@ -202,10 +202,10 @@ def test_friction_acts_along_the_slide_direction():
 def test_a_joint_activated_as_it_is_keeps_its_gap(joint):
     mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
     disk = mech.add(bd.RigidBody("disk", mass=1.0, inertia=0.1, center=(0.0, -1.0)))
-    held = mech.add(joint("j", mech.ground.at(0.0, 0.0), disk.at(0.0, -1.0)))
-    mech.deactivate(held)
+    pin = mech.add(joint("j", mech.ground.at(0.0, 0.0), disk.at(0.0, -1.0)))
+    mech.deactivate(pin)
     mech.observe("disk", disk.at(0.0, -1.0))
-    mech.when("disk.y", -1.5, "down", bd.activate(held, as_is=True), name="catch")
+    mech.when("disk.y", -1.5, "down", bd.activate(pin, as_is=True), name="catch")
     solution = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=0.6)
     assert list(solution.events["event"]) == ["catch"]
     assert_allclose(solution["disk.y"].iloc[-1], -1.5, atol=1e-6)

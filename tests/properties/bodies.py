@@ -82,9 +82,9 @@ class Body:
             axis = bd.Arc(length / bend, length, start, heading)
         else:
             axis = bd.Line(start, frame.point(*self.point(1.0)))
-        own = create_section(frame, self.modulus, 0.03, self.height, self.damping)
+        section = create_section(frame, self.modulus, 0.03, self.height, self.damping)
         theory = THEORIES[self.theory]
-        return bd.Beam(self.name, axis, own, elements=self.elements, **theory, **moving)
+        return bd.Beam(self.name, axis, section, elements=self.elements, **theory, **moving)
 
 
 @dataclass(frozen=True)

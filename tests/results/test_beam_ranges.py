@@ -40,10 +40,12 @@ def test_deflection_rotation_and_strain_of_an_arc():
 
 
 def test_the_remedy_of_a_warning_removes_it(tmp_path):
-    with pytest.warns(bd.BeamdaeWarning, match=r"strip: it bends .* rad away .* bodies=\d") as seen:
+    with pytest.warns(
+        bd.BeamdaeWarning, match=r"strip: it bends .* rad away .* bodies=\d"
+    ) as warning_records:
         solution = bend_cantilever(1.0, frame="tangent")
     (sentence,) = solution.warnings
-    assert str(seen[0].message) == sentence
+    assert str(warning_records[0].message) == sentence
     assert "or set frame='chord'" in sentence
     metadata = json.loads(solution.to_csv(tmp_path / "bent.csv").with_suffix(".json").read_text())
     assert metadata["warnings"] == [sentence]

@@ -24,9 +24,9 @@ def test_regression_deactivated_joints_have_no_drift():
     mech.observe("bob", bob.point)
     mech.when("bob.x", direction="down", do=bd.deactivate(string), name="cut")
     solution = bd.simulate(mech, bd.Radau(rtol=1e-6), 1.5)
-    (cut,) = solution.event_records
+    (cut_record,) = solution.event_records
     drift = solution.drift
     # Between steps, the error of the dense output is a few times rtol.
     assert drift["drift.position"].max() < 1e-4
-    assert drift["drift.position"][solution.t < cut.t].max() > 0.0
-    assert (drift[solution.t > cut.t] == 0.0).all(axis=None)
+    assert drift["drift.position"][solution.t < cut_record.t].max() > 0.0
+    assert (drift[solution.t > cut_record.t] == 0.0).all(axis=None)

@@ -278,15 +278,15 @@ def test_an_escaped_table_is_read_back_by_pandas(tmp_path):
         }
     )
     path = write_table(tmp_path / "run.csv", table, {})
-    read = pd.read_csv(path)
-    assert list(read) == ["'=cmd.x [m]", "'-y.count", "label", "settings"]
+    rows = pd.read_csv(path)
+    assert list(rows) == ["'=cmd.x [m]", "'-y.count", "label", "settings"]
     # Only texts that look like formulas differ; numbers stay numbers.
-    assert read["'=cmd.x [m]"].dtype == float
-    assert (read["'-y.count"] == -1).all()
-    assert read["settings"].tolist() == table["settings"].tolist()
+    assert rows["'=cmd.x [m]"].dtype == float
+    assert (rows["'-y.count"] == -1).all()
+    assert rows["settings"].tolist() == table["settings"].tolist()
     expected = [escape_cell(text) for text in texts]
-    assert read["label"].tolist() == expected
-    assert_frame_equal(read, escape_table(table), check_dtype=False)
+    assert rows["label"].tolist() == expected
+    assert_frame_equal(rows, escape_table(table), check_dtype=False)
 
 
 def test_tables_with_equal_headers_or_without_rows_are_escaped():

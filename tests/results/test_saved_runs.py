@@ -179,11 +179,11 @@ def test_differences_cover_the_common_time(tmp_path):
     # Both methods are exact for constant acceleration.
     assert_allclose(difference["ball.y [m]"], 0.0, atol=1e-9)
     assert_allclose(short.difference(long, "ball")["ball.y [m]"], 0.0, atol=1e-9)
-    saved = bd.load(short.save(tmp_path / "short.run"))
-    assert_allclose(saved.difference(long, "ball.y"), 0.0, atol=1e-9)
+    saved_run = bd.load(short.save(tmp_path / "short.run"))
+    assert_allclose(saved_run.difference(long, "ball.y"), 0.0, atol=1e-9)
     with pytest.raises(bd.BeamdaeError, match=r"short\.run has no rows at some of the times"):
-        long.difference(saved)
-    assert_array_equal(short.difference(saved), 0.0)
+        long.difference(saved_run)
+    assert_array_equal(short.difference(saved_run), 0.0)
 
 
 @pytest.mark.parametrize("times", [[0.0, 0.5], [-0.1, 0.1], [0.2, 0.1], [], [np.nan], 3, "now"])
@@ -193,11 +193,13 @@ def test_times_outside_a_run_are_rejected(run, tmp_path, times):
 
 
 def test_a_saved_run_is_not_interpolated(run, tmp_path):
-    saved = bd.load(run.save(tmp_path / "a.run"))
+    saved_run = bd.load(run.save(tmp_path / "a.run"))
     for times in ([0.1, 0.5], [0.0, 0.005], [-1.0]):
         with pytest.raises(bd.BeamdaeError, match=r"a\.run has no rows at some of the times"):
-            saved.at_times(np.array(times))
-    assert list(saved.at_times(saved.times[3:7])["ball.y"].index) == list(saved.times[3:7])
+            saved_run.at_times(np.array(times))
+    assert list(saved_run.at_times(saved_run.times[3:7])["ball.y"].index) == list(
+        saved_run.times[3:7]
+    )
 
 
 def test_invalid_differences_are_rejected(run):

@@ -51,8 +51,8 @@ def at_rest(mech, beam, s=None, t=0.0):
 
 def assert_section_forces(forces, N, Q, M, size=SMALL, off=3e-6):
     """Assert section forces up to the effect of the deflection, relative to the load."""
-    for found, expected in zip((forces.N, forces.Q, forces.M), (N, Q, M), strict=True):
-        np.testing.assert_allclose(found[0], expected + 0.0 * forces.s, rtol=0.0, atol=off * size)
+    for values, expected in zip((forces.N, forces.Q, forces.M), (N, Q, M), strict=True):
+        np.testing.assert_allclose(values[0], expected + 0.0 * forces.s, rtol=0.0, atol=off * size)
 
 
 S = np.array([0.0, 0.21, 0.5, 0.8, 1.0])

@@ -83,8 +83,8 @@ def test_only_a_change_of_branch_is_a_jump():
         *prescribed_trajectory(mech, motion_on("folded"), FIRST + 0.2)
     )
     assert left_branch.jump
-    passed, jumped = singularity_warnings((left_branch,))
-    assert "lose rank near t = 0.26" in passed
+    position, jumped = singularity_warnings((left_branch,))
+    assert "lose rank near t = 0.26" in position
     assert "continues on another branch" in jumped
 
 
@@ -94,10 +94,10 @@ def test_singular_positions_are_reported_with_time_and_joints():
     ):
         solution = bd.simulate(rhombus(), bd.Radau(rtol=1e-6), t_end=FIRST + 1.5 * HALF_TURN)
     assert solution.status.success
-    times = [passed.t for passed in solution.singular_positions]
+    times = [position.t for position in solution.singular_positions]
     # At this tolerance, the run and the samples have errors of at most 1e-4.
     np.testing.assert_allclose(times, [FIRST, FIRST + HALF_TURN], atol=1e-3)
-    assert not any(passed.jump for passed in solution.singular_positions)
+    assert not any(position.jump for position in solution.singular_positions)
     assert len(solution.warnings) == 1
 
 
@@ -112,8 +112,8 @@ def test_redundant_constraints_do_not_hide_singular_positions():
     with pytest.warns(bd.BeamdaeWarning, match=r"pivot .* lose rank near t = 0\.26"):
         solution = bd.simulate(mech, bd.Radau(rtol=1e-6), t_end=2.0 * FIRST)
     assert solution.status.success
-    (passed,) = solution.singular_positions
-    assert passed.t == pytest.approx(FIRST, abs=1e-3)
+    (position,) = solution.singular_positions
+    assert position.t == pytest.approx(FIRST, abs=1e-3)
     # A redundant constraint alone is not a singular position.
     assert bd.simulate(mech, bd.Radau(rtol=1e-6), t_end=0.9 * FIRST).singular_positions == ()
 
@@ -130,7 +130,7 @@ def test_switched_parts_do_not_hide_singular_positions():
     with pytest.warns(bd.BeamdaeWarning, match=r"lose rank near t = 0\.26.*and at 1 later"):
         solution = bd.simulate(mech, bd.Radau(rtol=1e-6), t_end=FIRST + 1.5 * HALF_TURN)
     assert len(solution.event_records) == 2
-    times = [passed.t for passed in solution.singular_positions]
+    times = [position.t for position in solution.singular_positions]
     np.testing.assert_allclose(times, [FIRST, FIRST + HALF_TURN], atol=1e-3)
 
 

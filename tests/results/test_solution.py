@@ -26,7 +26,7 @@ def swing():
     return mech
 
 
-def driven(law, inertia=0.3):
+def driven_bar(law, inertia=0.3):
     """Return the same bar without weight, rotated by a driver."""
     mech = bd.Mechanism()
     bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=inertia, center=(0.5, 0.0)))
@@ -57,7 +57,7 @@ every_integrator = integrators(
 @pytest.mark.parametrize("rtol", [1e-3, 1e-5, 1e-7])
 def test_regression_the_energy_of_long_steps_balances_to_the_tolerance(rtol):
     """With powers at the ends of steps only, the imbalance was 8e-6 at 1e-7, 2e-3 at 1e-3."""
-    solution = bd.simulate(driven(lambda t: 3.0 * t**2 - t**3), bd.Radau(rtol), 2.0)
+    solution = bd.simulate(driven_bar(lambda t: 3.0 * t**2 - t**3), bd.Radau(rtol), 2.0)
     assert solution.quality.energy_imbalance < 0.1 * rtol
     exchanged = solution.ledger["energy.work_of_drivers [J]"].abs().max()
     assert solution.ledger["energy.imbalance [J]"].abs().max() < rtol * exchanged
@@ -142,7 +142,7 @@ def test_kinetic_and_gravitational_energy_of_a_bar(integrator):
 
 @every_integrator
 def test_the_work_of_a_driver_is_the_energy_of_the_bar(integrator):
-    solution = bd.simulate(driven(lambda t: 1.0 - np.cos(3.0 * t)), integrator, 2.0, 0.05)
+    solution = bd.simulate(driven_bar(lambda t: 1.0 - np.cos(3.0 * t)), integrator, 2.0, 0.05)
     rate = 3.0 * np.sin(3.0 * solution.t)
     work = 0.5 * 0.8 * rate**2
     ledger = solution.ledger

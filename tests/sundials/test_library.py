@@ -31,10 +31,10 @@ def test_functions_belong_to_the_one_loaded_copy():
     assert any(low <= addresses.IDASolve < high for low, high in ranges)
 
 
-def catch_refusal():
-    with pytest.raises(UnavailableError) as caught:
+def catch_rejection():
+    with pytest.raises(UnavailableError) as problem:
         load_library.__wrapped__()
-    return str(caught.value)
+    return str(problem.value)
 
 
 def replace_functions(monkeypatch, **functions):
@@ -51,59 +51,59 @@ def replace_functions(monkeypatch, **functions):
     return callbacks_by_name
 
 
-def write_size(*written):
+def write_size(*halves):
     """Return a stand-in for N_VBufSize_Serial that writes these 32-bit halves."""
 
     def size(vector, place):
-        halves = (ctypes.c_int32 * len(written)).from_address(place)
-        halves[:] = written
+        memory = (ctypes.c_int32 * len(halves)).from_address(place)
+        memory[:] = halves
         return 0
 
     return size
 
 
 @pytest.mark.parametrize(
-    ("written", "message"),
+    ("halves", "message"),
     [
         ((12,), "SUNDIALS has numbers of 4 bytes, not of 8"),
         ((48,), "SUNDIALS has numbers of 16 bytes, not of 8"),
         ((24, 0), "SUNDIALS was built with indices of 64 bits, not 32"),
     ],
 )
-def test_other_precision_or_index_width_is_refused(monkeypatch, written, message):
-    callbacks = replace_functions(monkeypatch, N_VBufSize_Serial=write_size(*written))
-    assert catch_refusal() == message
+def test_other_precision_or_index_width_is_rejected(monkeypatch, halves, message):
+    callbacks = replace_functions(monkeypatch, N_VBufSize_Serial=write_size(*halves))
+    assert catch_rejection() == message
     assert callbacks
 
 
-def test_other_version_is_refused(monkeypatch):
+def test_other_version_is_rejected(monkeypatch):
     def version(major, minor, patch, label, length):
         for place, number in ((major, 8), (minor, 0), (patch, 1)):
             ctypes.c_int.from_address(place).value = number
         return 0
 
     callbacks = replace_functions(monkeypatch, SUNDIALSGetVersionNumber=version)
-    assert catch_refusal() == "SUNDIALS is 8.0.1, not 7"
+    assert catch_rejection() == "SUNDIALS is 8.0.1, not 7"
     assert callbacks
 
 
-def test_build_with_mpi_is_refused(monkeypatch):
+def test_build_with_mpi_is_rejected(monkeypatch):
     (image,) = library_module._find_images()
     monkeypatch.setattr(image, "MPI_Comm_rank", None, raising=False)
     monkeypatch.setattr(library_module, "_find_images", lambda: [image])
-    assert catch_refusal() == "SUNDIALS was built with MPI"
+    assert catch_rejection() == "SUNDIALS was built with MPI"
 
 
-def test_library_without_the_functions_is_refused(monkeypatch):
+def test_library_without_the_functions_is_rejected(monkeypatch):
     monkeypatch.setattr(library_module, "_find_images", lambda: [ctypes.CDLL(None)])
-    assert catch_refusal() == "scikit-sundae's SUNDIALS has no function SUNDIALSGetVersionNumber"
+    assert catch_rejection() == "scikit-sundae's SUNDIALS has no function SUNDIALSGetVersionNumber"
 
 
 def test_compiled_module_that_cannot_be_opened_is_reported(monkeypatch, tmp_path):
     monkeypatch.setattr(
         library_module, "_find_extension_module", lambda: str(tmp_path / "absent.so")
     )
-    assert catch_refusal().startswith("scikit-sundae's IDA cannot be opened")
+    assert catch_rejection().startswith("scikit-sundae's IDA cannot be opened")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there it is imported")
@@ -111,9 +111,9 @@ def test_missing_compiled_module_is_reported(monkeypatch, tmp_path):
     (tmp_path / "sksundae").mkdir()
     (tmp_path / "sksundae" / "__init__.py").touch()
     monkeypatch.setattr(sys, "path", [str(tmp_path)])
-    assert catch_refusal() == "scikit-sundae has no compiled IDA"
+    assert catch_rejection() == "scikit-sundae has no compiled IDA"
     monkeypatch.setattr(sys, "path", [])
-    assert catch_refusal() == "scikit-sundae has no compiled IDA"
+    assert catch_rejection() == "scikit-sundae has no compiled IDA"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there it is imported")

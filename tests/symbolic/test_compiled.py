@@ -50,7 +50,7 @@ def test_arguments_are_copied():
     assert_allclose(compiled.inputs[0], [1.0, 2.0], rtol=0.0, atol=0.0)
 
 
-def test_argument_of_wrong_size_is_refused():
+def test_argument_of_wrong_size_is_rejected():
     with pytest.raises(ValueError, match="broadcast"):
         Compiled(FUNCTION)(np.ones(3), 1.0, np.ones(2))
 
