@@ -84,7 +84,7 @@ def _run_to_exit_code(command: Callable[[], None]) -> int:
         return problem.exit_code
     except Exception as problem:
         if signals.is_interrupted():
-            # Other code turned the interrupt into an exception of its own.
+            # Other code turned the interrupt into another exception.
             return _report_interrupt("")
         if isinstance(problem, MemoryError):
             problem = BeamdaeError(_OUT_OF_MEMORY)

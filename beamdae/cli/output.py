@@ -1,4 +1,4 @@
-"""Output of commands: results on standard output, errors on standard error, both as JSON on demand.
+"""Output of commands: results on standard output, errors on standard error, JSON documents.
 
 Commands print tables and call `record_results`; the options --quiet and --json decide which of the
 two appears.

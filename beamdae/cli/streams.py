@@ -1,4 +1,4 @@
-"""Standard streams that always exist, encode every character, and survive a reader that closes."""
+"""Standard streams that always exist, encode every character, and survive a closed pipe."""
 
 from __future__ import annotations
 

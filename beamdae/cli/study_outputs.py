@@ -1,4 +1,4 @@
-"""Runs, files and messages of `beamdae compare` and `beamdae sweep`, kept after an interrupt."""
+"""Runs, files and messages of `beamdae compare` and `sweep`, each kept after an interrupt."""
 
 from __future__ import annotations
 
@@ -90,7 +90,9 @@ def run_and_write(
     create_executor: Callable[[], Executor],
     print_results: Callable[[StudyResults], None],
 ) -> None:
-    """Run a study, write its files, print its results, and exit with 1 or 130 if it is incomplete.
+    """Run a study, write its files and print its results.
+
+    The command exits with 1 after a failure, and with 130 or 143 after an interrupt.
 
     Raises
     ------

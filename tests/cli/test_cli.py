@@ -227,7 +227,7 @@ def test_run_without_a_page(command):
     assert names == {"arm.csv", "arm.json", "arm.png"}
 
 
-@pytest.mark.slow(reason="several runs of the command")
+@pytest.mark.slow(reason="runs a model several times")
 def test_run_resumes_from_a_checkpoint(command):
     result = command("run", ARM, "--no-estimate", "--t-end", "0.01", "--checkpoint", "at/end.json")
     assert result.exit_code == 0
@@ -251,7 +251,7 @@ def test_run_resumes_from_a_checkpoint(command):
     assert_usage_error(command("run", ARM, *both), "--start equilibrium and --continue", "omit one")
 
 
-@pytest.mark.slow(reason="runs of the command with their estimates")
+@pytest.mark.slow(reason="runs a model twice")
 def test_run_reports_the_validity_of_beams_and_warns_once(command):
     bent = with_line('mech.add(bd.Moment("torque", on=beam.end, law=100.0))')
     result = command("run", bent, "--set", "elements=2", "--rtol", "1e-3")
@@ -265,7 +265,7 @@ def test_run_reports_the_validity_of_beams_and_warns_once(command):
     assert sidecar["warnings"][0].startswith("beam: it bends")
 
 
-@pytest.mark.slow(reason="a run of the command")
+@pytest.mark.slow(reason="runs a model")
 def test_run_with_generalized_alpha(command):
     result = command("run", ARM, "--integrator", "generalized-alpha", "--step", "2e-3",
                      "--rho-inf", "0.5", "--t-end", "0.01", "--output-step", "5e-3")  # fmt: skip
@@ -277,7 +277,7 @@ def test_run_with_generalized_alpha(command):
     assert list(pd.read_csv("results/arm.csv")["t [s]"]) == [0.0, 5e-3, 0.01]
 
 
-@pytest.mark.slow(reason="a run of the command")
+@pytest.mark.slow(reason="runs a model")
 def test_model_without_observables_is_drawn_and_written(command):
     result = command("run", ARM.replace('mech.observe("tip", beam.end)', ""))
     assert result.exit_code == 0
@@ -314,7 +314,7 @@ def test_compare_writes_tables_pictures_and_a_page(command):
     assert "failed" in result.stderr.splitlines()[-1]
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow(reason="takes more than half a second")
 @pytest.mark.usefixtures("serial")
 def test_compare_of_a_model_whose_reference_fails(command):
     result = command("compare", with_line(FAILING_LAW))
@@ -325,7 +325,7 @@ def test_compare_of_a_model_whose_reference_fails(command):
     assert len(pd.read_csv("results/arm_compare/cases.csv")) == 5
 
 
-@pytest.mark.slow(reason="a whole study by the command")
+@pytest.mark.slow(reason="runs a study")
 def test_compare_of_a_study_file(command):
     # With worker processes, which cannot import the model file.
     study = (
@@ -446,7 +446,7 @@ def test_public_names_can_be_imported():
         _ = bd.Beem
 
 
-@pytest.mark.slow(reason="a process that imports everything")
+@pytest.mark.slow(reason="starts a process that imports everything")
 def test_public_names_exist_whatever_was_imported_first():
     code = (
         "import beamdae.model_functions, beamdae\n"
@@ -502,12 +502,12 @@ def test_examples_are_listed_with_their_descriptions(tmp_path, monkeypatch):
     result = invoke("examples")
     assert result.exit_code == 0, result.output
     models = Path(__file__).parents[2] / "models"
-    listed = {line.split()[0] for line in result.output.splitlines()}
-    assert {file.stem for file in models.glob("*.py")} <= listed
+    names = {line.split()[0] for line in result.output.splitlines()}
+    assert {file.stem for file in models.glob("*.py")} <= names
     assert "Curved-beam pendulum with a tip mass" in result.output
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow(reason="takes more than half a second")
 def test_an_example_runs_by_its_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result = invoke("run", "example:spin_up", "--t-end", "0.01", "--set", "elements=1")
@@ -517,7 +517,7 @@ def test_an_example_runs_by_its_name(tmp_path, monkeypatch):
     assert_usage_error(invoke("run", "example:spin"), "no example 'spin'", "mean 'spin_up'?")
 
 
-@pytest.mark.slow(reason="a run of the command")
+@pytest.mark.slow(reason="runs a model")
 def test_a_new_model_runs_and_is_not_overwritten(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert invoke("new", "arm.py").exit_code == 0

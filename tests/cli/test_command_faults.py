@@ -69,7 +69,7 @@ CLOSED = {
 }
 
 
-@pytest.mark.slow(reason="processes of the command")
+@pytest.mark.slow(reason="starts processes")
 @pytest.mark.parametrize(("streams", "code", "lines"), CLOSED.values(), ids=CLOSED)
 def test_files_are_written_whatever_the_streams(here, streams, code, lines):
     got, _, errors = shell("{beamdae} run model.py " + streams)
@@ -78,7 +78,7 @@ def test_files_are_written_whatever_the_streams(here, streams, code, lines):
     assert {p.name for p in Path("results").iterdir()} == ALL_FILES
 
 
-@pytest.mark.slow(reason="processes of the command")
+@pytest.mark.slow(reason="starts processes")
 @pytest.mark.parametrize("command", ["check model.py", "list .", "--help", "--version", "run gone"])
 def test_every_command_exits_quietly_without_a_reader(here, command):
     code = 2 if "gone" in command else 0
@@ -91,7 +91,7 @@ def test_every_command_exits_quietly_without_a_reader(here, command):
     assert len(errors.splitlines()) == 1
 
 
-@pytest.mark.slow(reason="a study in processes")
+@pytest.mark.slow(reason="runs a study in processes")
 def test_page_and_pictures_of_a_study_without_a_reader(here):
     code, _, errors = shell("{beamdae} compare model.py | true")
     assert (code, has_no_traceback(errors)) == (0, True), errors
@@ -103,10 +103,10 @@ def test_page_and_pictures_of_a_study_without_a_reader(here):
 
 AT_STEP = """
 from beamdae.integrators.ida.stepper import IdaStepper
-taken, advance = [], IdaStepper.advance
+calls, advance = [], IdaStepper.advance
 def interrupt(self, most):
-    taken.append(None)
-    if len(taken) in {at}:
+    calls.append(None)
+    if len(calls) in {at}:
         send_signal()
     return advance(self, 1)
 IdaStepper.advance = interrupt
@@ -152,7 +152,7 @@ MOMENTS = {
 }
 
 
-@pytest.mark.slow(reason="processes of the command")
+@pytest.mark.slow(reason="starts processes")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(("lines", "files", "words"), MOMENTS.values(), ids=MOMENTS)
 def test_an_interrupted_run_keeps_its_results(here, lines, files, words, number):
@@ -172,7 +172,7 @@ def test_an_interrupted_run_keeps_its_results(here, lines, files, words, number)
         assert len(pd.read_csv("results/arm.csv")) >= 1
 
 
-@pytest.mark.slow(reason="processes of the command")
+@pytest.mark.slow(reason="starts processes")
 def test_interrupt_while_building_ends_the_run(here):
     Path("model.py").write_text(MODEL.replace("# building", "send_signal()"), encoding="utf-8")
     for name in ("run", "check"):
@@ -183,7 +183,7 @@ def test_interrupt_while_building_ends_the_run(here):
     assert not Path("results").exists()
 
 
-@pytest.mark.slow(reason="processes of the command")
+@pytest.mark.slow(reason="starts processes")
 def test_interrupt_in_the_second_run_keeps_the_first(here):
     lines = """
 import beamdae.verification as verification
@@ -202,7 +202,7 @@ verification._run_again = interrupt
     assert Path("results/arm.png").exists()
 
 
-@pytest.mark.slow(reason="a study in processes")
+@pytest.mark.slow(reason="runs a study in processes")
 @pytest.mark.skipif(os.name != "posix", reason="groups of processes are POSIX")
 def test_a_study_resumes_after_an_interrupt_of_its_process_group(here):
     command = process("compare", "model.py", "--t-end", "2", start_new_session=True)
@@ -217,43 +217,43 @@ def test_a_study_resumes_after_an_interrupt_of_its_process_group(here):
     assert Path("results/arm_compare/report.html").exists()
 
 
-@pytest.mark.slow(reason="processes of their own")
+@pytest.mark.slow(reason="starts worker processes")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_regression_a_swallowed_interrupt_ends_a_study_before_it_starts(here, number):
-    lost = f"try:\n    send_signal({int(number)})\nexcept BaseException:\n    pass"
-    Path("model.py").write_text(MODEL.replace("# importing", lost), encoding="utf-8")
+    swallowed = f"try:\n    send_signal({int(number)})\nexcept BaseException:\n    pass"
+    Path("model.py").write_text(MODEL.replace("# importing", swallowed), encoding="utf-8")
     code, output, errors = shell("{beamdae} compare model.py")
     assert (code, output) == (128 + number, "")
     assert errors.startswith("interrupted before any table was written")
     assert not Path("results").exists()
 
 
-def receive_signals(times, block, done):
+def receive_signals(count, block, finished):
     """Receive this number of signals in a block that defers interrupts."""
     with block:
-        for _ in range(times):
+        for _ in range(count):
             signals._handle_signal(signal.SIGTERM, None)
-        done.append(times)
+        finished.append(count)
 
 
 def test_interrupts_are_deferred_until_a_block_is_finished(monkeypatch):
-    done = []
+    finished = []
     monkeypatch.setattr(signals, "_received_signals", [])
     with pytest.raises(KeyboardInterrupt):
-        receive_signals(1, signals.defer_interrupts(), done)
-    assert done == [1]
+        receive_signals(1, signals.defer_interrupts(), finished)
+    assert finished == [1]
     assert signals.exit_code() == 143
     with signals.defer_interrupts(immediate=1), signals.defer_interrupts():
-        done.append("a signal before the block is not raised again")
+        finished.append("a signal before the block is not raised again")
     # The fourth signal interrupts even a deferring block.
     with pytest.raises(KeyboardInterrupt):
-        receive_signals(3, signals.defer_interrupts(), done)
-    assert len(done) == 2
+        receive_signals(3, signals.defer_interrupts(), finished)
+    assert len(finished) == 2
     monkeypatch.setattr(signals, "_received_signals", [])
     monkeypatch.setattr(signals, "_raise_times", [])
     with pytest.raises(KeyboardInterrupt):
-        receive_signals(1, signals.defer_interrupts(immediate=1), done)
-    assert len(done) == 2
+        receive_signals(1, signals.defer_interrupts(immediate=1), finished)
+    assert len(finished) == 2
 
 
 def test_a_second_interrupt_within_half_a_second_is_ignored(monkeypatch):
@@ -382,7 +382,7 @@ def serial(monkeypatch):
 FAILING = "mech.add(bd.Moment('m', on=bob.at(0.0, 0.0), law=lambda t: t * (0.0105 - t) ** 0.5))"
 
 
-@pytest.mark.slow(reason="studies")
+@pytest.mark.slow(reason="runs studies")
 @pytest.mark.usefixtures("serial")
 @pytest.mark.parametrize("over", [None, "elements"])
 def test_a_study_whose_cases_all_fail_has_a_table_and_a_page(here, over):
@@ -402,7 +402,7 @@ def failing():
         assert not list(Path("results/failing").glob("*.png"))
 
 
-@pytest.mark.slow(reason="two starts of a study")
+@pytest.mark.slow(reason="runs a study twice")
 @pytest.mark.usefixtures("serial")
 def test_an_interrupted_study_reports_its_progress_and_has_a_page(here, monkeypatch):
     def interrupted(*_, **__):
@@ -418,7 +418,7 @@ def test_an_interrupted_study_reports_its_progress_and_has_a_page(here, monkeypa
         assert Path("results/arm_compare/report.html").exists()
 
 
-@pytest.mark.slow(reason="a study")
+@pytest.mark.slow(reason="runs a study")
 @pytest.mark.usefixtures("serial")
 def test_other_pictures_are_drawn_after_a_failure(here, monkeypatch):
     def broken(*_):
@@ -443,7 +443,7 @@ LOCALES = {
 }
 
 
-@pytest.mark.slow(reason="processes of the command")
+@pytest.mark.slow(reason="starts processes")
 @pytest.mark.parametrize("locale", LOCALES.values(), ids=LOCALES)
 def test_output_in_every_encoding(here, locale):
     source = MODEL.replace("A bob on a hinge", "Ein Bogen µ 梁")

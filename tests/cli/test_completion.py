@@ -122,7 +122,7 @@ BASH = {
 }
 
 
-@pytest.mark.slow(reason="processes of the command")
+@pytest.mark.slow(reason="starts processes")
 @pytest.mark.parametrize(("words", "expected"), BASH.values(), ids=BASH)
 def test_bash_completes_words_it_splits(here, words, expected):
     variables = {"COMP_WORDS": "\n".join(words), "COMP_CWORD": str(len(words) - 1)}
@@ -133,7 +133,7 @@ def test_bash_completes_words_it_splits(here, words, expected):
     assert not Path("ran").exists()
 
 
-@pytest.mark.slow(reason="a process of the command")
+@pytest.mark.slow(reason="starts a process")
 def test_completion_is_installed_for_the_named_shell(here):
     command = process(
         "--install-completion",

@@ -172,7 +172,7 @@ def test_built_in_names_come_before_variables_of_the_file(run):
         ),
         (
             ["--integrator", "ShortSteps", "--step", "1"],
-            "run: --integrator ShortSteps: its construction failed with ValueError at line 70: "
+            "run: --integrator ShortSteps: its construction failed with ValueError at line 71: "
             "steps longer than 0.01 s are not supported.",
         ),
     ],
@@ -217,7 +217,7 @@ def test_sweep_in_processes_with_an_integrator_of_the_model_file(tmp_path, monke
     assert "2 stored before" in again.output
 
 
-@pytest.mark.slow(reason="two runs")
+@pytest.mark.slow(reason="runs a model twice")
 def test_error_is_estimated_with_an_integrator_of_the_model_file(run):
     result = CliRunner().invoke(app, ["run", "model.py", "--integrator", "euler", "--verify"])
     assert result.exit_code == 0, result.output

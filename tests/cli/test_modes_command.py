@@ -33,7 +33,7 @@ def modes(tmp_path, monkeypatch):
     return lambda *arguments: CliRunner().invoke(app, ["modes", "cross.py", *arguments])
 
 
-@pytest.mark.slow(reason="pictures")
+@pytest.mark.slow(reason="draws pictures")
 def test_modes_writes_a_table_and_pictures(modes, tmp_path):
     result = modes("--set", "stiffness=32", "-n", "2", "--about", "equilibrium", "--animate", "2")
     assert result.exit_code == 0
@@ -47,7 +47,7 @@ def test_modes_writes_a_table_and_pictures(modes, tmp_path):
         assert picture.size[0] > 500
 
 
-@pytest.mark.slow(reason="a picture")
+@pytest.mark.slow(reason="draws a picture")
 def test_several_speeds_make_a_campbell_diagram(modes, tmp_path):
     result = modes("--speed", "0", "--speed", "5.5", "-n", "2")
     assert result.exit_code == 0

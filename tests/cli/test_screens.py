@@ -42,7 +42,7 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.slow(reason="processes in terminals")
+@pytest.mark.slow(reason="starts processes in terminals")
 @pytest.mark.parametrize("width", WIDTHS)
 def test_run_in_a_terminal(here, width):
     code, lines, _ = in_terminal(width, "run", "model.py", "--verify")
@@ -58,7 +58,7 @@ def test_run_in_a_terminal(here, width):
     assert not any("…" in line for line in table)
 
 
-@pytest.mark.slow(reason="studies in terminals")
+@pytest.mark.slow(reason="runs studies in terminals")
 @pytest.mark.parametrize("width", WIDTHS)
 def test_study_in_a_terminal(here, width):
     code, lines, _ = in_terminal(width, "compare", "model.py")
@@ -85,7 +85,7 @@ COMMANDS = {
 }
 
 
-@pytest.mark.slow(reason="processes in terminals")
+@pytest.mark.slow(reason="starts processes in terminals")
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_fits_the_terminal(here, command):
     arguments, words = COMMANDS[command]
@@ -109,7 +109,7 @@ def test_lists_and_facts_at_extreme_widths(here, width):
         assert ("not shown: " in result.stdout) == (command[0] == "list" and width != "200")
 
 
-@pytest.mark.slow(reason="a process in a terminal")
+@pytest.mark.slow(reason="starts a process in a terminal")
 def test_the_progress_bar_restores_the_cursor_and_disappears(here):
     _, _, text = in_terminal(60, "run", "model.py")
     assert text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l")
@@ -117,7 +117,7 @@ def test_the_progress_bar_restores_the_cursor_and_disappears(here):
     assert "/1 s" not in last
 
 
-@pytest.mark.slow(reason="processes of the command")
+@pytest.mark.slow(reason="starts processes")
 def test_no_bar_in_a_dumb_terminal_without_a_terminal_or_if_quiet(here):
     for environment, more in (({"TERM": "dumb"}, []), ({}, ["--quiet"]), ({}, ["--json", "-q"])):
         _, lines, text = in_terminal(60, "run", "model.py", *more, environment=environment)
@@ -162,7 +162,7 @@ def test_a_run_without_a_terminal_prints_progress_lines(capsys, monkeypatch):
     ]
 
 
-@pytest.mark.slow(reason="processes in terminals")
+@pytest.mark.slow(reason="starts processes in terminals")
 def test_no_color_is_respected(here):
     _, _, colored = in_terminal(80, "run", "model.py", "--t-end", "0.01")
     _, _, plain = in_terminal(
@@ -173,7 +173,7 @@ def test_no_color_is_respected(here):
     assert not re.search(color, plain)
 
 
-@pytest.mark.slow(reason="processes of the command")
+@pytest.mark.slow(reason="starts processes")
 def test_lines_in_a_pipe_are_not_wrapped_unless_columns_is_set(here):
     rows = {}
     for columns in ("", "50"):

@@ -81,13 +81,13 @@ def test_json_document_of_each_command(here, command):
 def test_the_guide_lists_the_keys_of_documents(here):
     guide = Path(__file__).parents[2] / ".docs" / "guide" / "commands.md"
     rows = re.findall(r"^\| `(\w+)` \| (.*) \|$", guide.read_text(encoding="utf-8"), re.MULTILINE)
-    listed = {command: set(re.findall(r"`([^`]+)`", keys)) for command, keys in rows}
-    assert set(listed) == {*KEYS, "compare", "sweep"} - {"new"}
+    guide_keys = {command: set(re.findall(r"`([^`]+)`", keys)) for command, keys in rows}
+    assert set(guide_keys) == {*KEYS, "compare", "sweep"} - {"new"}
     for command in ("check", "static", "draw"):
         document = parse(invoke(command, *KEYS[command][0], "--json").stdout)
-        assert listed[command] <= set(document)
+        assert guide_keys[command] <= set(document)
     for command, (_, keys) in KEYS.items():
-        assert keys - {"model"} <= listed.get(command, set())
+        assert keys - {"model"} <= guide_keys.get(command, set())
 
 
 @pytest.mark.parametrize("command", KEYS)
@@ -97,7 +97,7 @@ def test_a_quiet_command_prints_nothing(here, command):
     assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
 
 
-@pytest.mark.slow(reason="a run of the command")
+@pytest.mark.slow(reason="runs a model")
 def test_json_document_of_a_run(here):
     document = parse(invoke("run", "model.py", "--json", "--set", "mass=3").stdout)
     assert document["model"]["parameters"] == {"mass": 3.0}
@@ -150,7 +150,7 @@ def test_a_file_that_fails_to_import_is_a_row_of_the_list(here):
     assert [row["file"] for row in document["problems"]] == ["bad.py"]
 
 
-@pytest.mark.slow(reason="a study, twice")
+@pytest.mark.slow(reason="runs a study twice")
 def test_json_document_of_a_study(here, monkeypatch):
     monkeypatch.setattr(
         "beamdae.studies.execution.executors.LocalPool", lambda workers: SerialPool()
@@ -165,7 +165,7 @@ def test_json_document_of_a_study(here, monkeypatch):
     assert (result.exit_code, result.stderr) == (0, "")
 
 
-@pytest.mark.slow(reason="processes of the command")
+@pytest.mark.slow(reason="starts processes")
 def test_standard_output_of_a_process_is_only_the_document(here):
     """Output of other processes and of code below Python goes to standard error."""
     noise = "import os\nos.system('echo below')\n"
@@ -178,7 +178,7 @@ def test_standard_output_of_a_process_is_only_the_document(here):
     assert (code, "standard output cannot be written" in errors) == (2, True)
 
 
-@pytest.mark.slow(reason="a process of the command")
+@pytest.mark.slow(reason="starts a process")
 def test_an_interrupted_run_prints_its_document(here):
     strike = "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n"
     Path("model.py").write_text(strike + MODEL, encoding="utf-8")
@@ -188,7 +188,7 @@ def test_an_interrupted_run_prints_its_document(here):
     assert parse(output)["errors"] == errors.splitlines()
 
 
-@pytest.mark.slow(reason="help of every width")
+@pytest.mark.slow(reason="prints help at several widths")
 def test_help_lists_exit_codes_and_is_wrapped_at_every_width():
     for width in ("40", "100"):
         text = CliRunner().invoke(app, ["run", "--help"], env={"COLUMNS": width}).stdout

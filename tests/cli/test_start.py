@@ -27,7 +27,7 @@ NEVER = {"pandas", "pyarrow", "matplotlib", "numba", "distributed", "multiproces
 NEVER |= {"scipy.optimize", "scipy.interpolate", "scipy.spatial", "scipy.special", "scipy.stats"}
 
 
-@pytest.mark.slow(reason="a process of its own")
+@pytest.mark.slow(reason="starts a process")
 @pytest.mark.skipif(sys.platform == "win32", reason="there scikit-sundae is imported")
 @pytest.mark.skipif(
     not is_native_enabled(), reason="without machine code scikit-sundae is imported"

@@ -71,7 +71,7 @@ def test_an_incomplete_path_is_written_with_its_reason(static):
     assert Path("results/truss_static.png").exists()
 
 
-@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.slow(reason="takes more than half a second")
 def test_branch_switches_are_made_in_turn(static):
     arguments = ("--set", "rise=3", "--to", "crown.y=-3.5", "--step", "0.3")
     once = static(*arguments, "--switch", "1")

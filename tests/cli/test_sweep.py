@@ -87,7 +87,7 @@ def speeds():
 """
 
 
-@pytest.mark.slow(reason="processes of their own")
+@pytest.mark.slow(reason="starts worker processes")
 def test_sweep_writes_a_table_plots_and_a_page(tmp_path):
     path = tmp_path / "model.py"
     path.write_text(MODEL)
@@ -106,7 +106,7 @@ def test_sweep_writes_a_table_plots_and_a_page(tmp_path):
     assert_allclose(table["bob.x min [m]"][:4], np.cos([0.1, 0.1, 0.5, 0.5]), atol=1e-6)
 
 
-@pytest.mark.slow(reason="processes of their own")
+@pytest.mark.slow(reason="starts worker processes")
 def test_sweep_of_a_file_runs_and_resumes(tmp_path):
     path = tmp_path / "sweep.py"
     path.write_text(MODEL + SWEEP)

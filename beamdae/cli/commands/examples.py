@@ -1,4 +1,4 @@
-"""`beamdae examples` and `beamdae new`: list the installed models, write a model to start from."""
+"""`beamdae examples` and `beamdae new`: list installed models, write a model to start from."""
 
 from __future__ import annotations
 

@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from beamdae.studies.execution.study_run import StudyResults
 
 _VALUE_FORMS = "VALUE,VALUE,... or START:STOP:COUNT or START:STOP:COUNT:log"
-_MAX_VALUES = 1_000_000
 # Values of a range are rounded to this many digits, so that 0.3 is not 0.30000000000000004.
 _SIGNIFICANT_DIGITS = 12
 
@@ -161,6 +160,8 @@ def _parse_range(model: Model, name: str, text: str) -> list[Any]:
     """Return the values of START:STOP:COUNT, at equal distances or, with :log, at equal ratios."""
     import numpy as np
 
+    from beamdae.studies.case import MAX_CASES
+
     start_text, stop_text, count_text, *rest = [*text.split(":"), ""]
     is_geometric = rest == ["log", ""]
     try:
@@ -171,7 +172,7 @@ def _parse_range(model: Model, name: str, text: str) -> list[Any]:
         raise BeamdaeError(f"--over {name}={text}: values must have the form {_VALUE_FORMS}.")
     if is_geometric and min(ends) <= 0.0:
         raise BeamdaeError(f"--over {name}={text}: both ends must be positive for :log.")
-    n_values = require_count(f"--over {name}={text}", "COUNT", count, most=_MAX_VALUES)
+    n_values = require_count(f"--over {name}={text}", "COUNT", count, most=MAX_CASES)
     values = np.geomspace(*ends, n_values) if is_geometric else np.linspace(*ends, n_values)
     return [
         model.complete({name: float(f"{value:.{_SIGNIFICANT_DIGITS}g}")})[name] for value in values
@@ -199,8 +200,8 @@ def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:
     models = file.models
     sweeps = {key: study for key, study in file.studies.items() if isinstance(study, Sweep)}
     if not sweeps:
-        selected = [models[name]] if name in models else list(models.values())
-        parameters = ", ".join(parameter for model in selected for parameter in model.parameters)
+        candidates = [models[name]] if name in models else list(models.values())
+        parameters = ", ".join(parameter for model in candidates for parameter in model.parameters)
         raise BeamdaeError(
             f"{file.path}: the file contains no sweep; vary a parameter with --over NAME=VALUES "
             f"({parameters or 'there is none'})."

@@ -1,4 +1,4 @@
-"""Messages for exceptions of a model file: line, reason, and a suggestion for mistyped names."""
+"""Messages for exceptions of a model file, with its line and hints at mistyped names."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ def describe_error(problem: BaseException, path: Path) -> str:
 
 def _suggest_name(problem: BaseException) -> str:
     """Return a hint with the closest name to the missing one, or an empty string."""
-    missing, known = _missing_name(problem)
+    missing, names = _missing_name(problem)
     if not missing:
         return ""
     is_private = missing.startswith("_")
-    return suggest(missing, [name for name in known if is_private or not name.startswith("_")])
+    return suggest(missing, [name for name in names if is_private or not name.startswith("_")])
 
 
 def _missing_name(problem: BaseException) -> tuple[str, Iterable[str]]:
