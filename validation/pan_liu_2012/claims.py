@@ -1,36 +1,39 @@
-"""What the paper claims beside what was found here: one row a claim, with a verdict."""
+"""Claims of the paper, their verdicts, and the criteria: one row a claim."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 
 Tables = Mapping[str, pd.DataFrame]
 
-# What the paper says, by the threshold of the row, in all that was tested.
+# As the paper says, by the threshold of the row, in all tests.
 AGREES = "agrees"
-# More, less or wider as the paper says, but not in all that was tested or not as clearly.
-IN_DIRECTION = "agrees in direction"
-# More or less as the paper says, its number missed by more than a factor of two.
-IN_SIZE = "differs in size"
+# More, less or wider as the paper says, but not in all tests or not as clearly.
+AGREES_IN_DIRECTION = "agrees in direction"
+# More or less as the paper says, but its number differs by more than a factor of two.
+DIFFERS_IN_SIZE = "differs in size"
 DIFFERS = "differs"
-OPEN = "cannot be decided"
-# A number the print has lost was chosen so that this holds: no evidence for the paper.
+UNDECIDED = "cannot be decided"
+# A number that is lost in print was chosen to satisfy the claim, so this is no evidence for it.
 BY_CONSTRUCTION = "by construction"
-VERDICTS = (AGREES, IN_DIRECTION, IN_SIZE, DIFFERS, OPEN, BY_CONSTRUCTION)
+VERDICTS = (AGREES, AGREES_IN_DIRECTION, DIFFERS_IN_SIZE, DIFFERS, UNDECIDED, BY_CONSTRUCTION)
 
 # Thresholds, the same for all claims: an error that counts as converged and a difference that is
 # obvious, both of the amplitude; the share of a threshold within which a number is marked.
-CONVERGED, OBVIOUS, NEAR = 0.01, 0.10, 0.05
-CONVERGED_TEXT = f"error of {CONVERGED:.0%} of the amplitude"
-OBVIOUS_TEXT = f"obvious: largest difference over {OBVIOUS:.0%} of the amplitude"
-WIDER_TEXT = f"wider: range over {1.0 + NEAR:g} times"
+CONVERGED_ERROR = 0.01
+OBVIOUS_DIFFERENCE = 0.10
+THRESHOLD_MARGIN = 0.05
+CONVERGED_TEXT = f"error of {CONVERGED_ERROR:.0%} of the amplitude"
+OBVIOUS_TEXT = f"obvious: largest difference over {OBVIOUS_DIFFERENCE:.0%} of the amplitude"
+WIDER_TEXT = f"wider: range over {1.0 + THRESHOLD_MARGIN:g} times"
 
 
 class Judgement(NamedTuple):
-    """Our numbers in words, the verdict and its reason."""
+    """Our numbers as text, the verdict and its reason."""
 
     ours: str
     verdict: str
@@ -38,7 +41,7 @@ class Judgement(NamedTuple):
 
 
 class Claim(NamedTuple):
-    """A claim of the paper, where it stands, its numbers; what is tested, and how it is judged."""
+    """A claim of the paper, its place and numbers, the test and the function that judges it."""
 
     name: str
     claim: str
@@ -52,7 +55,7 @@ class Claim(NamedTuple):
 def claim(
     text: str, where: str, paper: str, tested: str, threshold: str
 ) -> Callable[[Callable[[Tables], Judgement]], Claim]:
-    """Make a claim of the function that judges it."""
+    """Return a decorator that turns a function that judges a claim into the claim."""
 
     def of(judge: Callable[[Tables], Judgement]) -> Claim:
         name = judge.__name__.replace("_", " ")
@@ -61,28 +64,59 @@ def claim(
     return of
 
 
-def agrees(condition: object) -> str:
-    """The verdict on a condition."""
+def judge_condition(condition: object) -> str:
+    """Return AGREES if the condition is true, otherwise DIFFERS."""
     return AGREES if condition else DIFFERS
 
 
-def within(errors: Iterable[float], threshold: float) -> str:
-    """The verdict on errors: none may be beyond; those at the threshold leave it undecided."""
+def judge_errors(errors: Iterable[float], threshold: float) -> str:
+    """Return the verdict on errors; the largest within the margin leaves it undecided."""
     largest = max(errors)
-    if abs(largest / threshold - 1.0) <= NEAR:
-        return OPEN
-    return agrees(largest < threshold)
+    if abs(largest / threshold - 1.0) <= THRESHOLD_MARGIN:
+        return UNDECIDED
+    return judge_condition(largest < threshold)
 
 
-def sized(found: Iterable[float], published: Iterable[float]) -> str:
-    """The verdict on factors by which something is more, beside the paper's."""
-    pairs = list(zip(found, published, strict=True))
-    if not all(factor > 1.0 + NEAR for factor, _ in pairs):
+def judge_factors(factors: Iterable[float], published: Iterable[float]) -> str:
+    """Return the verdict on factors of increase compared with the paper's."""
+    pairs = list(zip(factors, published, strict=True))
+    if not all(factor > 1.0 + THRESHOLD_MARGIN for factor, _ in pairs):
         return DIFFERS
-    return AGREES if all(0.5 <= factor / paper <= 2.0 for factor, paper in pairs) else IN_SIZE
+    return (
+        AGREES if all(0.5 <= factor / paper <= 2.0 for factor, paper in pairs) else DIFFERS_IN_SIZE
+    )
 
 
-def summary(claims: Iterable[Claim], tables: Tables) -> pd.DataFrame:
-    """One row a claim."""
+def summarize_claims(claims: Iterable[Claim], tables: Tables) -> pd.DataFrame:
+    """Return one row a claim."""
     rows = [{**claim._asdict(), **claim.judge(tables)._asdict()} for claim in claims]
     return pd.DataFrame(rows).drop(columns="judge")
+
+
+# (from, to, distance of the ticks)
+FIGURE_5A = (-1.6e-4, 0.4e-4, 0.4e-4)
+FIGURE_5B = (-0.5e-4, 0.1e-4, 0.1e-4)
+FIGURE_5C = (-6.0, 6.0, 2.0)
+FIGURE_6 = (-0.10, 0.10, 0.02)
+FIGURE_7 = (-0.10, 0.12, 0.02)
+FIGURE_9 = (-0.20, 0.20, 0.05)
+FIGURE_10 = (-1.5, 1.5, 0.5)
+Axis = tuple[float, float, float]
+
+# Of the length of an axis: what is seen in the figure, and what curves should cover.
+VISIBLE = 0.02
+COVERED = 0.65
+VISIBLE_TEXT = f"visible: over {VISIBLE:.0%} of the length of the figure's axis"
+FILLS_TEXT = f"within the axis, by {VISIBLE:.0%} of its length, and over at least {COVERED:g} of it"
+
+
+def fits_axis(low: Any, high: Any, axis: Axis) -> Any:
+    """Return whether curves from `low` to `high` suit an axis: inside it, and not too small."""
+    length = axis[1] - axis[0]
+    inside = (low >= axis[0] - VISIBLE * length) & (high <= axis[1] + VISIBLE * length)
+    return inside & (high - low >= COVERED * length)
+
+
+def axis_share_of_difference(one: Any, other: Any, axis: Axis) -> np.ndarray:
+    """Return the difference of two curves relative to the length of their axis."""
+    return np.abs(np.asarray(one) - np.asarray(other)) / (axis[1] - axis[0])

@@ -1,13 +1,32 @@
-"""Figures 6 and 7: tip deformation of the hub beam, curved beside straight elements."""
+"""Figures 6 and 7: tip deformation of the hub beam by curved and straight elements."""
 
 from __future__ import annotations
 
 import pandas as pd
 from hub_beam import hub_beam
 
-from pan_liu_2012.axes import FIGURE_6, FIGURE_7, FILLS_TEXT, VISIBLE, VISIBLE_TEXT, fills, seen
-from pan_liu_2012.claims import BY_CONSTRUCTION, Judgement, Tables, agrees, claim
-from pan_liu_2012.runs import SCHEME, WITNESS, deviation, observed, second_method, span
+from pan_liu_2012.claims import (
+    BY_CONSTRUCTION,
+    FIGURE_6,
+    FIGURE_7,
+    FILLS_TEXT,
+    VISIBLE,
+    VISIBLE_TEXT,
+    Judgement,
+    Tables,
+    axis_share_of_difference,
+    claim,
+    fits_axis,
+    judge_condition,
+)
+from pan_liu_2012.runs import (
+    SCHEME,
+    SECOND_METHOD,
+    compare_methods,
+    format_range,
+    measure_deviation,
+    observe_run,
+)
 
 CURVES = {
     "curved, 8 elements": {"elements": 8},
@@ -15,24 +34,24 @@ CURVES = {
 }
 
 
-def histories(subtended: float) -> dict[str, pd.DataFrame]:
-    """Components u and v of the tip every 5 ms, by element type."""
+def compute_figures_6_7(subtended: float) -> dict[str, pd.DataFrame]:
+    """Compute u and v of the tip every 5 ms, by element type."""
 
     def run(integrator: object, **parameters: object) -> pd.DataFrame:
-        return observed(hub_beam(subtended=subtended, **parameters), 2.0, 5e-3, integrator)
+        return observe_run(hub_beam(subtended=subtended, **parameters), 2.0, 5e-3, integrator)
 
-    found = {name: run(SCHEME, **parameters) for name, parameters in CURVES.items()}
-    witness = run(WITNESS, **CURVES["curved, 8 elements"])
+    histories = {name: run(SCHEME, **parameters) for name, parameters in CURVES.items()}
+    ida = run(SECOND_METHOD, **CURVES["curved, 8 elements"])
     tables, pairs = {}, {}
     for figure, component in (("6", "u"), ("7", "v")):
         column = f"deformation.{component} [m]"
-        curves = {f"{component}, {name} [m]": run[column] for name, run in found.items()}
+        curves = {f"{component}, {name} [m]": run[column] for name, run in histories.items()}
         tables[f"figure_{figure}_{subtended:g}_degrees"] = pd.DataFrame(curves)
         pairs[f"{figure}, {subtended:g} degrees, {component} [m]"] = (
-            found["curved, 8 elements"][column],
-            witness[column],
+            histories["curved, 8 elements"][column],
+            ida[column],
         )
-    return tables | second_method(pairs)
+    return tables | compare_methods(pairs)
 
 
 @claim(
@@ -43,21 +62,21 @@ def histories(subtended: float) -> dict[str, pd.DataFrame]:
     VISIBLE_TEXT,
 )
 def same_results(tables: Tables) -> Judgement:
-    found, shown = {}, 0.0
+    deviations, axis_share = {}, 0.0
     for angle in (30, 60):
-        found[angle] = 0.0
+        deviations[angle] = 0.0
         for figure, component, axis in (("6", "u", FIGURE_6), ("7", "v", FIGURE_7)):
             table = tables[f"figure_{figure}_{angle}_degrees"]
             straight = table[f"{component}, straight, 20 elements, 4 nodes [m]"]
             curved = table[f"{component}, curved, 8 elements [m]"]
-            found[angle] = max(found[angle], deviation(straight, curved))
-            shown = max(shown, seen(straight, curved, axis).max())
+            deviations[angle] = max(deviations[angle], measure_deviation(straight, curved))
+            axis_share = max(axis_share, axis_share_of_difference(straight, curved, axis).max())
     limits = tables["table_2_limits"]
     apart = limits["curved against straight [-]"].max()
     return Judgement(
-        f"apart by {found[30]:.2%} (30 degrees) and {found[60]:.2%} (60 degrees) of the amplitude, "
-        f"{shown:.2%} of the axes",
-        agrees(shown < VISIBLE),
+        f"apart by {deviations[30]:.2%} (30 degrees) and {deviations[60]:.2%} (60 degrees) of "
+        f"the amplitude, {axis_share:.2%} of the axes",
+        judge_condition(axis_share < VISIBLE),
         f"their limits differ by up to {apart:.2%} of the amplitude, because eq. (5) leaves the "
         "curvature out of its quadratic part",
     )
@@ -73,10 +92,10 @@ def same_results(tables: Tables) -> Judgement:
 def tip_range(tables: Tables) -> Judgement:
     u = tables["figure_6_60_degrees"]["u, curved, 8 elements [m]"]
     v = tables["figure_7_60_degrees"]["v, curved, 8 elements [m]"]
-    good = fills(u.min(), u.max(), FIGURE_6) and fills(v.min(), v.max(), FIGURE_7)
+    good = fits_axis(u.min(), u.max(), FIGURE_6) and fits_axis(v.min(), v.max(), FIGURE_7)
     return Judgement(
-        f"u {span(u)} m, v {span(v)} m",
-        BY_CONSTRUCTION if good else agrees(good),
+        f"u {format_range(u)} m, v {format_range(v)} m",
+        BY_CONSTRUCTION if good else judge_condition(good),
         "density, length and frequency of the torque were chosen by these axes (readings.csv)",
     )
 

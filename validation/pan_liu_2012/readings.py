@@ -1,4 +1,4 @@
-"""Numbers the print has lost or left open: every reading with the ranges it leads to."""
+"""Readings of lost or missing numbers, and the ranges to which each leads."""
 
 from __future__ import annotations
 
@@ -6,12 +6,19 @@ import numpy as np
 import pandas as pd
 from hub_beam import hub_beam
 
-from pan_liu_2012.axes import FIGURE_6, FIGURE_7, FIGURE_9, FIGURE_10, Axis, fills
-from pan_liu_2012.figures_9_10 import END, FRAME, MIDDLE, ROWS, mechanism, rates
-from pan_liu_2012.runs import PAPER_SCHEME, observed, observed_until_failure, span
+from pan_liu_2012.claims import FIGURE_6, FIGURE_7, FIGURE_9, FIGURE_10, Axis, fits_axis
+from pan_liu_2012.figures_9_10 import (
+    MIDDLE_COLUMNS,
+    OUTPUT_STEP,
+    T_END,
+    USED_FRAME,
+    observed_slider_crank,
+    rod_angular_velocities,
+)
+from pan_liu_2012.runs import PAPER_SCHEME, format_range, observe_run, observe_until_failure
 
-TIP = ["deformation.u [m]", "deformation.v [m]"]
-HUB = {
+TIP_COLUMNS = ["deformation.u [m]", "deformation.v [m]"]
+HUB_READINGS = {
     "as used": {},
     "density 27 667 kg/m^3, as printed": {"density": 27667.0},
     "length 5/3 m, as extracted": {"length": 5.0 / 3.0},
@@ -19,54 +26,58 @@ HUB = {
 }
 
 
-def hub(reading: str) -> dict[str, pd.DataFrame]:
-    """Ranges of Figs. 6 and 7 under one reading."""
-    found = observed(hub_beam(**HUB[reading]), 2.0, 4e-3, PAPER_SCHEME)
+def compute_hub_readings(reading: str) -> dict[str, pd.DataFrame]:
+    """Return ranges of Figs. 6 and 7 for one reading."""
+    columns = observe_run(hub_beam(**HUB_READINGS[reading]), 2.0, 4e-3, PAPER_SCHEME)
     lines = [
-        _line("hub beam", reading, f"{c.split('.')[1][0]} of the tip [m]", figure, found[c], axis)
-        for c, figure, axis in zip(TIP, ("6", "7"), (FIGURE_6, FIGURE_7), strict=True)
+        _make_row(
+            "hub beam", reading, f"{c.split('.')[1][0]} of the tip [m]", figure, columns[c], axis
+        )
+        for c, figure, axis in zip(TIP_COLUMNS, ("6", "7"), (FIGURE_6, FIGURE_7), strict=True)
     ]
     return {"readings": pd.DataFrame(lines)}
 
 
-USED = {"frame": FRAME, "crank": "rigid"}
-CRANK = {
-    "as used": USED,
-    "speed 2 pi rad/s": USED | {"speed": 2.0 * np.pi},
-    "density 27 667 kg/m^3, as printed for the hub beam": USED | {"density": 27667.0},
-    "tangent frame": USED | {"frame": "tangent"},
-    "flexible crank": USED | {"crank": "flexible"},
+USED_READING = {"frame": USED_FRAME, "crank": "rigid"}
+CRANK_READINGS = {
+    "as used": USED_READING,
+    "speed 2 pi rad/s": USED_READING | {"speed": 2.0 * np.pi},
+    "density 27 667 kg/m^3, as printed for the hub beam": USED_READING | {"density": 27667.0},
+    "tangent frame": USED_READING | {"frame": "tangent"},
+    "flexible crank": USED_READING | {"crank": "flexible"},
     "flexible crank, tangent frame": {"crank": "flexible", "frame": "tangent"},
 }
 
 
-def crank(reading: str) -> dict[str, pd.DataFrame]:
-    """Ranges of Figs. 9 and 10, nonlinear and linear together, under one reading."""
+def compute_crank_readings(reading: str) -> dict[str, pd.DataFrame]:
+    """Return ranges of Figs. 9 and 10 for one reading, of both models together."""
     lines = []
     runs = (
-        observed_until_failure(mechanism(strain=strain, **CRANK[reading]), END, ROWS)
+        observe_until_failure(
+            observed_slider_crank(strain=strain, **CRANK_READINGS[reading]), T_END, OUTPUT_STEP
+        )
         for strain in ("nonlinear", "linear")
     )
-    both = pd.concat([_before_snapping(run) for run in runs])
-    for column, name in MIDDLE.items():
+    both = pd.concat([_cut_before_snap_through(run) for run in runs])
+    for column, name in MIDDLE_COLUMNS.items():
         quantity = f"{name}, of the middle [m]"
-        lines.append(_line("slider-crank", reading, quantity, "9", both[column], FIGURE_9))
-    for name, rate in rates(both).items():
+        lines.append(_make_row("slider-crank", reading, quantity, "9", both[column], FIGURE_9))
+    for name, rate in rod_angular_velocities(both).items():
         quantity = f"angular velocity, {name} [rad/s]"
-        lines.append(_line("slider-crank", reading, quantity, "10", rate, FIGURE_10))
+        lines.append(_make_row("slider-crank", reading, quantity, "10", rate, FIGURE_10))
     return {"readings": pd.DataFrame(lines)}
 
 
-def _before_snapping(run: pd.DataFrame) -> pd.DataFrame:
-    """The rows until the rod is bent by twice the axis of Fig. 9.
+def _cut_before_snap_through(run: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows until the deformation of the rod is twice the axis of Fig. 9.
 
-    Then it snaps through, and what follows depends on rounding.
+    The rod then snaps through, and later rows depend on rounding.
     """
     bent = np.flatnonzero(run["local.v [m]"].abs() > 2.0 * FIGURE_9[1])
     return run.iloc[: bent[0]] if len(bent) else run
 
 
-def _line(
+def _make_row(
     system: str,
     reading: str,
     quantity: str,
@@ -79,9 +90,9 @@ def _line(
         "system": system,
         "reading": reading,
         "quantity": quantity,
-        "range": span(values),
+        "range": format_range(values),
         "figure": figure,
         "its axis": f"{axis[0]:g} .. {axis[1]:g}",
         "share of the axis [-]": (high - low) / (axis[1] - axis[0]),
-        "fills it": bool(fills(low, high, axis)),
+        "fills it": bool(fits_axis(low, high, axis)),
     }

@@ -3,7 +3,7 @@
     python validation/pan_liu_2012/run.py [--out results/pan_liu_2012]
 
 Writes CSV and PNG; summary.csv has one row for each claim of the paper, with a verdict. Wall times
-are in table_2_times.csv and in columns of their own.
+are in table_2_times.csv and in separate columns.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 sys.path[:0] = [str(Path(__file__).parents[2] / "models"), str(Path(__file__).parents[1])]
 
@@ -23,96 +23,116 @@ import pandas as pd
 from rich.console import Console
 
 from pan_liu_2012 import (
-    appendix_claims,
-    curved_spin_up,
+    appendix,
     dissipation,
+    dynamic_stiffening,
     figure_5,
-    figure_5_claims,
     figures_6_7,
     figures_9_10,
-    figures_9_10_claims,
-    manoeuvre,
-    reach,
     readings,
     steps,
+    strain_reach,
     table_1,
     table_2,
-    table_2_claims,
 )
-from pan_liu_2012.claims import summary
-from pan_liu_2012.pictures import draw_all
+from pan_liu_2012.claims import summarize_claims
+from pan_liu_2012.plots import draw_all
 
 Tables = dict[str, pd.DataFrame]
-Job = tuple[str, Callable[..., Tables], tuple[Any, ...]]
 STUDIES = (
-    table_2_claims,
+    table_2,
     steps,
     figures_6_7,
-    figure_5_claims,
-    figures_9_10_claims,
+    figure_5,
+    figures_9_10,
     dissipation,
-    curved_spin_up,
-    appendix_claims,
+    dynamic_stiffening,
+    appendix,
 )
 CLAIMS = [claim for study in STUDIES for claim in study.CLAIMS]
 
 
-def jobs() -> list[Job]:
-    """Everything to run, the longest first: what it makes, function, arguments."""
+class Job(NamedTuple):
+    """Function that computes tables, and its arguments."""
+
+    name: str
+    function: Callable[..., Tables]
+    arguments: tuple[Any, ...] = ()
+
+
+def list_jobs() -> list[Job]:
+    """Return all jobs, the longest first."""
     return [
-        ("generalized-alpha", dissipation.tables, ()),
+        Job("generalized-alpha", dissipation.compute_dissipation),
         *(
-            (f"table 2, {name}, {beam[0]:g} degrees, {beam[1]}", table_2.errors, (name, *beam))
+            Job(
+                f"table 2, {name}, {subtended:g} degrees, {shape}",
+                table_2.compute_errors,
+                (name, subtended, shape),
+            )
             for name in table_2.INTEGRATORS
-            for beam in table_2.BEAMS
+            for subtended, shape in table_2.BEAMS
         ),
-        ("damping", figure_5.damping, ()),
-        ("figure 5", figure_5.histories, ()),
-        *(("gauge scan", figure_5.scan, (name,)) for name in figure_5.ORIENTATIONS),
-        *(("figures 9 and 10", figures_9_10.histories, (c,)) for c in figures_9_10.CRANKS),
-        *(("curved spin-up", curved_spin_up.errors, (speed,)) for speed in curved_spin_up.SPEEDS),
-        *(("steps", steps.errors, (name,)) for name in steps.SYSTEMS),
-        *(("reach", reach.hub, (factor,)) for factor in reach.FACTORS),
-        ("reach", reach.rod, ()),
-        *(("readings", readings.hub, (name,)) for name in readings.HUB),
-        *(("readings", readings.crank, (name,)) for name in readings.CRANK),
-        *(("figures 6 and 7", figures_6_7.histories, (angle,)) for angle in (60.0, 30.0)),
-        ("spin-up", manoeuvre.histories, ()),
-        ("table 1", table_1.table, ()),
-        ("appendix", appendix_claims.table, ()),
+        Job("damping", figure_5.compare_damping_laws),
+        Job("figure 5", figure_5.compute_figure_5),
+        *(Job("gauge scan", figure_5.scan_gauges, (x,)) for x in figure_5.ORIENTATIONS),
+        *(
+            Job("figures 9 and 10", figures_9_10.compute_figures_9_10, (crank,))
+            for crank in figures_9_10.CRANKS
+        ),
+        *(
+            Job("curved spin-up", dynamic_stiffening.compute_curved_spin_up_errors, (speed,))
+            for speed in dynamic_stiffening.SPEEDS
+        ),
+        *(Job("steps", steps.compute_step_errors, (system,)) for system in steps.SYSTEMS),
+        *(
+            Job("reach", strain_reach.compute_hub_beam_reach, (factor,))
+            for factor in strain_reach.TORQUE_FACTORS
+        ),
+        Job("reach", strain_reach.compute_slider_crank_reach),
+        *(Job("readings", readings.compute_hub_readings, (x,)) for x in readings.HUB_READINGS),
+        *(Job("readings", readings.compute_crank_readings, (x,)) for x in readings.CRANK_READINGS),
+        *(
+            Job("figures 6 and 7", figures_6_7.compute_figures_6_7, (angle,))
+            for angle in (60.0, 30.0)
+        ),
+        Job("spin-up", dynamic_stiffening.compute_spin_up),
+        Job("table 1", table_1.compare_data),
+        Job("appendix", appendix.compare_terms),
     ]
 
 
-def computed(console: Console) -> Tables:
-    """Tables by name, from one process a core; the pieces several jobs make are put together."""
-    begin, wanted = time.perf_counter(), jobs()
+def compute_tables(console: Console) -> Tables:
+    """Run all jobs in one process a core, and join their parts of tables."""
+    begin, jobs = time.perf_counter(), list_jobs()
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(mp_context=context) as pool:
-        futures = [pool.submit(function, *given) for _, function, given in wanted]
-        names = dict(zip(futures, (name for name, _, _ in wanted), strict=True))
-        for done, future in enumerate(as_completed(futures), start=1):
+        futures = {pool.submit(job.function, *job.arguments): job.name for job in jobs}
+        for count, future in enumerate(as_completed(futures), start=1):
             future.result()
             elapsed = time.perf_counter() - begin
-            console.print(f"{done:3d} of {len(wanted)}  {elapsed:4.0f} s  {names[future]}")
-    pieces: dict[str, list[pd.DataFrame]] = {}
+            console.print(f"{count:3d} of {len(jobs)}  {elapsed:4.0f} s  {futures[future]}")
+    parts: dict[str, list[pd.DataFrame]] = {}
     for future in futures:
         for name, table in future.result().items():
-            pieces.setdefault(name, []).append(table)
-    return {name: joined(parts) for name, parts in pieces.items()}
+            parts.setdefault(name, []).append(table)
+    return {name: join_tables(tables) for name, tables in parts.items()}
 
 
 def is_history(table: pd.DataFrame) -> bool:
-    """Whether the rows are times."""
+    """Return whether the rows are times."""
     return table.index.name == "t [s]"
 
 
-def joined(parts: list[pd.DataFrame]) -> pd.DataFrame:
-    """Histories side by side, other tables one above the other."""
-    return pd.concat(parts, axis=1) if is_history(parts[0]) else pd.concat(parts, ignore_index=True)
+def join_tables(tables: list[pd.DataFrame]) -> pd.DataFrame:
+    """Join columns of time histories, and rows of other tables."""
+    if is_history(tables[0]):
+        return pd.concat(tables, axis=1)
+    return pd.concat(tables, ignore_index=True)
 
 
-def write(tables: Tables, folder: Path) -> None:
-    """One CSV a table; time histories carry their time as the first column."""
+def write_tables(tables: Tables, folder: Path) -> None:
+    """Write each table to a CSV file; the first column of time histories is the time."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, table in tables.items():
         table.to_csv(folder / f"{name}.csv", index=is_history(table), float_format="%.8g")
@@ -124,13 +144,13 @@ def main() -> None:
     folder = parser.parse_args().out
     console = Console(highlight=False)
     begin = time.perf_counter()
-    tables = computed(console)
-    tables["table_2"] = table_2.table(tables["table_2_errors"])
-    # Alone, for these are the times to lay beside the paper's.
-    tables["table_2_times"] = table_2.times()
-    tables["rod_readings"] = figures_9_10_claims.judged_readings(tables)
-    tables["summary"] = summary(CLAIMS, tables)
-    write(tables, folder)
+    tables = compute_tables(console)
+    tables["table_2"] = table_2.compute_table_2(tables["table_2_errors"])
+    # Measured alone, to be compared with the CPU times of the paper.
+    tables["table_2_times"] = table_2.measure_times()
+    tables["rod_readings"] = figures_9_10.judge_readings(tables)
+    tables["summary"] = summarize_claims(CLAIMS, tables)
+    write_tables(tables, folder)
     draw_all(tables, folder)
     for _, claim in tables["summary"].iterrows():
         console.print(f"{claim['verdict']:>18}  {claim['claim']}", soft_wrap=True)

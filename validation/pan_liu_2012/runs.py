@@ -1,4 +1,4 @@
-"""One run of a model, and how far two runs are from each other."""
+"""Runs of a model, and the deviation between two runs."""
 
 from __future__ import annotations
 
@@ -9,55 +9,55 @@ import pandas as pd
 
 import beamdae as bd
 
-# Half the paper's step, and Newton's iteration converged to rounding: the rows are the same on
-# every machine.
+# Half the paper's step, with Newton's iteration converged to rounding, so that rows are the same
+# on every machine.
 SCHEME = bd.GeneralizedAlpha(step=5e-4, newton_tolerance=1e-11)
 PAPER_SCHEME = bd.GeneralizedAlpha(step=1e-3, newton_tolerance=1e-11)
-WITNESS = bd.Ida(rtol=1e-6)
+SECOND_METHOD = bd.Ida(rtol=1e-6)
 
 
-def solved(mechanism: bd.Mechanism, t_end: float, rows: float, integrator: Any) -> bd.Solution:
-    """A run that reached its end."""
+def run_to_end(mechanism: bd.Mechanism, t_end: float, rows: float, integrator: Any) -> bd.Solution:
+    """Return the solution of a run, or raise if it does not reach its end."""
     solution = bd.simulate(mechanism, integrator, t_end=t_end, output_step=rows)
     if not solution.status.success:
         raise RuntimeError(f"{integrator.label}: {solution.status.sentence}")
     return solution
 
 
-def observed(
+def observe_run(
     mechanism: bd.Mechanism, t_end: float, rows: float, integrator: Any = SCHEME
 ) -> pd.DataFrame:
-    """Observed columns of a run over time, every `rows` seconds."""
-    return _over_time(solved(mechanism, t_end, rows, integrator))
+    """Return observed columns of a run over time, every `rows` seconds."""
+    return _index_by_time(run_to_end(mechanism, t_end, rows, integrator))
 
 
-def observed_until_failure(
+def observe_until_failure(
     mechanism: bd.Mechanism, t_end: float, rows: float, integrator: Any = SCHEME
 ) -> pd.DataFrame:
-    """The same as far as the run got."""
-    return _over_time(bd.simulate(mechanism, integrator, t_end=t_end, output_step=rows))
+    """Return observed columns up to the end or the failure of the run."""
+    return _index_by_time(bd.simulate(mechanism, integrator, t_end=t_end, output_step=rows))
 
 
-def _over_time(solution: bd.Solution) -> pd.DataFrame:
+def _index_by_time(solution: bd.Solution) -> pd.DataFrame:
     return solution.observed.set_index(pd.Index(solution.t, name="t [s]"))
 
 
-def deviation(run: Any, reference: Any) -> float:
-    """Largest difference over half the range of the reference, the largest over the columns."""
+def measure_deviation(run: Any, reference: Any) -> float:
+    """Return the largest difference over half the largest range of the reference columns."""
     run, reference = np.asarray(run, float), np.asarray(reference, float)
     return float(np.max(np.abs(run - reference)) / (0.5 * np.max(np.ptp(reference, axis=0))))
 
 
-def second_method(pairs: dict[str, tuple[pd.Series, pd.Series]]) -> dict[str, pd.DataFrame]:
-    """How far generalized-alpha and IDA are apart, by column."""
+def compare_methods(pairs: dict[str, tuple[pd.Series, pd.Series]]) -> dict[str, pd.DataFrame]:
+    """Return the deviation of generalized-alpha from IDA, by column."""
     lines = [
-        {"column": name, "generalized-alpha against IDA [-]": deviation(one, other)}
+        {"column": name, "generalized-alpha against IDA [-]": measure_deviation(one, other)}
         for name, (one, other) in pairs.items()
     ]
     return {"second_method": pd.DataFrame(lines)}
 
 
-def span(values: Any, digits: int = 3) -> str:
-    """Smallest and largest value as text."""
+def format_range(values: Any, digits: int = 3) -> str:
+    """Format the smallest and the largest value."""
     low, high = np.min(values), np.max(values)
     return f"{low:.{digits}g} .. {high:.{digits}g}"

@@ -1,4 +1,4 @@
-"""Table 1, the pendulum of the experiment, and the data of the other two systems, as used here."""
+"""Table 1, the pendulum of the experiment, and the data of the other two systems."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from pendulum import pendulum
 from slider_crank import slider_crank
 
 PENDULUM = "pendulum (Table 1)"
-HUB = "hub and beam (eqs. 25-27)"
-CRANK = "slider-crank (eq. 28)"
+HUB_BEAM = "hub and beam (eqs. 25-27)"
+SLIDER_CRANK = "slider-crank (eq. 28)"
 
 
-def table() -> dict[str, pd.DataFrame]:
-    """What the paper prints and what the models hold, read from the models."""
+def compare_data() -> dict[str, pd.DataFrame]:
+    """Return printed data beside those of the models."""
     strip, hub = pendulum().part("beam"), hub_beam()
     beam, half = hub.part("beam"), hub_beam(subtended=30.0).part("beam")
     crank = slider_crank()
@@ -30,21 +30,21 @@ def table() -> dict[str, pd.DataFrame]:
         (PENDULUM, "radius of the curved beam [m]", "0.85", 1.0 / strip.curve.curvature(0.0)),
         (PENDULUM, "initial angle [rad]", "0.60", strip.curve.tangent_angle(0.0)),
         (PENDULUM, "tip mass [kg]", "0.060", tip.mass),
-        (HUB, "density [kg/m^3]", "27 667", beam.section.material.rho),
-        (HUB, "elastic modulus [Pa]", "68.952e9", beam.section.material.E),
-        (HUB, "area [m^2]", "8e-5", beam.section.area),
-        (HUB, "second moment [m^4]", "1.06667e-8", beam.section.second_moment),
-        (HUB, "length [m]", "5/3 (a pi is lost)", beam.length),
-        (HUB, "radius at 30 degrees [m]", "-", 1.0 / half.curve.curvature(0.0)),
-        (HUB, "radius at 60 degrees [m]", "-", 1.0 / beam.curve.curvature(0.0)),
-        (HUB, "hub radius [m]", "0.05", beam.start.point[0]),
-        (HUB, "hub inertia [kg m^2]", "0.3", hub.part("hub").inertia),
-        (CRANK, "crank length [m]", "1", rod.start.point[0]),
-        (CRANK, "area [m^2]", "0.02 x 0.02", rod.section.area),
-        (CRANK, "slider mass [kg]", "0.5", crank.part("slider").mass),
-        (CRANK, "span of the rod [m]", "4", rod.end.point[0] - rod.start.point[0]),
-        (CRANK, "rise of the rod [m]", "1", rod.curve.point(rod.length / 2.0)[1]),
-        (CRANK, "density [kg/m^3]", "not stated", rod.section.material.rho),
+        (HUB_BEAM, "density [kg/m^3]", "27 667", beam.section.material.rho),
+        (HUB_BEAM, "elastic modulus [Pa]", "68.952e9", beam.section.material.E),
+        (HUB_BEAM, "area [m^2]", "8e-5", beam.section.area),
+        (HUB_BEAM, "second moment [m^4]", "1.06667e-8", beam.section.second_moment),
+        (HUB_BEAM, "length [m]", "5/3 (a pi is lost)", beam.length),
+        (HUB_BEAM, "radius at 30 degrees [m]", "-", 1.0 / half.curve.curvature(0.0)),
+        (HUB_BEAM, "radius at 60 degrees [m]", "-", 1.0 / beam.curve.curvature(0.0)),
+        (HUB_BEAM, "hub radius [m]", "0.05", beam.start.point[0]),
+        (HUB_BEAM, "hub inertia [kg m^2]", "0.3", hub.part("hub").inertia),
+        (SLIDER_CRANK, "crank length [m]", "1", rod.start.point[0]),
+        (SLIDER_CRANK, "area [m^2]", "0.02 x 0.02", rod.section.area),
+        (SLIDER_CRANK, "slider mass [kg]", "0.5", crank.part("slider").mass),
+        (SLIDER_CRANK, "span of the rod [m]", "4", rod.end.point[0] - rod.start.point[0]),
+        (SLIDER_CRANK, "rise of the rod [m]", "1", rod.curve.point(rod.length / 2.0)[1]),
+        (SLIDER_CRANK, "density [kg/m^3]", "not stated", rod.section.material.rho),
     ]
     columns = ["system", "quantity", "printed", "used"]
     return {"table_1": pd.DataFrame(rows, columns=columns).astype({"used": float})}
