@@ -22,7 +22,7 @@ from beamdae.studies.store.fingerprints import FingerprintError, digest, digest_
 FINGERPRINT_LENGTH = 20  # hexadecimal digits: 80 bits
 _LABEL_HASH_LENGTH = 6
 _MAX_LABEL_LENGTH = 60  # characters of a parameter in labels
-_MAX_COMBINATIONS = 1_000_000
+MAX_CASES = 1_000_000  # of a study, and values of a parameter
 _REPRODUCIBLE_VALUES = (
     "a value that other processes can reproduce (numbers, strings, arrays, functions; lists, "
     "dicts, sets and objects of these)"
@@ -250,12 +250,12 @@ def grid(**lists: Iterable[Any]) -> list[dict[str, Any]]:
             raise BeamdaeError(f"grid: {name} must be a list of values, got {short_repr(values)}.")
         # The limit ends generators that do not end themselves.
         values_by_name[name] = require_iterable(
-            "grid", name, values, "a list of values", _MAX_COMBINATIONS + 1
+            "grid", name, values, "a list of values", MAX_CASES + 1
         )
         combinations *= len(values_by_name[name])
-    if combinations > _MAX_COMBINATIONS:
+    if combinations > MAX_CASES:
         raise BeamdaeError(
-            f"grid: {', '.join(lists)} must have at most {_MAX_COMBINATIONS} combinations, "
+            f"grid: {', '.join(lists)} must have at most {MAX_CASES} combinations, "
             f"got {combinations} or more."
         )
     return [

@@ -19,7 +19,7 @@ from beamdae.errors import (
 from beamdae.integrators import Integrator
 from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model, require_file_name
-from beamdae.studies.case import Case, DigestCache
+from beamdae.studies.case import MAX_CASES, Case, DigestCache
 from beamdae.studies.deviations import require_column_names
 from beamdae.studies.tasks import Limits, Task, describe_exception
 
@@ -27,7 +27,6 @@ _DEFAULT_OUTPUT_ROWS = 400
 _DEFAULT_TIME_LIMIT = 120.0  # seconds
 _REFERENCE_TIME_LIMIT_FACTOR = 10.0  # relative to the time limit of a case
 _MAX_REPETITIONS = 1000
-_MAX_CASES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -170,14 +169,14 @@ class Study:
 
 def _require_cases(name: str, value: Any) -> tuple[Case, ...]:
     allowed = "a list of at least one Case"
-    cases = _require_entries(name, "cases", value, allowed, _MAX_CASES)
+    cases = _require_entries(name, "cases", value, allowed, MAX_CASES)
     if not cases:
         raise BeamdaeError(f"{name}: cases must be {allowed}, got {short_repr(value)}.")
     invalid = [case for case in cases if not isinstance(case, Case)]
     if invalid:
         raise BeamdaeError(f"{name}: cases must be {allowed}, got {short_repr(invalid[0])} in it.")
-    if len(cases) > _MAX_CASES:
-        raise BeamdaeError(f"{name}: cases must be at most {_MAX_CASES}, got more.")
+    if len(cases) > MAX_CASES:
+        raise BeamdaeError(f"{name}: cases must be at most {MAX_CASES}, got more.")
     return cases
 
 
@@ -272,7 +271,7 @@ def call_definition(function: Callable[[], Any], entries: str) -> Any:
     try:
         listed = function()
         # A generator runs the function while it is iterated.
-        return list(islice(listed, _MAX_CASES + 1)) if isinstance(listed, Iterator) else listed
+        return list(islice(listed, MAX_CASES + 1)) if isinstance(listed, Iterator) else listed
     except (BeamdaeError, KeyboardInterrupt):
         raise
     except BaseException as problem:

@@ -13,6 +13,7 @@ from beamdae.model_functions import Model
 from beamdae.results.solution import Solution
 from beamdae.studies.case import (
     FINGERPRINT_LENGTH,
+    MAX_CASES,
     Case,
     DigestCache,
     cached_digest,
@@ -20,6 +21,7 @@ from beamdae.studies.case import (
     grid,
 )
 from beamdae.studies.definition import Study
+from beamdae.studies.run_values import WALL_TIME_COLUMN
 from beamdae.studies.store.fingerprints import FingerprintError, digest
 from beamdae.studies.tasks import Task
 
@@ -28,12 +30,9 @@ Output = Callable[[Solution], Any]
 # Columns that every table of responses has.
 STATUS = "status"
 REASON = "reason"
-WALL_TIME = "wall time [s]"
 TRAJECTORY = "trajectory"
 WARNINGS = "warnings"
-RESERVED_COLUMNS = (STATUS, REASON, WALL_TIME, TRAJECTORY, WARNINGS)
-
-_MAX_VALUES = 1_000_000  # of a parameter, and combinations in a list
+RESERVED_COLUMNS = (STATUS, REASON, WALL_TIME_COLUMN, TRAJECTORY, WARNINGS)
 
 
 @dataclass(frozen=True)
@@ -149,9 +148,9 @@ def _require_values(part: str, model: Model, name: Any, values: Any) -> list[Par
 def _require_list(part: str, name: str, values: Any, allowed: str) -> list[Any]:
     """Return the entries of an ordered iterable, and reject endless ones."""
     unordered = isinstance(values, (str, bytes, set, frozenset))
-    entries = require_iterable(part, name, None if unordered else values, allowed, _MAX_VALUES + 1)
-    if len(entries) > _MAX_VALUES:
-        raise BeamdaeError(f"{part}: {name} must have at most {_MAX_VALUES} values, got more.")
+    entries = require_iterable(part, name, None if unordered else values, allowed, MAX_CASES + 1)
+    if len(entries) > MAX_CASES:
+        raise BeamdaeError(f"{part}: {name} must have at most {MAX_CASES} values, got more.")
     return entries
 
 

@@ -14,12 +14,11 @@ from beamdae.report.pictures.figures import characteristic_columns
 from beamdae.results.columns import Header, observed_columns, select_columns
 from beamdae.studies.deviations import select_observed_columns
 from beamdae.studies.execution.study_run import StudyResults
-from beamdae.studies.run_values import format_output_column
+from beamdae.studies.run_values import WALL_TIME_COLUMN, format_output_column
 from beamdae.studies.sweeps.parameter_study import (
     REASON,
     STATUS,
     TRAJECTORY,
-    WALL_TIME,
     WARNINGS,
     ParameterStudy,
     format_setting,
@@ -83,7 +82,7 @@ def tabulate_responses(results: StudyResults, study: ParameterStudy) -> pd.DataF
             STATUS: status.kind,
             **_measure_run(outcome, headers),
             **{name: np.nan if x is None else x for name, x in outputs.items()},
-            WALL_TIME: values.get(WALL_TIME, np.nan),
+            WALL_TIME_COLUMN: values.get(WALL_TIME_COLUMN, np.nan),
             REASON: "" if status.success else status.sentence,
             WARNINGS: values.get(WARNINGS, ""),
             TRAJECTORY: f"trajectories/{outcome.file}" if outcome.file else "",
