@@ -270,14 +270,14 @@ def column(axes: str, load: float, elements: int = 8) -> bd.Mechanism:
 
 
 def compare_deep_arch() -> Iterator[PathResult]:
-    """Yield the limit load."""
+    """Yield the limit load against the published value."""
     path = bd.equilibrium(deep_arch(), to={"crown.y": -15.0}, control="arc length")
     factor = path.critical[0].factor
     yield PathResult("16 exact elements", "limit load [EI / R^2]", 8.97, factor, len(path.q))
 
 
 def compare_euler_column() -> Iterator[PathResult]:
-    """Yield the buckling load."""
+    """Yield the buckling load relative to Euler's load."""
     path = bd.equilibrium(column("inertial", 0.25 * np.pi**2), to=1.2)
     factor = path.critical[0].factor
     yield PathResult("8 exact elements", "branch point", 1.0, factor, len(path.q))

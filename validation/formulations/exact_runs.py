@@ -20,7 +20,7 @@ sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[2] / 
 import numpy as np
 import pandas as pd
 from hub_beam import hub_beam
-from pan_liu_2012.drawing import BLUE, GRAY, GREEN, ORANGE, RED, panels, save
+from pan_liu_2012.plots import BLUE, GRAY, GREEN, ORANGE, RED, create_panels, save_figure
 from pendulum import pendulum
 
 import beamdae as bd
@@ -130,7 +130,7 @@ def error_histories(name: str) -> dict[str, Array]:
 
 def plot_error_histories(histories: dict[str, dict[str, Array]]) -> None:
     """Plot the largest error so far over time, by strain, for both models."""
-    figure, axes = panels(columns=2, height=3.6)
+    figure, axes = create_panels(columns=2, height=3.6)
     colors = {label: color for label, (_, color) in STRAINS.items()} | {"exact, 8 elements": BLUE}
     for axis, (name, curves) in zip(axes, histories.items(), strict=True):
         for label, error in curves.items():
@@ -142,7 +142,7 @@ def plot_error_histories(histories: dict[str, dict[str, Array]]) -> None:
         axis.set_ylim(1e-6, 1e3)
     axes[0].set_ylabel("tip, largest error so far [mm]", fontsize=9)
     axes[1].legend(fontsize=7, framealpha=0.8, edgecolor="none", loc="lower right")
-    save(figure, RESULTS / "parting.png")
+    save_figure(figure, RESULTS / "parting.png")
 
 
 def main() -> None:

@@ -6,14 +6,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from benchmarks import systems as c
+from benchmarks import systems
 from hub_beam import hub_beam
 from pendulum import pendulum
 from slider_crank import slider_crank
 from spin_up import spin_up
 
 import beamdae as bd
-from tolerances import mechanisms as m
+from tolerances import mechanisms
 from tolerances.flexible_slider_crank import CRANK_END, flexible_slider_crank
 from tolerances.tolerance_case import DAMPED, UNDAMPED, ToleranceCase
 
@@ -64,12 +64,12 @@ COUPLER = ("middle.x [m]", "middle.y [m]", "rocker.angle [rad]")
 LOOP = ("crank.angle [rad]", "coupler.angle [rad]", "rocker.angle [rad]")
 TOPS = ("top.x [m]", "top.y [m]", "bar.x [m]")
 LOOPS = (
-    _case("four_bar", m.four_bar, COUPLER, 1.0),
-    _case("four_bar_damped", m.four_bar, COUPLER, 1.5, DAMPED, damping=1e-4),
-    _case("parallelogram", m.parallelogram, LOOP, 1.0),
+    _case("four_bar", mechanisms.four_bar, COUPLER, 1.0),
+    _case("four_bar_damped", mechanisms.four_bar, COUPLER, 1.5, DAMPED, damping=1e-4),
+    _case("parallelogram", mechanisms.parallelogram, LOOP, 1.0),
     replace(
-        _case("double_four_bar", m.double_four_bar, TOPS, 2.0),
-        exact=m.double_four_bar_motion,
+        _case("double_four_bar", mechanisms.double_four_bar, TOPS, 2.0),
+        exact=mechanisms.double_four_bar_motion,
         singular=True,
     ),
 )
@@ -77,15 +77,36 @@ LOOPS = (
 ENDS = ("upper end.x [m]", "upper end.y [m]", "lower end.x [m]", "lower end.y [m]")
 BOTH = {"upper_damping": 1e-4, "lower_damping": 1e-4}
 STRIPS = (
-    _case("double_strips", m.double_strip_pendulum, ENDS, 0.6),
-    _case("double_strips_damped", m.double_strip_pendulum, ENDS, 1.0, DAMPED, **BOTH),
+    _case("double_strips", mechanisms.double_strip_pendulum, ENDS, 0.6),
+    _case("double_strips_damped", mechanisms.double_strip_pendulum, ENDS, 1.0, DAMPED, **BOTH),
     _case(
-        "mixed_damping", m.double_strip_pendulum, ENDS, 0.6, upper_height=0.02, lower_damping=1e-3
+        "mixed_damping",
+        mechanisms.double_strip_pendulum,
+        ENDS,
+        0.6,
+        upper_height=0.02,
+        lower_damping=1e-3,
     ),
-    _case("thin_strip", m.strip_pendulum, PENDULUM, 0.5, height=5e-4),
-    _case("thin_strip_damped", m.strip_pendulum, PENDULUM, 1.0, DAMPED, height=5e-4, damping=1e-4),
-    _case("thick_strip", m.strip_pendulum, PENDULUM, 1.0, height=0.01),
-    _case("thick_strip_damped", m.strip_pendulum, PENDULUM, 1.0, DAMPED, height=0.01, damping=1e-4),
+    _case("thin_strip", mechanisms.strip_pendulum, PENDULUM, 0.5, height=5e-4),
+    _case(
+        "thin_strip_damped",
+        mechanisms.strip_pendulum,
+        PENDULUM,
+        1.0,
+        DAMPED,
+        height=5e-4,
+        damping=1e-4,
+    ),
+    _case("thick_strip", mechanisms.strip_pendulum, PENDULUM, 1.0, height=0.01),
+    _case(
+        "thick_strip_damped",
+        mechanisms.strip_pendulum,
+        PENDULUM,
+        1.0,
+        DAMPED,
+        height=0.01,
+        damping=1e-4,
+    ),
 )
 
 # The axial motion of the tip is of second order in the deflection.
@@ -94,20 +115,29 @@ BENT = ("tip.y [m]", "tip.angle [rad]")
 TWO = {"elements": 2}
 THICK = TWO | {"width": 0.03, "height": 0.03, "force": 1.0}
 SMALL = (
-    _case("cantilever_small", m.cantilever, BENT, 0.5, **TWO),
-    _case("cantilever_small_damped", m.cantilever, BENT, 0.5, DAMPED, damping=1e-4, **TWO),
-    _case("cantilever_30mm", m.cantilever, BENT, 0.2, **THICK),
-    _case("cantilever_30mm_damped", m.cantilever, BENT, 0.2, DAMPED, damping=1e-4, **THICK),
+    _case("cantilever_small", mechanisms.cantilever, BENT, 0.5, **TWO),
+    _case("cantilever_small_damped", mechanisms.cantilever, BENT, 0.5, DAMPED, damping=1e-4, **TWO),
+    _case("cantilever_30mm", mechanisms.cantilever, BENT, 0.2, **THICK),
+    _case(
+        "cantilever_30mm_damped", mechanisms.cantilever, BENT, 0.2, DAMPED, damping=1e-4, **THICK
+    ),
 )
 LARGE = TWO | {"force": 10.0}
 LIGHT = TWO | {"width": 0.01, "height": 0.003, "force": 0.05, "start": 0.1, "alloy": True}
 BENDING = (
-    _case("cantilever_10N", m.cantilever, BENT, 0.5, **LARGE),
-    _case("cantilever_10N_damped", m.cantilever, BENT, 0.5, DAMPED, damping=1e-4, **LARGE),
-    _case("step_on_beam", m.cantilever, BENT, 0.6, **LIGHT),
-    _case("step_on_beam_damped", m.cantilever, BENT, 0.6, DAMPED, damping=1e-3, **LIGHT),
+    _case("cantilever_10N", mechanisms.cantilever, BENT, 0.5, **LARGE),
+    _case("cantilever_10N_damped", mechanisms.cantilever, BENT, 0.5, DAMPED, damping=1e-4, **LARGE),
+    _case("step_on_beam", mechanisms.cantilever, BENT, 0.6, **LIGHT),
+    _case("step_on_beam_damped", mechanisms.cantilever, BENT, 0.6, DAMPED, damping=1e-3, **LIGHT),
     _case(
-        "step_on_tip_mass", m.cantilever, BENT, 0.6, DAMPED, tip_mass=1e-3, damping=1e-4, **LIGHT
+        "step_on_tip_mass",
+        mechanisms.cantilever,
+        BENT,
+        0.6,
+        DAMPED,
+        tip_mass=1e-3,
+        damping=1e-4,
+        **LIGHT,
     ),
 )
 CANTILEVERS = tuple(
@@ -117,29 +147,37 @@ CANTILEVERS = tuple(
 CRANK = ("phi1 [rad]", *CRANK_END)
 XY = ("x [m]", "y [m]")
 SYSTEMS = (
-    replace(_case("car_axis", c.car_axis, tuple(c.CAR_AXIS_END), 3.0), published=c.CAR_AXIS_END),
-    replace(_case("arevalo", c.arevalo, XY, 2.0), exact=c.arevalo_motion),
-    replace(_case("period_two", c.particle_pendulum, XY, 4.0), exact=c.released_pendulum_motion),
     replace(
-        _case("iftomm_pendulum", c.particle_pendulum, XY, 10.0, gravity=9.81, angle=-0.5 * np.pi),
-        exact=c.iftomm_motion,
-        published=c.IFTOMM_END,
+        _case("car_axis", systems.car_axis, tuple(systems.CAR_AXIS_END), 3.0),
+        published=systems.CAR_AXIS_END,
+    ),
+    replace(_case("arevalo", systems.arevalo, XY, 2.0), exact=systems.arevalo_motion),
+    replace(
+        _case("period_two", systems.particle_pendulum, XY, 4.0),
+        exact=systems.released_pendulum_motion,
+    ),
+    replace(
+        _case(
+            "iftomm_pendulum", systems.particle_pendulum, XY, 10.0, gravity=9.81, angle=-0.5 * np.pi
+        ),
+        exact=systems.iftomm_motion,
+        published=systems.IFTOMM_END,
     ),
     replace(
         _case(
             "spring_slider_crank",
-            c.spring_slider_crank,
-            tuple(c.SPRING_SLIDER_CRANK_END),
+            systems.spring_slider_crank,
+            tuple(systems.SPRING_SLIDER_CRANK_END),
             10.0,
             DAMPED,
         ),
-        published=c.SPRING_SLIDER_CRANK_END,
+        published=systems.SPRING_SLIDER_CRANK_END,
     ),
     replace(_case("ivp_crank", flexible_slider_crank, CRANK, 0.1), published=CRANK_END),
     _case("ivp_crank_damped", flexible_slider_crank, CRANK, 0.1, DAMPED, damped=True),
     replace(
-        _case("free_particle", c.free_particle, ("r [m]", "phi [rad]"), 4.0),
-        exact=c.free_particle_motion,
+        _case("free_particle", systems.free_particle, ("r [m]", "phi [rad]"), 4.0),
+        exact=systems.free_particle_motion,
     ),
 )
 WIDE = (*CASES, *MECHANISMS, *BLADE, *LOOPS, *STRIPS, *CANTILEVERS, *SYSTEMS)

@@ -38,7 +38,7 @@ RESULTS = Path(__file__).parent / "results"
 
 
 def tabulate_ida_run(case: ToleranceCase, integrator: bd.Ida) -> dict[str, object]:
-    """Return one row of the table."""
+    """Return error, statistics and energy imbalance of one run as a row."""
     solution = case.run(integrator)
     row: dict[str, object] = {
         "case": case.name,
@@ -136,7 +136,7 @@ def tabulate_random_set(options: argparse.Namespace) -> pd.DataFrame:
 
 
 def recompute_references(options: argparse.Namespace) -> pd.DataFrame:
-    """Recompute the stored references."""
+    """Recompute the stored references of the selected cases and return their summary."""
     effort = Effort(patience=options.patience)
     selected_cases = [case for case in WIDE if not options.case or case.name in options.case]
     return pd.concat([store_reference(case, effort) for case in selected_cases])
