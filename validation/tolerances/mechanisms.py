@@ -85,7 +85,7 @@ def double_strip_pendulum(
 
 @bd.model(t_end=1.0)
 def strip_pendulum(height=0.001, damping=0.0, tip_mass=0.0, elements=4):
-    """Curved strip of 0.3 m, pinned at its start, 0.6 rad below the horizontal, released at rest."""
+    """Curved strip of 0.3 m, pinned at its start, released at rest 0.6 rad below the horizontal."""
     mech = bd.Mechanism(gravity=GRAVITY)
     strip = bd.Section.rectangle(ALLOY, width=0.03, height=height, damping=damping)
     arc = bd.Arc(radius=0.4, length=0.3, start=(0.0, 0.0), angle=-0.6)
