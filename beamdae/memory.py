@@ -40,7 +40,7 @@ def _free_physical_memory() -> float:
     except (OSError, StopIteration):
         pass
     try:
-        # Total memory: these systems do not tell how much is in use.
+        # Total memory: these systems do not report how much is in use.
         return float(os.sysconf("SC_PHYS_PAGES")) * float(os.sysconf("SC_PAGE_SIZE"))
     except (AttributeError, OSError, ValueError):
         return float("inf")

@@ -67,7 +67,7 @@ class Model:
     Raises
     ------
     BeamdaeError
-        If an argument has the wrong type, or the name of the function is no valid file name.
+        If an argument has the wrong type, or the name of the function is not a valid file name.
     """
 
     build: Callable[..., Any]
@@ -95,7 +95,7 @@ class Model:
 
     @property
     def name(self) -> str:
-        """Name of the function."""
+        """Name of the model function."""
         return self.build.__name__
 
     @property
@@ -205,7 +205,7 @@ class Model:
                 f"{self.name}: {name} must be true or false, got {short_repr(text)}."
             )
         if kind not in (int, float, tuple, list, dict):
-            # A default of None accepts the string; other types are refused by `_convert`.
+            # A default of None accepts the string; other types are rejected by `_convert`.
             return text
         try:
             return kind(text) if kind in (int, float) else ast.literal_eval(text)

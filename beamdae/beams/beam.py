@@ -456,7 +456,7 @@ def _warn_about_curvature(part: str, mesh: Mesh, section: Section | VaryingSecti
 
 
 def _require_valid_slenderness(part: str, section: Section | VaryingSection, length: float) -> None:
-    """Refuse a section whose radius of gyration does not fit the length of the beam [m]."""
+    """Reject a section whose radius of gyration does not fit the length of the beam [m]."""
     for x in map(section.at, np.linspace(0.0, length, _GYRATION_SAMPLES)):
         gyration = float(np.sqrt(x.second_moment / x.area))
         if not _MIN_GYRATION_RATIO <= gyration / length <= _MAX_GYRATION_RATIO:
@@ -468,7 +468,7 @@ def _require_valid_slenderness(part: str, section: Section | VaryingSection, len
 
 
 def _require_mesh_memory(part: str, mesh: Mesh) -> None:
-    """Refuse a mesh whose run needs more than the available memory, before allocating any."""
+    """Reject a mesh whose run needs more than the available memory, before allocating any."""
     bytes_per_element = _BYTES_PER_ELEMENT_INTERVAL * (mesh.nodes - 1)
     needed_bytes, available = bytes_per_element * mesh.elements, available_memory()
     if needed_bytes <= available:

@@ -85,7 +85,7 @@ class Element(ABC):
     @property
     @abstractmethod
     def size(self) -> int:
-        """Number of local coordinates."""
+        """Number of local coordinates of an element."""
 
     @property
     @abstractmethod
@@ -181,7 +181,7 @@ class Kinematics(ABC):
     @property
     @abstractmethod
     def element(self) -> Element:
-        """Type of all elements."""
+        """Element type, the same for all elements."""
 
     @property
     @abstractmethod

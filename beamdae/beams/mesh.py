@@ -101,7 +101,7 @@ class Mesh:
         return points
 
     def require_resolved_curve(self, part: str) -> None:
-        """Refuse elements whose nodes are much closer together than along the curve.
+        """Reject elements whose nodes are much closer together than along the curve.
 
         Raises
         ------

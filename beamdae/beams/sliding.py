@@ -296,7 +296,7 @@ class SlidingOnBeam(Part):
 
     @property
     def outline(self) -> Array:
-        """Outline of the beam."""
+        """Points (k, 2) of the beam in the reference drawing [m]."""
         return self.beam.outline
 
     @property

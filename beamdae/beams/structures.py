@@ -231,7 +231,7 @@ def welded_beams(
 
 
 def _require_closed_curve(name: str, curve: PlaneCurve, bodies: int) -> None:
-    """Refuse a curve whose ends do not meet, and a single body."""
+    """Reject a curve whose ends do not meet, and a single body."""
     if bodies < 2:
         raise BeamdaeError(f"{name}: closed=True needs at least 2 bodies, got {bodies}.")
     ends = np.array([0.0, curve.length])

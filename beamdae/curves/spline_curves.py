@@ -86,7 +86,7 @@ class _SplineCurve:
         return half * (speed @ weights)
 
     def _require_regular(self, part: str) -> None:
-        """Refuse a curve with a cusp or a sharp turn."""
+        """Reject a curve with a cusp or a sharp turn."""
         grid, _ = self._arc_length_table
         tangent = self._spline(grid, 1)
         speed = np.linalg.norm(tangent, axis=-1)
@@ -281,7 +281,7 @@ class Curve(_SplineCurve):
         return _interpolating_spline(parameter, np.stack([x, y], axis=-1), 5)
 
     def _require_smooth_function(self) -> None:
-        """Refuse a function that the spline does not follow between the samples."""
+        """Reject a function that the spline does not follow between the samples."""
         knots = np.linspace(0.0, 1.0, _FUNCTION_SAMPLES)
         midpoints = self._spline(0.5 * (knots[:-1] + knots[1:]))
         exact = [self._evaluate_function(x) for x in midpoints[:, 0].tolist()]
@@ -396,7 +396,7 @@ def _distance_to_curve(p: Array, on_curve: Array, tangent: Array) -> float:
 
 def warn_about_curvature_jumps(spline: Any, length: float) -> None:
     """Warn if the curvature of the spline through points is mostly noise."""
-    # The second and the last but one point are no knots, and at the ends the spline is free.
+    # The spline has no knots at the second and the last but one point, and is free at the ends.
     knots = np.unique(spline.t)[1:-1]
     if len(knots) < _MIN_INNER_KNOTS:
         return

@@ -208,7 +208,7 @@ class EquationsOfMotion:
         Requested start, if it is not the drawing.
     redundant
         True if redundant constraints are removed and their reactions restored with minimum norm;
-        otherwise they are refused.
+        otherwise they are rejected.
     events
         Events to be detected in a run.
     configurations
@@ -241,22 +241,22 @@ class EquationsOfMotion:
 
     @property
     def n(self) -> int:
-        """Number of coordinates."""
+        """Number of coordinates n."""
         return self.structure.n
 
     @property
     def m(self) -> int:
-        """Number of constraints."""
+        """Number of constraints m."""
         return self.structure.m
 
     @property
     def forces(self) -> tuple[ForceTerm, ...]:
-        """Terms of F."""
+        """Terms of F, one per kernel."""
         return self.structure.forces
 
     @property
     def joints(self) -> tuple[ConstraintTerm, ...]:
-        """Terms of g."""
+        """Terms of g, one per kernel."""
         return self.structure.joints
 
     @cached_property
@@ -267,12 +267,12 @@ class EquationsOfMotion:
 
     @cached_property
     def q_names(self) -> tuple[str, ...]:
-        """'part.coordinate' of each coordinate."""
+        """Names 'part.coordinate' of the coordinates, in order."""
         return tuple(coordinate.name for coordinate in self.coordinates)
 
     @cached_property
     def lam_names(self) -> tuple[str, ...]:
-        """'part.constraint' of each multiplier."""
+        """Names 'part.constraint' of the multipliers, in order."""
         return tuple(multiplier.name for multiplier in self.multipliers)
 
     @cached_property

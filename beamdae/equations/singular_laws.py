@@ -82,7 +82,7 @@ def _compile_varying_law(law: Callable[[ca.SX], ca.SX], numbers: ca.SX) -> RowFu
 
 
 def require_no_pole(laws: Iterable[PartLaw], intervals: Sequence[tuple[float, float]]) -> None:
-    """Refuse laws that become infinite in one of the intervals (start, end) [s] of a run.
+    """Reject laws that become infinite in one of the intervals (start, end) [s] of a run.
 
     Integrators may step over a pole without any sign of an error.
 

@@ -202,7 +202,7 @@ class _Run:
 
     @property
     def event_records(self) -> tuple[EventRecord, ...]:
-        """The events that happened."""
+        """Records of the events that happened, in order of time."""
         return () if self._detector is None else tuple(self._detector.records)
 
     @property

@@ -40,7 +40,7 @@ class Integrator(ABC):
 
     @property
     def method(self) -> str:
-        """Name of the method."""
+        """Name of the method, for reports."""
         return type(self).__name__
 
     @property
@@ -55,7 +55,7 @@ class Integrator(ABC):
 
     @property
     def label(self) -> str:
-        """Short name for tables."""
+        """Short name with settings, for tables."""
         return f"{self.method}({self.accuracy.name}={self.accuracy.value:g})"
 
     @abstractmethod

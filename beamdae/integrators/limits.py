@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.integrator import Progress
 
-# A run that is known to take more steps is refused.
+# A run that is known to take more steps is rejected.
 MAX_PLANNED_STEPS = 1e8
 # (checks since a reference time, remaining checks at the pace since then): a run stalls if more
 # remain. At 64 steps a check that is 1e8 remaining steps at the pace of 1e4 steps, or 1e7 at the
@@ -100,7 +100,7 @@ class RunLimits:
 
 
 def require_feasible_step(part: str, setting: str, step: float, duration: float) -> None:
-    """Refuse a step [s] so short that a run of this duration [s] would never end.
+    """Reject a step [s] so short that a run of this duration [s] would never end.
 
     `setting` says in the message which step it is.
 

@@ -37,7 +37,7 @@ _N_TEST_COPIES = 3 * LANE_WIDTH
 
 
 def pad_copies(copies: int) -> int:
-    """Return the length of rows for so many copies: whole vectors without cache conflicts."""
+    """Return the length of rows for `copies`: whole vectors without cache conflicts."""
     length = -(-copies // LANE_WIDTH) * LANE_WIDTH
     return length + LANE_WIDTH if length and length % _CACHE_CONFLICT_STRIDE == 0 else length
 

@@ -1,4 +1,4 @@
-"""Linear solver of compiled loops, which asks Python for new pivots."""
+"""Linear solver of compiled loops, which requests new pivots from Python."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ class LinearSolver:
 
     @classmethod
     def empty(cls, dtype: type) -> LinearSolver:
-        """Return a solver without pivots, which asks for some at the first factorization."""
+        """Return a solver without pivots, which requests some at the first factorization."""
         plan = empty_plan()
         return cls(plan, allocate_factors(plan, dtype))
 
     def set_plan(self, plan: EliminationPlan) -> None:
-        """Continue with other pivots."""
+        """Continue with the pivots of another plan."""
         self.plan, self.factors = plan, allocate_factors(plan, self.factors.matrix.dtype)
         self.is_untried = 1
 

@@ -55,7 +55,7 @@ def prepare_loop(function: Any, make: Any, native: bool) -> tuple[Any, CompiledL
     make
         Makes the object: `make(True)` for machine code, `make(False)` for plain Python.
     native
-        Whether machine code is possible.
+        True if machine code is possible.
     """
     if native:
         work = make(True)

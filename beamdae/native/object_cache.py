@@ -27,7 +27,7 @@ _PRIVATE_MODE = 0o700
 _MAX_WRITE_SECONDS = 3600.0
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _OTHERS_ENTER = stat.S_IXGRP | stat.S_IXOTH
-# Refuses links, and does not wait for writers of pipes.
+# Rejects links, and does not wait for writers of pipes.
 _OPEN_FLAGS = (
     os.O_RDONLY
     | getattr(os, "O_NOFOLLOW", 0)

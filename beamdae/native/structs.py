@@ -26,7 +26,7 @@ from numba.extending import (
 from numba.np.arrayobj import make_array, populate_array
 
 _integer = ir.IntType(64)
-# Hexadecimal digits that tell layouts of one class apart.
+# Hexadecimal digits that distinguish layouts of one class.
 _NAME_DIGITS = 8
 
 

@@ -18,7 +18,7 @@ class Header(NamedTuple):
 
     @classmethod
     def of(cls, column: str) -> Header:
-        """Split a header."""
+        """Split a header 'name.suffix [unit]' into its parts."""
         dotted, _, unit = column.removesuffix("]").rpartition(" [")
         name, _, suffix = dotted.rpartition(".")
         return cls(name or suffix, suffix, unit)

@@ -38,7 +38,7 @@ class EventRecord:
     energy_lost
         Kinetic energy that the velocity jump dissipated [J].
     done
-        Whether the actions of the event were executed. If the run ended before, a run that resumes
+        True if the actions of the event were executed. If the run ended before, a run that resumes
         from its end executes them first.
     """
 

@@ -37,7 +37,7 @@ class ResponsePoint:
     multipliers
         Floquet multipliers, the largest first.
     forward
-        Whether the parameter increases along the curve at this point.
+        True if the parameter increases along the curve at this point.
     """
 
     parameter: float

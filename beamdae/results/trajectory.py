@@ -46,7 +46,7 @@ class Interval:
         States at the nodes, each of q, v, a, lam as (k, .).
     branch
         A time inside the interval, by which piecewise laws select their piece [s].
-    per_step
+    nodes_per_step
         Number of nodes per step, including its end.
     configuration
         The active parts, if events switch parts of the mechanism.
@@ -65,7 +65,7 @@ class Interval:
 
     @cached_property
     def state(self) -> State:
-        """States at the steps."""
+        """States at the times `t`."""
         return State(*(x[:: self.nodes_per_step] for x in self.rows))
 
     @property
@@ -222,7 +222,7 @@ class Instant(NamedTuple):
 
     @property
     def t(self) -> float:
-        """The time [s]."""
+        """Time of the state [s]."""
         return float(self.time[0])
 
     @classmethod

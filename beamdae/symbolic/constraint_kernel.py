@@ -28,7 +28,7 @@ class ConstraintKernel:
     constraint
         g, shape (n_multipliers,).
     reused
-        Whether many statements share the kernel as it is.
+        True if many statements share the kernel unchanged.
     """
 
     local: Local
@@ -54,7 +54,7 @@ class ConstraintKernel:
 
     @property
     def size(self) -> int:
-        """Number of constraints."""
+        """Number of constraints of one copy."""
         return self.constraint.shape[0]
 
     @cached_property
@@ -164,7 +164,7 @@ class ConstraintKernel:
 
     @property
     def gradient_pattern(self) -> ca.Sparsity:
-        """Pattern of dg/dq."""
+        """Sparsity pattern of dg/dq of one copy."""
         return self._jacobian.sparsity()
 
     @cached_property

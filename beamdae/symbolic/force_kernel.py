@@ -39,7 +39,7 @@ class ForceKernel:
     powers
         (power of the loads, dissipated power) [W].
     reused
-        Whether many statements share the kernel as it is.
+        True if many statements share the kernel unchanged.
     """
 
     local: Local
@@ -57,7 +57,7 @@ class ForceKernel:
 
     @property
     def outputs(self) -> list[SX]:
-        """(force, energies, powers)."""
+        """Expressions (force, energies, powers)."""
         return [self.force, self.energies, self.powers]
 
     @classmethod

@@ -65,7 +65,7 @@ class FormulaExpression:
     functions
         Kinds of formulas, or other functions.
     counts
-        How many numbers each of them has; None for functions that are not formulas.
+        Number of numbers of each of them; None for functions that are not formulas.
     """
 
     build: Callable[..., Any]

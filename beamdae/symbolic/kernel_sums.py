@@ -195,7 +195,7 @@ class SumPlan:
         Parameters
         ----------
         native
-            Whether kernels run as machine code or in CasADi's virtual machine.
+            True if kernels run as machine code, False if in CasADi's virtual machine.
         p
             Data of the model.
         """

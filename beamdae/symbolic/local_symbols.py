@@ -69,32 +69,32 @@ class Local:
 
     @cached_property
     def time(self) -> SX:
-        """(t, branch)."""
+        """Symbols (t, branch)."""
         return SX.sym("time", 2)
 
     @cached_property
     def q(self) -> SX:
-        """Coordinates."""
+        """Symbols of the local coordinates."""
         return SX.sym("q", self.size)
 
     @cached_property
     def v(self) -> SX:
-        """Velocities."""
+        """Symbols of the local velocities."""
         return SX.sym("v", self.size)
 
     @cached_property
     def a(self) -> SX:
-        """Accelerations."""
+        """Symbols of the local accelerations."""
         return SX.sym("a", self.size)
 
     @cached_property
     def data(self) -> SX:
-        """Data of the model."""
+        """Symbols of the data, the numbers of the model."""
         return SX.sym("data", self.n_data)
 
     @cached_property
     def lam(self) -> SX:
-        """Multipliers."""
+        """Symbols of the multipliers."""
         return SX.sym("lam", self.n_multipliers)
 
     def partial_t(self, expression: SX) -> SX:

@@ -83,7 +83,7 @@ class ForceStatement:
 
     @property
     def count(self) -> int:
-        """Number of copies."""
+        """Number of copies of the kernel."""
         return self.data.shape[1]
 
 

@@ -219,9 +219,9 @@ def linearize_at_rest(
     acceleration = np.abs(state.a) / e.position_scales
     worst = int(np.argmax(acceleration))
     warning = (
-        f"{e.q_names[worst]}: this state is no equilibrium, it accelerates by {state.a[worst]:.3g} "
-        "when released; frequencies are those of the second derivatives of the potential, "
-        "about='equilibrium' linearizes where it rests."
+        f"{e.q_names[worst]}: this state is not an equilibrium, the coordinate accelerates by "
+        f"{state.a[worst]:.3g} when released; use about='equilibrium' unless you want frequencies "
+        "of the second derivatives of the potential."
     )
     return state, tangent, (warning,), _ZERO_SQUARE_RATIO * float(acceleration[worst])
 

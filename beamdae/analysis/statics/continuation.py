@@ -79,7 +79,7 @@ class StagePath:
     step
         Size of the next step, in terms of the control.
     is_stuck
-        Whether the path ended because no step converges.
+        True if the path ended because no step converges.
     """
 
     points: list[EquilibriumPoint] = field(default_factory=list)
@@ -115,7 +115,7 @@ class ContinuationSettings:
     target_control
         The quantity that the targets are values of.
     by_arc_length
-        Whether steps are controlled by arc length instead of `target_control`.
+        True if steps are controlled by arc length instead of `target_control`.
     max_step
         Largest step: of `target_control`, or by arc length of the largest motion in natural sizes.
     max_load_step

@@ -65,7 +65,7 @@ class PathSegment:
     Attributes
     ----------
     corrector, control
-        What computes points in between.
+        Corrector that computes points in between.
     begin, end
         The two points.
     control_values

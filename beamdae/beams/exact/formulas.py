@@ -30,7 +30,7 @@ class ExactSectionMotion:
 
     @property
     def count(self) -> int:
-        """Number of numbers."""
+        """Number of numbers of the formula."""
         return 1 + self.nodes + 2 * self.has_offset
 
     def __call__(self, q: SX, numbers: Any) -> tuple[SX, SX]:

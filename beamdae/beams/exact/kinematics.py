@@ -52,7 +52,7 @@ class GeometricallyExact(FormulationKinematics):
 
     @cached_property
     def element(self) -> ExactElement:
-        """Type of all elements."""
+        """Element type, the same for all elements."""
         damped = is_damped(self.section, self.mesh, self.stiffness_points)
         varying = isinstance(self.section, VaryingSection)
         return ExactElement(self.mesh.nodes, self.stiffness_points, damped, varying)

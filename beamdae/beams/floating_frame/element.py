@@ -75,7 +75,7 @@ class FloatingFrameElement(Element):
 
     @property
     def layout(self) -> ElementDataLayout:
-        """Layout of the data."""
+        """Layout of the data of an element."""
         stiffness_point = STIFFNESS_POINT_VALUES + PRESTRAIN_VALUES * self.prestressed
         counts = (self.mass_quadrature, self.quadrature)
         return ElementDataLayout(*counts, MASS_POINT_VALUES, stiffness_point, self.varying)

@@ -65,7 +65,7 @@ class FloatingFrame(FormulationKinematics):
 
     @cached_property
     def element(self) -> FloatingFrameElement:
-        """Type of all elements."""
+        """Element type, the same for all elements."""
         return FloatingFrameElement(
             self.mesh.nodes,
             self.stiffness_points,

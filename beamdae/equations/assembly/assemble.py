@@ -155,9 +155,9 @@ def _part_coordinates(
 def _require_drawn_attachments(
     mechanism: Mechanism, coordinate_map: CoordinateMap, q0: Array, length: float
 ) -> None:
-    """Refuse attachments whose position at q0 is not their point of the drawing.
+    """Reject attachments whose position at q0 is not their point of the drawing.
 
-    Joints compare points of the drawing: they would tear apart what is drawn as meeting.
+    Joints compare points of the drawing, so a joint would move points that coincide in it apart.
     """
     attachments = [a for part in mechanism.parts.values() for a in part.attachments]
     if not attachments:

@@ -204,8 +204,8 @@ def add_observable(
     for piece in quantity.pieces:
         if id(piece.owner) not in coordinate_map.sizes:
             raise BeamdaeError(
-                f"{name}: {piece.owner.name!r} is no part of the mechanism that ran; observe one "
-                "of its parts."
+                f"{name}: {piece.owner.name!r} is not a part of the mechanism that ran; observe "
+                "one of its parts."
             )
     require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
     numbers = NumberStore(e.p)
@@ -265,7 +265,7 @@ def _build_event_terms(
 def require_unique_headers(
     coordinates: Sequence[Variable], multipliers: Sequence[Variable], observed: Sequence[Observable]
 ) -> None:
-    """Refuse two columns of a table with one header."""
+    """Reject two columns of a table with one header."""
     observed_headers = [header for observable in observed for header in observable.headers]
     require_unique("observed columns", "headers", [*observed_headers, *LEDGER_COLUMNS, TIME])
     rates = [coordinate.rate for coordinate in coordinates]

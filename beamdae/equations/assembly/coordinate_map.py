@@ -41,7 +41,7 @@ class CoordinateMap:
 
     @cached_property
     def n(self) -> int:
-        """Number of coordinates."""
+        """Number of coordinates of all bodies."""
         return sum(self.sizes.values())
 
     def slice_of(self, body: Any) -> slice:

@@ -74,7 +74,7 @@ class Expressions:
 
     @property
     def symbols(self) -> list[Any]:
-        """All symbols."""
+        """Symbols t, q, v and of the parameters."""
         multipliers = [] if self.lam is None else [self.lam]
         return [self.t, self.q, self.v, *self.parameters, *multipliers]
 
@@ -85,7 +85,7 @@ class Expressions:
 
     @cached_property
     def numbers(self) -> Array:
-        """Numbers among the parameters."""
+        """Values of the parameters that are numbers."""
         return np.array([x for x in self.parameters.values() if not isinstance(x, Law)], float)
 
     def local(self, n_multipliers: int = 0) -> Local:

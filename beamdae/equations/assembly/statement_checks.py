@@ -25,7 +25,7 @@ Statement = ForceStatement | ConstraintStatement | RangeStatement
 
 
 def require_body_fits(part: Part) -> None:
-    """Refuse coordinates, start values, laws or an outline that do not conform to `Part`."""
+    """Reject coordinates, start values, laws or an outline that do not conform to `Part`."""
     coordinates = _require_list(part.name, "coordinates", part.coordinates, Variable)
     for coordinate in coordinates:
         require_unit(part.name, coordinate.unit)
@@ -61,7 +61,7 @@ def require_body_fits(part: Part) -> None:
 
 
 def require_unit(part: str, unit: Any) -> None:
-    """Refuse a unit that is not a string, and other units of angles than "rad"."""
+    """Reject a unit that is not a string, and other units of angles than "rad"."""
     if not isinstance(unit, str) or not unit or unit != unit.strip() or not unit.isprintable():
         raise BeamdaeError(
             f"{part}: units must be strings such as 'm' and 'rad', got {short_repr(unit)}."
@@ -71,14 +71,14 @@ def require_unit(part: str, unit: Any) -> None:
 
 
 def require_unique(part: str, what: str, names: Iterable[str]) -> None:
-    """Refuse duplicate names."""
+    """Reject lists of names with duplicates."""
     duplicates = [name for name, count in Counter(names).items() if count > 1]
     if duplicates:
         raise BeamdaeError(f"{part}: its {what} must differ, {', '.join(duplicates)} comes twice.")
 
 
 def require_columns_fit(part: str, columns: Any) -> None:
-    """Refuse columns of a quantity that are not `Variable`, each with a unit."""
+    """Reject columns of a quantity that are not `Variable`, each with a unit."""
     for column in _require_list(part, "columns", columns, Variable):
         require_unit(part, column.unit)
 
@@ -164,7 +164,7 @@ def select_multipliers(
 
 
 def _require_list(part: str, what: str, value: Any, kind: type[T]) -> list[T]:
-    """Return `value` as a list; refuse anything but a list or tuple of `kind`."""
+    """Return `value` as a list; reject anything but a list or tuple of `kind`."""
     # Pieces and names are tuples themselves.
     if not isinstance(value, (tuple, list)) or isinstance(value, (Piece, Variable)):
         raise BeamdaeError(
@@ -181,7 +181,7 @@ def _require_list(part: str, what: str, value: Any, kind: type[T]) -> list[T]:
 def _require_statement_fits(
     part: Part, statement: Statement, copies: tuple[int, ...], sizes: Sizes
 ) -> None:
-    """Refuse a statement whose name, kernel, pieces and data do not fit each other."""
+    """Reject a statement whose name, kernel, pieces and data do not fit each other."""
     name, kernel = part.name, statement.kernel
     if statement.part != name:
         raise BeamdaeError(
@@ -212,7 +212,7 @@ def _require_statement_fits(
 
 
 def require_pieces_fit(part: str, pieces: Sequence[Piece], sizes: Sizes) -> None:
-    """Refuse operators on bodies of another mechanism, or of the wrong number of columns."""
+    """Reject operators on bodies of another mechanism, or of the wrong number of columns."""
     for piece in pieces:
         width = sizes.get(id(piece.owner))
         name = piece.owner.name if isinstance(piece.owner, Part) else short_repr(piece.owner)

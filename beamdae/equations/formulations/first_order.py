@@ -119,7 +119,7 @@ class FirstOrderForm:
 
     @property
     def size(self) -> int:
-        """Number of unknowns."""
+        """Number of unknowns y."""
         return self.pattern.shape[0]
 
     @property
@@ -162,7 +162,7 @@ class FirstOrderForm:
 
     @property
     def names(self) -> list[str]:
-        """Names of the unknowns."""
+        """Names of the unknowns y, in order."""
         q, lam = self.equations.q_names, self.equations.lam_names
         mu = lam if self.formulation.stabilized else ()
         return [*q, *(f"velocity of {x}" for x in q), *lam, *(f"correction of {x}" for x in mu)]

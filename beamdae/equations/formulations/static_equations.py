@@ -91,7 +91,7 @@ class StaticEquations:
 
     @property
     def size(self) -> int:
-        """Number of unknowns."""
+        """Number of unknowns (q, lam)."""
         return self.equations.n + self.equations.m
 
     @property

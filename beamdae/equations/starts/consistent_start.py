@@ -153,7 +153,7 @@ class ConsistencySolver(StateEvaluator):
             )
 
     def require_continuous(self, branch_before: float, time: Array, q: Array) -> None:
-        """Refuse a law that makes positions jump at `time` from its value on `branch_before`."""
+        """Reject a law that makes positions jump at `time` from its value on `branch_before`."""
         e = self.equations
         before = self.position_gaps(np.array([time[0], branch_before]), q)
         jump = np.abs(self.position_gaps(time, q) - before)

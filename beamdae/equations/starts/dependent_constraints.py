@@ -1,4 +1,4 @@
-"""Dependent (redundant) constraints: refuse, find and describe them."""
+"""Dependent (redundant) constraints: reject, find and describe them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
-# Refusal of dependent constraints, by singular values of gradients of length one.
+# Rejection of dependent constraints, by singular values of gradients of length one.
 _ZERO_GRADIENT = 1e-13  # length, in the scales of the coordinates: rounding
 _SINGULAR_VALUE_TOLERANCE = 1e-10
 _INVOLVED_SHARE = 1e-6  # smallest share of a constraint in a dependent combination
@@ -41,7 +41,7 @@ _MAX_DESCRIBED_SETS = 8
 
 
 def require_independent_constraints(evaluator: StateEvaluator, time: Array, q: Array) -> None:
-    """Refuse constraints that vanish or depend on each other at positions `q`.
+    """Reject constraints that vanish or depend on each other at positions `q`.
 
     Raises
     ------
@@ -214,7 +214,7 @@ class ConstraintRank:
 
     @property
     def rank(self) -> int:
-        """Number of independent constraints."""
+        """Number of linearly independent constraints."""
         return len(self.rows.independent)
 
 

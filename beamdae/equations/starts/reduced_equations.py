@@ -51,7 +51,7 @@ class ReducedEquations:
         )
 
     def require_agreement(self, time: Array) -> None:
-        """Refuse redundant constraints that contradict the others or are needed elsewhere.
+        """Reject redundant constraints that contradict the others or are needed elsewhere.
 
         Raises
         ------

@@ -47,7 +47,7 @@ class StaticSystem(Protocol):
 
     @property
     def time(self) -> Array:
-        """(t, branch)."""
+        """Time as (t, branch)."""
 
     def residual(self, q: Array, lam: Array) -> Array:
         """Return the residual, (n + m,)."""

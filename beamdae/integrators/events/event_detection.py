@@ -82,7 +82,7 @@ class EventSide:
 
 @dataclass(frozen=True)
 class _Crossing:
-    """A quantity passes its value, possibly in a direction that is no event."""
+    """A quantity passes its value, possibly in a direction that is not an event."""
 
     t: float
     term: EventTerm

@@ -107,7 +107,7 @@ class SksundaeCallbacks:
             out[:] = 1.0
 
     def _check_shared_vectors(self, t: float, y: Array) -> None:
-        """Refuse a scikit-sundae that passes copies of IDA's vectors.
+        """Reject a scikit-sundae that passes copies of IDA's vectors.
 
         The first iterate after a setup is y minus the values written into the vector that IDA
         passed. With a copy it is y minus the earlier residual, and runs would be far off without

@@ -120,7 +120,7 @@ class PointMass(Part):
         return Attachment(self, self.at, 0.0, _ALL_ROWS, kinematics, has_angle=False)
 
     def forces(self, gravity: Array) -> list[ForceStatement]:
-        """Return inertia and weight."""
+        """Return inertia and weight as one statement."""
         point = self.point
         constants = constant_formula(self.mass, *map(float, gravity))
         kernel, data = build_formula_kernel(
@@ -129,5 +129,5 @@ class PointMass(Part):
         return [ForceStatement(self.name, kernel, (point.piece,), data)]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
-        """Return a dot."""
+        """Return the symbol of a point mass, a dot."""
         return Drawing("point", [self.point])

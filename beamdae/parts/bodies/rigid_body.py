@@ -304,7 +304,7 @@ class RigidBody(Part):
         return Attachment(self, point, 0.0, _ALL_ROWS, Formula(_body_point, arm))
 
     def forces(self, gravity: Array) -> list[ForceStatement]:
-        """Return inertia and weight."""
+        """Return inertia and weight as one statement."""
         data = np.array([[self.mass], [self.inertia], [gravity[0]], [gravity[1]]])
         return [ForceStatement(self.name, _rigid_body_kernel(), (Piece(self, _ALL_ROWS),), data)]
 

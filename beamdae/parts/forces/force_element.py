@@ -210,19 +210,19 @@ class _ElementKernel(_ElementExpression):
 
 @dataclass(frozen=True)
 class DeformationValues(_ElementExpression):
-    """Deformation as an observable."""
+    """Values of the deformation of a force element."""
 
     def __call__(self, local: Local, *functions: Any) -> SX:
-        """Return the deformation."""
+        """Return deformation and rate as expressions."""
         return self.observe(self.evaluate(local, *functions)[0])
 
 
 @dataclass(frozen=True)
 class ForceValues(_ElementExpression):
-    """Force as an observable."""
+    """Values of the force of a force element."""
 
     def __call__(self, local: Local, *functions: Any) -> SX:
-        """Return the force."""
+        """Return the force as an expression."""
         return self.observe(self.evaluate(local, *functions)[1].force)
 
 

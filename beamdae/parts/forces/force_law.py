@@ -235,7 +235,7 @@ class ForceLaw(Part):
         return (self.name, self.on, self.law, self.energy, self.dissipative)
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return the loads."""
+        """Return the loads of the law as one statement."""
         kinematics = [one.checked_kinematics for one in self.on]
         size = sum(one.size for one in self.on)
         kernel, data = build_formula_kernel(

@@ -37,7 +37,7 @@ def list_entries(value: Any) -> list[Any]:
 
 
 def require_column(part: str, what: str, value: Any, rows: int) -> SX:
-    """Return the value of a formula as a column of so many rows."""
+    """Return the value of a formula as a column with `rows` entries."""
     try:
         column = ca.vertcat(*(SX(entry) for entry in list_entries(value)))
     except Exception:

@@ -247,7 +247,7 @@ class Friction(Part):
         return Quantity((first, Variable("v", "m/s")), pieces, values, data, self.joint.name)
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return the friction force."""
+        """Return the friction force as one statement."""
         joint = self.joint
         kernel, data = build_formula_kernel(
             _FrictionKernel(self._law),

@@ -98,12 +98,12 @@ class Force(Part):
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
-        """Laws of both components."""
+        """Laws of time of both components."""
         return tuple(as_law(self.name, component) for component in self.law)
 
     @property
     def inputs(self) -> tuple[Variable, ...]:
-        """Both components."""
+        """Names and units of both components."""
         return (Variable("Fx", "N"), Variable("Fy", "N"))
 
     def with_constant_laws(self, values: Sequence[float]) -> Force:
@@ -111,7 +111,7 @@ class Force(Part):
         return replace(self, law=tuple(values))
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return the load."""
+        """Return the force as one statement."""
         kind = {"inertial": dead_load, "body": _follower_load}[self.axes]
         return [load_statement(self.name, self.on, kind, self.laws)]
 
@@ -144,12 +144,12 @@ class Moment(Part):
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
-        """Law of the moment."""
+        """Law of time of the moment."""
         return (as_law(self.name, self.law),)
 
     @property
     def inputs(self) -> tuple[Variable, ...]:
-        """The moment."""
+        """Name and unit of the moment."""
         return (Variable("M", "N m"),)
 
     def with_constant_laws(self, values: Sequence[float]) -> Moment:
@@ -157,5 +157,5 @@ class Moment(Part):
         return replace(self, law=values[0])
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return the load."""
+        """Return the moment as one statement."""
         return [load_statement(self.name, self.on, _moment_load, self.laws)]

@@ -57,7 +57,7 @@ class _Surface:
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """Numbers of its kind."""
+        """Numbers of the surface, data of its kernel."""
         raise NotImplementedError
 
     def gap(self, point: Attachment) -> Quantity:
@@ -100,7 +100,7 @@ class LineSurface(_Surface):
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """Left unit normal."""
+        """Left unit normal of the line."""
         x, y = self.direction
         length = math.hypot(x, y)
         return (-y / length, x / length)

@@ -112,7 +112,7 @@ class Driver(DrivenJoint):
 
     @property
     def inputs(self) -> tuple[Variable, ...]:
-        """The angle."""
+        """Name and unit of the driven angle."""
         return (Variable("angle", "rad"),)
 
     def with_constant_laws(self, values: Sequence[float]) -> Driver:
@@ -168,7 +168,7 @@ class TranslationalDriver(DrivenJoint):
 
     @property
     def inputs(self) -> tuple[Variable, ...]:
-        """The travel."""
+        """Name and unit of the driven travel."""
         return (Variable("travel", "m"),)
 
     def with_constant_laws(self, values: Sequence[float]) -> TranslationalDriver:

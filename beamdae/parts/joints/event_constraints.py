@@ -46,7 +46,7 @@ class FrozenGap:
     since: float = 0.0
 
     def to_record(self) -> dict[str, Any]:
-        """Return what is stored of it in files and sent between processes."""
+        """Return the fields that are stored in files and sent between processes."""
         return {"found": self.offsets, "event": self.event, "since": self.since}
 
     @classmethod
@@ -148,12 +148,12 @@ class FrozenConstraint(Part):
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """Name of the joint."""
+        """Name of the frozen joint."""
         return self.joint.name
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:
-        """Attachments of the joint."""
+        """Attachments of the frozen joint."""
         return self.joint.attachments
 
     @property
@@ -163,7 +163,7 @@ class FrozenConstraint(Part):
 
     @property
     def multipliers(self) -> tuple[Variable, ...]:
-        """Multipliers of the joint."""
+        """Multipliers of the frozen joint."""
         return self.joint.multipliers
 
     def constraints(self) -> list[ConstraintStatement]:
@@ -188,7 +188,7 @@ class ClosedGap(Part):
         return ()
 
     def constraints(self) -> list[ConstraintStatement]:
-        """Return the constraint."""
+        """Return the constraint that keeps the gap closed."""
         size = sum(piece.operator.shape[0] for piece in self.gap.pieces)
         local = Local(size, len(self.gap.data), 1)
         unit = {"rad": "N m"}.get(self.gap.columns[0].unit, "N")

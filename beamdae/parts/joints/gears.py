@@ -79,7 +79,7 @@ class Gear(Joint):
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """The ratio."""
+        """Gear ratio, a number in the gap function."""
         return (self.ratio,)
 
     @staticmethod

@@ -72,7 +72,7 @@ class PointOnLine(Joint):
 
     @property
     def slide_direction(self) -> tuple[float, float]:
-        """Direction of the guide."""
+        """Direction of the guide line."""
         return self.direction
 
     @property
@@ -115,7 +115,7 @@ class Prismatic(Joint):
 
     @property
     def slide_direction(self) -> tuple[float, float]:
-        """Direction of the guide."""
+        """Direction in which the joint slides."""
         return self.direction
 
     @property

@@ -137,12 +137,12 @@ class Revolute(Joint):
 
     @staticmethod
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint) -> SX:
-        """Return r_b - r_a."""
+        """Return the gap r_b - r_a."""
         return b.position - a.position
 
     @property
     def offset_carrier(self) -> str:
-        """The body of `a`, or that of `b` if `a` is a particle."""
+        """Point `a`, or `b` if `a` is on a particle, which has no axes."""
         return "a" if self.a.has_angle else "b"
 
 
@@ -167,5 +167,5 @@ class Weld(Joint):
 
     @property
     def offset_carrier(self) -> str:
-        """The body of `a`."""
+        """Point `a`, whose axes carry the offset of a frozen gap."""
         return "a"

@@ -95,7 +95,7 @@ def create_panels(number: int, title: str, what: str = "columns") -> tuple[Figur
     title
         Title of the figure.
     what
-        What the panels show, for the title.
+        Name of the content of the panels, for the title.
     """
     # matplotlib takes longer to import than some commands take to run.
     from matplotlib.figure import Figure

@@ -27,7 +27,7 @@ _ROUNDING = 1e-12
 _RESOLUTION_FACTOR = 10.0
 _HEADER_LINE_LETTERS = 12
 
-# Settings of a run that are shown in files only, or as facts of their own.
+# Settings of a run that are shown in files only, or as separate facts.
 _SETTINGS_IN_FILES = ("orders", "error_test_failures")
 _SETTINGS_WITH_ROWS = ("integrator", "amplitudes", "limited_by")
 

@@ -52,7 +52,7 @@ class SingularPosition:
     joints
         Joints whose reactions balance each other there.
     jump
-        Whether the velocity jumped there, so that the run continued on another branch.
+        True if the velocity jumped there, so that the run continued on another branch.
     """
 
     t: float

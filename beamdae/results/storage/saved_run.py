@@ -162,7 +162,7 @@ def read_saved_run(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
         why = problem.strerror or problem
         raise BeamdaeError(f"{file}: it cannot be read, {why}.") from None
     try:
-        # Pickled objects are refused because reading them could execute code.
+        # Pickled objects are rejected because reading them could execute code.
         with np.load(io.BytesIO(raw), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         content = json.loads(arrays[_CONTENT].tobytes())
