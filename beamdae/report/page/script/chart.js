@@ -25,9 +25,11 @@ const DIGIT_WIDTH = 6.8; // of tick labels [px]
  */
 function createChart(spec) {
   const plot = svg("svg", { class: "plot", role: "group", tabindex: "0", "aria-label": spec.label });
-  const chart = { spec, plot, element: html("div", { class: "chart", "data-chart": spec.id }) };
+  // Cursor and zoom box: the browser composites this layer without drawing the curves again.
+  const overlay = svg("svg", { class: "overlay", "aria-hidden": "true" });
+  const chart = { spec, plot, overlay, element: html("div", { class: "chart", "data-chart": spec.id }) };
   chart.resetButton = createToolButton("Reset", "show all (0)", () => resetView(chart));
-  chart.element.append(createToolbar(chart), plot);
+  chart.element.append(createToolbar(chart), html("div", { class: "plot-layers" }, plot, overlay));
   listenToGestures(chart);
   const redrawIfResized = () => chart.element.clientWidth !== chart.width && drawChart(chart);
   new ResizeObserver(redrawIfResized).observe(chart.element);
@@ -54,7 +56,7 @@ function createToolbar(chart) {
 }
 
 function drawChart(chart) {
-  const { spec, plot, element } = chart;
+  const { spec, plot, overlay, element } = chart;
   // Drawing replaces all elements: the point that has the focus receives it again.
   const focusedCase = plot.contains(document.activeElement) && document.activeElement.dataset.case;
   chart.width = element.clientWidth;
@@ -67,7 +69,8 @@ function drawChart(chart) {
   const x = createScale(visibleRange(chart, "x"), [box.left, box.right], spec.x.log);
   Object.assign(chart, { box, x, y });
   const clipId = `clip-${spec.id}`;
-  plot.setAttribute("viewBox", `0 0 ${box.width} ${box.height}`);
+  for (const layer of [plot, overlay]) layer.setAttribute("viewBox", `0 0 ${box.width} ${box.height}`);
+  overlay.replaceChildren();
   plot.replaceChildren(
     svg("clipPath", { id: clipId }, createPlotArea(box)),
     ...spec.drawBackground(box, x, y),

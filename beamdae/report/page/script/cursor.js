@@ -3,11 +3,11 @@
 const KEY_STEPS = 100; // of the cursor across the visible time
 
 function addCursor(chart) {
-  const { plot } = chart;
+  const { plot, overlay } = chart;
   let time = null;
   const visibleTimes = () => [chart.box.left, chart.box.right].map(chart.x.toValue);
   const removeCursor = () => {
-    plot.querySelector(".cursor-group")?.remove();
+    overlay.replaceChildren();
     hideTooltip();
   };
   const followPointer = (event) => {
@@ -32,20 +32,15 @@ function addCursor(chart) {
   });
 }
 
-function drawCursor({ spec, plot, box, x, y }, time, tooltipPosition) {
+function drawCursor({ spec, overlay, box, x, y }, time, tooltipPosition) {
   const readings = spec.lines.map((line) => {
     const k = nearestIndex(line.t, time);
     return { line, t: line.t[k], value: line.values[k] ?? null };
   });
   const position = x.toPosition(time);
-  plot.querySelector(".cursor-group")?.remove();
-  plot.append(
-    svg(
-      "g",
-      { class: "cursor-group" },
-      svg("line", { class: "cursor", x1: position, x2: position, y1: box.top, y2: box.bottom }),
-      ...readings.flatMap((reading) => createDot(reading, x, y, box)),
-    ),
+  overlay.replaceChildren(
+    svg("line", { class: "cursor", x1: position, x2: position, y1: box.top, y2: box.bottom }),
+    ...readings.flatMap((reading) => createDot(reading, x, y, box)),
   );
   const rows = readings.map(({ line, value }) =>
     html(

@@ -92,9 +92,7 @@ function copyWithStyles(element) {
   const styles = getComputedStyle(element);
   for (const name of EXPORTED_PROPERTIES) copy.style.setProperty(name, styles.getPropertyValue(name));
   for (const name of ["class", "tabindex", "data-case"]) copy.removeAttribute(name);
-  const children = [...element.childNodes].filter((child) => !child.classList?.contains("cursor-group"));
-  copy.append(
-    ...children.map((child) => (child.nodeType === Node.ELEMENT_NODE ? copyWithStyles(child) : child.cloneNode())),
-  );
+  const copyChild = (child) => (child.nodeType === Node.ELEMENT_NODE ? copyWithStyles(child) : child.cloneNode());
+  copy.append(...[...element.childNodes].map(copyChild));
   return copy;
 }

@@ -79,11 +79,10 @@ function distance([x, y], [u, v]) {
   return Math.hypot(u - x, v - y);
 }
 
-function drawZoomBox({ plot }, [x, y], [u, v]) {
+function drawZoomBox({ overlay }, [x, y], [u, v]) {
   hideTooltip();
   const size = { width: Math.abs(u - x), height: Math.abs(v - y) };
-  plot.querySelector(".zoom-box")?.remove();
-  plot.append(svg("rect", { class: "zoom-box", x: Math.min(x, u), y: Math.min(y, v), ...size }));
+  overlay.replaceChildren(svg("rect", { class: "zoom-box", x: Math.min(x, u), y: Math.min(y, v), ...size }));
 }
 
 // The wheel scrolls the page unless the chart has the focus or Ctrl is pressed. Beside an axis it zooms
