@@ -103,14 +103,14 @@ class RunPrediction:
         Number of steps, and wall time [s] without building and compiling.
     method
         Method that Auto selects, and the reason.
-    reached
+    covered_share
         Share of the run that the pilot run covered.
     """
 
     steps: float
     seconds: float
     method: str
-    reached: float
+    covered_share: float
 
 
 @dataclass(frozen=True)

@@ -20,22 +20,29 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 # Error estimate.
-_COARSENING = {"rtol": 10.0, "step": 2.0}  # tolerance or step of the second run, over the first
+_COARSENING_FACTORS = {
+    "rtol": 10.0,
+    "step": 2.0,
+}  # tolerance or step of the second run, over the first
 _MAX_COARSENED_RTOL = 3e-4  # above it, errors do not decrease with the order yet
 _SAFETY_FACTOR = 4.5  # on the error that the order predicts; stiff errors decrease more slowly
 _MAX_DIFFERENCE_FACTOR = 3.0  # largest error estimate, in differences of the two runs
-_SAME_STEPS = 0.95  # ratio of numbers of steps above which two runs say nothing of their errors
+_MAX_STEP_COUNT_RATIO = (
+    0.95  # ratio of numbers of steps above which two runs do not show their errors
+)
 
 # Verification.
 _ALLOWED_ERROR = 100.0  # allowed difference of positions and angles over the looser rtol
 _ALLOWED_ERROR_WITHOUT_RTOL = 1e-3
-_TIGHTER = 0.1  # tolerance of the second run, over the first
+_TIGHTENING_FACTOR = 0.1  # tolerance of the second run, over the first
 _MIN_RTOL = 1e-10
 _RTOL_FOR_FIXED_STEPS = 1e-6  # of the run that verifies one with a fixed step
 
 # Columns whose half range is below either of these are at rest.
-_REST_TO_OTHERS = 1e-9  # relative to the largest half range of a column with the same unit
-_REST_TO_VALUES = 1e-12  # relative to the largest value of the column, where rounding dominates
+_REST_TO_OTHERS_RATIO = 1e-9  # relative to the largest half range of a column with the same unit
+_REST_TO_VALUES_RATIO = (
+    1e-12  # relative to the largest value of the column, where rounding dominates
+)
 
 # Columns of the tables.
 HALF_RANGE = "half the range"
@@ -103,17 +110,17 @@ def estimate_errors(solution: Solution, progress: Progress | None = None) -> Err
     """
     integrator = _require_own_integrator("error_estimate", solution)
     name, value = integrator.accuracy
-    factor = _COARSENING[name]
+    factor = _COARSENING_FACTORS[name]
     fraction = min(_SAFETY_FACTOR / (factor**integrator.order - 1.0), _MAX_DIFFERENCE_FACTOR)
     is_loose = name == "rtol" and value > _MAX_COARSENED_RTOL
     if is_loose or solution.integrator.get("method") == "Radau":
-        factor, fraction = _TIGHTER, _MAX_DIFFERENCE_FACTOR
+        factor, fraction = _TIGHTENING_FACTOR, _MAX_DIFFERENCE_FACTOR
     refined: Any = replace(integrator, **{name: factor * value})  # type: ignore[type-var]
     other = _run_again(solution, refined, progress)
     if other is not None:
         steps = solution.trajectory.steps, other.trajectory.steps
         # The steps are limited by something other than the tolerance.
-        if min(steps) > _SAME_STEPS * max(steps):
+        if min(steps) > _MAX_STEP_COUNT_RATIO * max(steps):
             other = None
     return _compare(solution, other, fraction)
 
@@ -194,7 +201,7 @@ def compare_methods(
     has_rtol = name == "rtol"
     allowed_error = _ALLOWED_ERROR * value if has_rtol else _ALLOWED_ERROR_WITHOUT_RTOL
     if by is None:
-        rtol = max(_TIGHTER * value, _MIN_RTOL) if has_rtol else _RTOL_FOR_FIXED_STEPS
+        rtol = max(_TIGHTENING_FACTOR * value, _MIN_RTOL) if has_rtol else _RTOL_FOR_FIXED_STEPS
         is_radau = solution.integrator.get("method") == "Radau"
         by = GeneralizedAlpha(rtol=rtol) if is_radau else Radau(rtol)
     other_name, other_value = require_integrator("verify", by).accuracy
@@ -287,5 +294,6 @@ def _rest_limits(solution: Solution, half_range: Array, largest: Array) -> Array
     for kind, value in zip(kinds, np.nan_to_num(half_range, posinf=np.inf).tolist(), strict=True):
         of_kind[kind] = max(of_kind[kind], value)
     return np.maximum(
-        _REST_TO_OTHERS * np.array([of_kind[kind] for kind in kinds]), _REST_TO_VALUES * largest
+        _REST_TO_OTHERS_RATIO * np.array([of_kind[kind] for kind in kinds]),
+        _REST_TO_VALUES_RATIO * largest,
     )

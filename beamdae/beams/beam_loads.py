@@ -39,7 +39,7 @@ from beamdae.symbolic.formula import (
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local
 
 # Longest time that a moving force may take to pass the beam [s], so that times of laws are finite.
-_MAX_TIME = 1e30
+_MAX_PASSAGE_TIME = 1e30
 
 
 @dataclass(frozen=True)
@@ -268,9 +268,10 @@ class MovingForce(Part):
         )
         if self.speed == 0.0:
             raise BeamdaeError(f"{self.name}: speed must not be zero; use a Force on beam.at(s).")
-        if (abs(self.start) + self.beam.length) / abs(self.speed) > _MAX_TIME:
+        if (abs(self.start) + self.beam.length) / abs(self.speed) > _MAX_PASSAGE_TIME:
             raise BeamdaeError(
-                f"{self.name}: speed must pass the beam within {_MAX_TIME:g} s, got {self.speed:g}."
+                f"{self.name}: speed must pass the beam within {_MAX_PASSAGE_TIME:g} s, "
+                f"got {self.speed:g}."
             )
 
     @cached_property

@@ -10,7 +10,7 @@ from beamdae.equations.starts.state_evaluator import StateEvaluator
 
 Array = np.ndarray
 
-_NEARLY_SINGULAR = 5e-2  # smallest singular value of G with rows of length one
+_NEARLY_SINGULAR_RATIO = 5e-2  # smallest singular value of G with rows of length one
 _SIGNIFICANT_RESIDUAL = 1e-6  # relative to the natural size of the equation
 _MIN_FORCE = 1e-300  # avoids division by zero
 
@@ -71,7 +71,7 @@ def _describe_rank_loss(e: EquationsOfMotion, time: Array, state: State) -> str:
         return ""
     jacobian = build_constraint_jacobian(e)
     smallest = jacobian.smallest_singular_values(time[None], state.q[None])[0]
-    if not smallest < _NEARLY_SINGULAR:
+    if not smallest < _NEARLY_SINGULAR_RATIO:
         return ""
     names = ", ".join(jacobian.singular_joints(time, state.q))
     return (

@@ -16,8 +16,8 @@ from beamdae.linear.orderings import compute_bordered_ordering
 Array = np.ndarray
 
 # Coordinates up to which dense matrices are used; there is no sparse method for unsymmetric ones.
-_MAX_DENSE = 150
-_MAX_DENSE_UNSYMMETRIC = 600
+_MAX_DENSE_COORDINATES = 150
+_MAX_DENSE_UNSYMMETRIC_COORDINATES = 600
 # Eigenvalues that rounding makes of zero, relative to the largest entry of the stiffness: by dense
 # eigenvalue solvers, and by sparse elimination of fine meshes.
 _ZERO_TOLERANCE = 2e-14
@@ -100,7 +100,9 @@ def assess_stability(system: LoadedEquations, x: Array, nonzeros: Array) -> Stab
     size = float(np.max(np.abs(stiffness.data), initial=0.0))
     skew = sp.csc_array(stiffness - stiffness.T)
     is_symmetric = np.max(np.abs(skew.data), initial=0.0) <= _ASYMMETRY_TOLERANCE * size
-    if n <= _MAX_DENSE or (not is_symmetric and n <= _MAX_DENSE_UNSYMMETRIC):
+    if n <= _MAX_DENSE_COORDINATES or (
+        not is_symmetric and n <= _MAX_DENSE_UNSYMMETRIC_COORDINATES
+    ):
         return _dense_stability(system, x, stiffness.toarray(), gradients.toarray())
     unknown = Stability(np.zeros(0), np.zeros((n, 0)), -1)
     if not is_symmetric:

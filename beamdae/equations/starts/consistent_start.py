@@ -33,8 +33,8 @@ _MAX_FRICTION_ITERATIONS = 50
 _FRICTION_TOLERANCE = 1e-10  # relative change; leaves room for badly scaled matrices
 
 # Coefficients (c0, c1, c2) of stiffness, damping and mass in the saddle-point matrix.
-_MASS = (0.0, 0.0, 1.0)
-_CLOSING = (_RIGID_TIME**2, 0.0, 1.0)
+_MASS_COEFFICIENTS = (0.0, 0.0, 1.0)
+_CLOSING_COEFFICIENTS = (_RIGID_TIME**2, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class ConsistencySolver(StateEvaluator):
     def mass_solver(self, time: Array, state: State) -> Callable[[Array], Array]:
         """Return the map from forces (n,) to accelerations (n,) of the constrained mechanism."""
         e = self.equations
-        solver, _ = self._factorize(time, state.q, state.v, _MASS)
+        solver, _ = self._factorize(time, state.q, state.v, _MASS_COEFFICIENTS)
         return lambda force: solver.solve(np.concatenate([force, np.zeros(e.m)]))[: e.n]
 
     def evaluate_normal_jerk(
@@ -118,7 +118,7 @@ class ConsistencySolver(StateEvaluator):
         rate = (accelerations[0] - accelerations[1]) / (2.0 * delta)
         if of_positions:
             rate[e.nonholonomic_rows] = 0.0
-        solver, _ = self._factorize(time, q, v, _MASS)
+        solver, _ = self._factorize(time, q, v, _MASS_COEFFICIENTS)
         return solver.solve(np.concatenate([np.zeros(e.n), -rate]))[: e.n]
 
     def require_inertia(self) -> None:
@@ -132,7 +132,7 @@ class ConsistencySolver(StateEvaluator):
             Naming the coordinate.
         """
         e, block = self.equations, self.sums.block
-        nonzeros = self.saddle_matrix(np.zeros(2), e.q0, e.v0, None, _MASS)
+        nonzeros = self.saddle_matrix(np.zeros(2), e.q0, e.v0, None, _MASS_COEFFICIENTS)
         mass = nonzeros[block.entries]
         if not np.isfinite(mass).all():
             return
@@ -188,7 +188,7 @@ class ConsistencySolver(StateEvaluator):
             if e.m == 0 or np.max(np.abs(g)) <= _POSITION_TOLERANCE * max(1.0, e.length):
                 return q
             require_independent_constraints(self, time, q)
-            solver, _ = self._factorize(time, q, zeros, _CLOSING)
+            solver, _ = self._factorize(time, q, zeros, _CLOSING_COEFFICIENTS)
             q = q + solver.solve(np.concatenate([zeros, -g]))[: e.n]
         worst = int(np.argmax(np.abs(g)))
         raise BeamdaeError(
@@ -202,7 +202,7 @@ class ConsistencySolver(StateEvaluator):
         g_dot = self.constraint_levels(time, q, v)[1]
         if e.m == 0 or not np.any(g_dot):
             return v
-        solver, _ = self._factorize(time, q, v, _MASS)
+        solver, _ = self._factorize(time, q, v, _MASS_COEFFICIENTS)
         return v + solver.solve(np.concatenate([np.zeros(e.n), -g_dot]))[: e.n]
 
     def _factorize(

@@ -20,11 +20,11 @@ from beamdae.symbolic.sparse_operators import column_indices
 Array = np.ndarray
 
 # Rejection of dependent constraints, by singular values of gradients of length one.
-_ZERO_GRADIENT = 1e-13  # length, in the scales of the coordinates: rounding
+_ZERO_GRADIENT_LENGTH = 1e-13  # length, in the scales of the coordinates: rounding
 _SINGULAR_VALUE_TOLERANCE = 1e-10
 _INVOLVED_SHARE = 1e-6  # smallest share of a constraint in a dependent combination
 _MAX_SVD_CONSTRAINTS = 100  # an SVD costs their number cubed; beyond, inverse iteration filters
-_CLEARLY_INDEPENDENT = 1e-8  # smallest squared singular value that needs no SVD
+_MIN_INDEPENDENT_SQUARE = 1e-8  # smallest squared singular value that needs no SVD
 _INVERSE_ITERATIONS = 3
 _MAX_EXPLAINED_CONSTRAINTS = 300  # explaining the blocked motions costs their number cubed
 
@@ -56,7 +56,7 @@ def require_independent_constraints(evaluator: StateEvaluator, time: Array, q: A
     columns = column_indices(pattern)
     gradients = evaluator.gradients(time, q) * e.position_scales[columns]
     lengths = np.sqrt(np.bincount(pattern.indices, gradients**2, count))
-    if np.any(lengths <= _ZERO_GRADIENT):
+    if np.any(lengths <= _ZERO_GRADIENT_LENGTH):
         name = names[int(np.argmin(lengths))]
         raise BeamdaeError(
             f"{name}: this constraint has a zero gradient at t = {t:g} s; it cannot be met from "
@@ -99,7 +99,7 @@ def _are_clearly_independent(rows: sp.csr_array) -> bool:
     x = np.cos(np.arange(rows.shape[0]) ** 2.0)
     for _ in range(_INVERSE_ITERATIONS):
         x = factors.solve(x / np.linalg.norm(x))
-    return bool(np.linalg.norm(x) < 1.0 / _CLEARLY_INDEPENDENT)
+    return bool(np.linalg.norm(x) < 1.0 / _MIN_INDEPENDENT_SQUARE)
 
 
 @dataclass(frozen=True)

@@ -27,13 +27,13 @@ _WIDTH = 8.0
 _MIN_HEIGHT = 2.5
 _MAX_HEIGHT = 8.0
 # Space around the axes for labels of the axes [inch].
-_LEFT = 0.8
-_BOTTOM = 0.5
-_RIGHT = 0.2
-_TOP = 0.22
+_LEFT_MARGIN = 0.8
+_BOTTOM_MARGIN = 0.5
+_RIGHT_MARGIN = 0.2
+_TOP_MARGIN = 0.22
 # Relative to the extent of the scene: parts closer than this share a label; free margin.
 _SHARED_LABEL_DISTANCE = 0.012
-_MARGIN = 0.09
+_SCENE_MARGIN = 0.09
 _LABEL_LETTERS = 30
 # Points per line that labels avoid, and the kinds of lines that they may cover.
 _POINTS_PER_LINE = 120
@@ -89,7 +89,7 @@ def create_drawing(mechanism: Mechanism, size: tuple[float, float] | None = None
         labels.append(_draw_gravity(mechanism.gravity, low, high, scene.size, axis))
         high = np.add(high, (4.0 * scene.size, 0.0))
     axis.dataLim.set_points(np.array([low, high]))
-    axis.margins(_MARGIN)
+    axis.margins(_SCENE_MARGIN)
     axis.autoscale_view()
     place_labels(axis, labels, _sample_lines(scene))
     disable_math_text(figure)
@@ -105,8 +105,11 @@ def _create_axis(extent: Array, size: tuple[float, float] | None) -> tuple[Figur
     width, height = size or (_WIDTH, float(np.clip(height, _MIN_HEIGHT, _MAX_HEIGHT)))
     figure = Figure(figsize=(width, height))
     FigureCanvasAgg(figure)
-    inner = (1.0 - (_LEFT + _RIGHT) / width, 1.0 - (_BOTTOM + _TOP) / height)
-    axis = figure.add_axes((_LEFT / width, _BOTTOM / height, *inner))
+    inner = (
+        1.0 - (_LEFT_MARGIN + _RIGHT_MARGIN) / width,
+        1.0 - (_BOTTOM_MARGIN + _TOP_MARGIN) / height,
+    )
+    axis = figure.add_axes((_LEFT_MARGIN / width, _BOTTOM_MARGIN / height, *inner))
     axis.set_aspect("equal", adjustable="datalim")
     axis.spines[["top", "right"]].set_visible(False)
     axis.set_xlabel("x [m]")

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 # Candidate positions around a point: number of directions, and distances [pt], nearest first.
-_DIRECTIONS = 16
+_DIRECTION_COUNT = 16
 _DISTANCES = (7.0, 14.0, 24.0, 38.0, 56.0, 80.0, 110.0, 150.0)
 # A label this far away is connected to its point by a line [pt].
 _MIN_LEADER_DISTANCE = 16.0
@@ -79,7 +79,7 @@ def _measure_text(axis: Axes, text: str) -> Array:
 def _candidate_boxes(anchor: Array, size: Array) -> tuple[Array, Array]:
     """Return boxes (k, 4) around a point, lower left to upper right, and their distances [pt]."""
     boxes, distances = [], []
-    angles = 0.25 * math.pi + 2.0 * math.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    angles = 0.25 * math.pi + 2.0 * math.pi * np.arange(_DIRECTION_COUNT) / _DIRECTION_COUNT
     for distance in _DISTANCES:
         for k, angle in enumerate(angles):
             direction = np.array([math.cos(angle), math.sin(angle)])
@@ -88,7 +88,7 @@ def _candidate_boxes(anchor: Array, size: Array) -> tuple[Array, Array]:
             low = anchor + distance * direction + shift
             boxes.append((*low, *(low + size)))
             # Among equal distances, directions near the upper right are preferred.
-            distances.append(distance + 0.1 * min(k, _DIRECTIONS - k))
+            distances.append(distance + 0.1 * min(k, _DIRECTION_COUNT - k))
     return np.array(boxes), np.array(distances)
 
 

@@ -45,7 +45,7 @@ Array = np.ndarray
 
 _MAX_COLUMNS = 3
 # Largest displacement in a picture, relative to the extent of the mechanism.
-_AMPLITUDE = 0.12
+_RELATIVE_AMPLITUDE = 0.12
 # Multiples of the speed of rotation in a Campbell diagram.
 _SPEED_MULTIPLES = (1, 2, 3, 4)
 # Width and limits of the height of a panel, and height of its title [inch].
@@ -63,7 +63,7 @@ class _ModeScenes:
         self._modes, self._mechanism = modes, _require_drawable(name, modes)
         self.rest = self._build(CoordinatePoses(self._mechanism, modes.q[None]), 1)
         low, high = self.rest.extent()
-        self._amplitude = _AMPLITUDE * (float(np.max(high - low)) or 1.0)
+        self._amplitude = _RELATIVE_AMPLITUDE * (float(np.max(high - low)) or 1.0)
 
     def vibrating(self, k: int, phases: Array) -> Scene:
         """Return the scene of mode k with one frame for each complex phase."""

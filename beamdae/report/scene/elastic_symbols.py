@@ -16,7 +16,7 @@ from beamdae.report.scene.shapes import align_points, circle, hatched_line, join
 
 Array = np.ndarray
 
-_COILS = 6
+_COIL_COUNT = 6
 _COIL_HALF_WIDTH = 0.45
 _DASHPOT_HALF_WIDTH = 0.42
 # Distance of the coil and of the dashpot from the line between the points.
@@ -61,7 +61,7 @@ def draw_spring_damper(part: SpringDamper, builder: SceneBuilder) -> None:
 
 def _coil(end: float, stub: float, side: float, size: float) -> Array:
     """Return the points of a zigzag between two stubs, see `Symbol.points`."""
-    share = np.linspace(0.0, 1.0, 4 * _COILS + 1)[1::2]
+    share = np.linspace(0.0, 1.0, 4 * _COIL_COUNT + 1)[1::2]
     inner = [(u, stub * (1.0 - 2.0 * u)) for u in (0.0, *share, 1.0)]
     across = [0.0, *(_COIL_HALF_WIDTH * size * (-1.0) ** np.arange(len(share))), 0.0]
     zigzag = [(*x, side + y) for x, y in zip(inner, across, strict=True)]

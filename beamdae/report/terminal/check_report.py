@@ -55,7 +55,11 @@ def describe_check(check: Any) -> Mapping[str, str]:
         )
     if check.prediction is not None:
         p = check.prediction
-        source = "a complete run" if p.reached >= 1.0 else f"a run over {p.reached:.1%} of the time"
+        source = (
+            "a complete run"
+            if p.covered_share >= 1.0
+            else f"a run over {p.covered_share:.1%} of the time"
+        )
         facts["predicted cost"] = (
             f"about {p.steps:.1g} steps, {p.seconds:.1g} s ({p.method}), measured by {source}"
         )

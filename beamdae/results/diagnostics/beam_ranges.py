@@ -15,7 +15,7 @@ _MAX_PREDICTED_ERROR = 0.5  # beyond this, predictions of the error are meaningl
 # Error that remains after a beam is split in half, relative to the error before;
 # validation/strain_validity/run.py measures 0.05 to 0.3.
 _ERROR_AFTER_HALVING = 0.2
-_SAMPLES = 400  # times of a run at which beams are checked
+_SAMPLE_COUNT = 400  # times of a run at which beams are checked
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def measure_beam_ranges_of_run(
     if not equations.ranges:
         return ()
     # Equally spaced times rather than steps, because the steps of Radau may be long.
-    times = np.linspace(trajectory.intervals[0].t[0], trajectory.end, _SAMPLES)
+    times = np.linspace(trajectory.intervals[0].t[0], trajectory.end, _SAMPLE_COUNT)
     _, state = trajectory.at(np.unique(times))
     return measure_beam_ranges(equations, state.q)
 

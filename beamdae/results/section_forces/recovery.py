@@ -46,7 +46,7 @@ Array = np.ndarray
 # Indices of rows, and the load factors of parts in these rows.
 RowGroup = tuple[Array, Mapping[str, float]]
 
-_SAME_SECTION = 1e-9  # arc lengths closer than this are the same, relative to the length
+_SAME_SECTION_TOLERANCE = 1e-9  # arc lengths closer than this are the same, relative to the length
 _SECTIONS_PER_STRETCH = 5  # between two element boundaries or forces, including both ends
 MAX_EVALUATIONS = 100_000  # sections times rows that are evaluated at once
 
@@ -177,7 +177,7 @@ def _accumulate_loads(beam: Beam, loads: AppliedLoads, s: Array, before: Array) 
     element, xi = (np.array(x) for x in zip(*map(mesh.locate, s.tolist()), strict=True))
     integrals = _integrate_polynomials(mesh.nodes, xi)
     in_element = np.einsum("rpkc,pk->rpc", loads.line_loads[:, element], integrals)
-    near = _SAME_SECTION * length
+    near = _SAME_SECTION_TOLERANCE * length
     limit = np.where(before, s - near, s + near)
     is_included = (loads.arc_lengths[:, None] < limit[:, None]).astype(float)
     total = up_to_element[:, element] + in_element + is_included @ loads.wrenches
@@ -262,7 +262,7 @@ def _require_numbers(part: str, name: str, value: Any) -> Array:
 def _requested_sections(beam: Beam, s: Any) -> tuple[Array, Array]:
     """Return arc lengths, and whether they are evaluated before the loads: those at the end."""
     arc_lengths = _require_numbers(beam.name, "s", s)
-    near = _SAME_SECTION * beam.length
+    near = _SAME_SECTION_TOLERANCE * beam.length
     if np.any(arc_lengths < -near) or np.any(arc_lengths > beam.length + near):
         raise BeamdaeError(
             f"{beam.name}: arc length s must lie in [0, {beam.length:.6g}] m, got {short_repr(s)}."
@@ -283,7 +283,7 @@ def _default_sections(
     The second array is true for sections that are evaluated just before a load.
     """
     length = beam.length
-    near, jumps = _SAME_SECTION * length, [0.0, length]
+    near, jumps = _SAME_SECTION_TOLERANCE * length, [0.0, length]
     for rows, factors in groups:
         # A load that is at the same section in the first and in the last row stays there.
         ends = np.unique(rows[[0, -1]])
