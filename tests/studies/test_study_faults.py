@@ -261,11 +261,11 @@ def test_processes_that_die_or_hang_are_rows(tmp_path, monkeypatch, capfd):
     sentences = {kind: x.outcome.status.sentence for kind, x in results.items()}
     assert {kind: sentences[kind] for kind in REASONS} == REASONS
     assert sentences["interrupt"] == "the model raised KeyboardInterrupt"
-    died = "its process died 2 times, it"
+    died = "its process died 2 times: it"
     assert sentences["at once"] == f"{died} ended with exit code 0"
     assert sentences["at once, 3"] == f"{died} ended with exit code 3"
     assert sentences["killed"] == f"{died} was killed by SIGKILL"
-    assert sentences["hanging"] == "killed, it did not end at its time limit"
+    assert sentences["hanging"] == "killed because it did not stop at its time limit"
     assert "memory" in sentences["greedy"]
     assert all(results[kind].outcome.status.success for kind in harmless)
     assert [kind for kind, x in results.items() if not x.storable] == [

@@ -55,7 +55,9 @@ def run_task(serialized: bytes) -> Outcome:
             except BeamdaeError as problem:
                 outcome = Outcome.failed(str(problem))
             except MemoryError:
-                outcome = Outcome.failed("it needs more memory than there is, or than it may take")
+                outcome = Outcome.failed(
+                    "out of memory: it exceeds its limit or the memory of the machine"
+                )
             except BaseException as problem:  # Whatever a model raises ends its own case only.
                 outcome = Outcome.failed(describe_exception(problem))
             outcome = replace(outcome, read=digest_reads(reads, home))

@@ -128,7 +128,7 @@ class LocalPool:
             try:
                 serialized = task.serialize(models)
             except Exception as problem:  # Whatever a model holds that cannot be serialized.
-                reason = f"it cannot be sent to a process, {describe_exception(problem)}"
+                reason = f"the task cannot be serialized: {describe_exception(problem)}"
                 yield TaskResult(task, Outcome.failed(reason), storable=False)
                 continue
             idle = [worker for worker in workers if worker.current is None]
@@ -159,13 +159,13 @@ def _collect_outcomes(
             if number < _MAX_ATTEMPTS:
                 waiting.appendleft(_Attempt(task, number + 1))
             else:
-                reason = f"its process died {number} times, it {problem}"
+                reason = f"its process died {number} times: it {problem}"
                 yield TaskResult(task, Outcome.failed(reason), storable=False)
     for worker in list(workers):
         if worker.current is not None and worker.is_late:
             workers.remove(worker)
             worker.kill()
-            status = Status("limited", "killed, it did not end at its time limit")
+            status = Status("limited", "killed because it did not stop at its time limit")
             yield TaskResult(worker.current.task, Outcome(status), storable=True)
 
 

@@ -163,7 +163,7 @@ def _serve_tasks(connection: Connection) -> None:
             # Not Ctrl-C: the process ignores it.
             outcome = Outcome.failed("the model raised KeyboardInterrupt")
         except BaseException as problem:  # Nothing may end the process.
-            outcome = Outcome.failed(f"it cannot be performed, {type(problem).__name__}")
+            outcome = Outcome.failed(f"the task cannot be run: {type(problem).__name__}")
         if os.getpid() != pid:
             # The model has forked, and this is the child.
             os._exit(0)
