@@ -1,15 +1,15 @@
-"""Time runs, as ratios: beside Exudyn, beside the code before, over what they consist of.
+"""Time runs relative to Exudyn, to another version, and to their own operations.
 
     python validation/performance/benchmark.py --peer PYTHON --before PATH
     python validation/performance/benchmark.py --quick
     python validation/performance/benchmark.py --linear   dense against sparse factorization
 
 PYTHON is an interpreter with Exudyn (`pip install exudyn`), PATH a checkout of beamdae; without
-them their tables are left out. "price of Python" is the time of a run over the time that its own
-counted residuals, matrices, factorizations and solutions take back to back (`pieces`), without a
-scout; "in loops" is the part of it within machine code. "setup" and "books" (the energy ledger of
-a run, its drift and residual) are those of a second run with the same equations of motion.
-Processor times, the least of several turns, unless they are called wall.
+them their tables are omitted. "price of Python" is the time of a run over the time of its counted
+residuals, matrices, factorizations and solutions back to back (`operations`), without a pilot run;
+"in loops" is the part of the run within machine code. "setup" and "books" (the energy balance of a
+run, its drift and residual) are those of a second run with the same equations of motion. Times are
+processor times, the smallest of several turns, unless they are called wall.
 """
 
 from __future__ import annotations
@@ -25,25 +25,43 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-MODELS = Path(__file__).parents[2] / "models"
-sys.path.insert(0, str(MODELS))
+MODELS_FOLDER = Path(__file__).parents[2] / "models"
+sys.path.insert(0, str(MODELS_FOLDER))
 
 import numpy as np
 import pandas as pd
+import scipy.sparse as sp
 from hub_beam import hub_beam
-from lapack_superlu import linear
+from measurement import (
+    RESULTS,
+    TimeSamples,
+    time_action,
+    time_in_turns,
+    time_integration,
+    time_within_loops,
+    write_table,
+)
+from operations import (
+    OPERATIONS,
+    TIME_AND_BRANCH,
+    OperationTimers,
+    time_first_order_operations,
+    time_step_operations,
+)
 from pendulum import pendulum
-from pieces import PIECES, Pieces, first_order_pieces, step_pieces
 from slider_crank import slider_crank
-from tables import RESULTS, write
-from timing import Times, in_turns, integrated, taken, within_loops
-from workers import Worker, checkout, exudyn
+from systems import beam
+from workers import Worker, start_checkout, start_exudyn
 
 import beamdae as bd
+from beamdae.equations.formulations.first_order import formulate_first_order
+from beamdae.equations.formulations.step_equations import StepPrediction, formulate_step
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.linear.blas_threads import single_threaded
+from beamdae.linear.factorizations import create_factorization
 from beamdae.results.outcome import Statistics
 
-MODEL = {"hub_beam": hub_beam, "pendulum": pendulum, "slider_crank": slider_crank}
+MODELS_BY_NAME = {"hub_beam": hub_beam, "pendulum": pendulum, "slider_crank": slider_crank}
 Systems = tuple[tuple[str, dict[str, Any]], ...]
 SYSTEMS: Systems = (
     ("hub_beam", {}),
@@ -51,167 +69,180 @@ SYSTEMS: Systems = (
     ("slider_crank", {"frame": "chord"}),
 )
 INTEGRATORS = (bd.GeneralizedAlpha(1e-3), bd.Ida(1e-5), bd.Radau(1e-4))
-# Steps and tolerances at which pieces are evaluated: what they take does not depend on them.
-STEP, RATE = 1e-3, 2e3
+# Step and rate at which operations are evaluated; their times do not depend on these.
+STEP = 1e-3  # s
+RATE = 2e3  # 1/s
 
 
-def calls_of(
-    equations: bd.EquationsOfMotion, integrator: bd.Integrator, found: Statistics
+def make_call_timer(
+    equations: bd.EquationsOfMotion, integrator: bd.Integrator, statistics: Statistics
 ) -> Callable[[], float]:
-    """What tells the time of a run's counted calls, back to back [s]."""
+    """Return a function that measures the time of a run's counted calls, back to back [s]."""
     counts = dict(
         zip(
-            PIECES,
-            (found.residual_calls, found.jacobian_calls, found.factorizations, found.solves),
+            OPERATIONS,
+            (
+                statistics.residual_calls,
+                statistics.jacobian_calls,
+                statistics.factorizations,
+                statistics.solves,
+            ),
             strict=True,
         )
     )
     if isinstance(integrator, bd.GeneralizedAlpha):
-        return partial(_total, [(step_pieces(equations, STEP, 200), counts)])
-    real = first_order_pieces(equations, RATE, 200)
+        return partial(_sum_call_times, [(time_step_operations(equations, STEP, 200), counts)])
+    real = time_first_order_operations(equations, RATE, 200)
     if isinstance(integrator, bd.Ida):
-        return partial(_total, [(real, counts)])
-    # An iteration of Radau is three residuals, a real and a complex solution; its matrices come in
-    # pairs, and further solutions, those of the error, are real.
-    pair = first_order_pieces(equations, complex(RATE, RATE), 200)
-    of_pair = {"factorize": found.factorizations // 2, "solve": found.residual_calls // 3}
+        return partial(_sum_call_times, [(real, counts)])
+    # An iteration of Radau takes three residuals, a real and a complex solution. Its matrices come
+    # in pairs, a real and a complex one; solutions for the error estimate are real.
+    pair = time_first_order_operations(equations, complex(RATE, RATE), 200)
+    of_pair = {"factorize": statistics.factorizations // 2, "solve": statistics.residual_calls // 3}
     counts = {name: count - of_pair.get(name, 0) for name, count in counts.items()}
-    return partial(_total, [(real, counts), (pair, of_pair)])
+    return partial(_sum_call_times, [(real, counts), (pair, of_pair)])
 
 
-def _total(parts: list[tuple[Pieces, dict[str, int]]]) -> float:
-    return sum(count * pieces[name]() for pieces, counts in parts for name, count in counts.items())
+def _sum_call_times(parts: list[tuple[OperationTimers, dict[str, int]]]) -> float:
+    return sum(count * timers[name]() for timers, counts in parts for name, count in counts.items())
 
 
 @single_threaded
-def runs(rounds: int, systems: Systems = SYSTEMS) -> pd.DataFrame:
-    """Integration time of the published systems, over that of its pieces."""
-    lines = []
+def time_runs(rounds: int, systems: Systems = SYSTEMS) -> pd.DataFrame:
+    """Return integration times of the published systems, relative to their operations."""
+    rows = []
     for name, parameters in systems:
-        model = MODEL[name]
+        model = MODELS_BY_NAME[name]
         equations = bd.equations_of_motion(model(**parameters))
-        # With scales given no scout goes before a run: its calls are not counted.
+        # With given scales there is no pilot run, whose calls would not be counted.
         equations = replace(equations, scales=equations.position_scales)
         times = np.linspace(0.0, model.t_end, 201)
         for integrator in INTEGRATORS:
-            _, solution = integrated(equations, integrator, times)
-            found = solution.statistics
-            in_loops = Times()
+            _, solution = time_integration(equations, integrator, times)
+            statistics = solution.statistics
+            in_loops = TimeSamples()
             actions = {
-                "run": partial(_watched, equations, integrator, times, in_loops),
-                "calls": calls_of(equations, integrator, found),
+                "run": partial(_time_run, equations, integrator, times, in_loops),
+                "calls": make_call_timer(equations, integrator, statistics),
             }
-            taken_by = in_turns(actions, rounds)
-            run, calls = taken_by["run"], taken_by["calls"]
-            lines.append(
+            samples = time_in_turns(actions, rounds)
+            run, calls = samples["run"], samples["calls"]
+            rows.append(
                 {
                     "run": f"{name}, {integrator.label}",
-                    "steps": found.steps,
+                    "steps": statistics.steps,
                     "run [s]": run.least,
                     "in loops [s]": in_loops.least,
                     "calls [s]": calls.least,
                     "price of Python": run.least / calls.least,
                     "of medians": run.median / calls.median,
                     "loops / calls": in_loops.least / calls.least,
-                    "setup [s]": found.setup_time,
-                    "books [s]": taken(lambda of=solution: of.quality),
+                    "setup [s]": statistics.setup_time,
+                    "books [s]": time_action(lambda of=solution: of.quality),
                 }
             )
-    return pd.DataFrame(lines)
+    return pd.DataFrame(rows)
 
 
-def _watched(
+def _time_run(
     equations: bd.EquationsOfMotion,
     integrator: bd.Integrator,
     times: np.ndarray,
-    in_loops: Times,
+    in_loops: TimeSamples,
 ) -> float:
-    """Time of a run; that within its compiled loops goes to `in_loops`."""
-    whole, inside = within_loops(equations, integrator, times)
+    """Return the time of a run; the part within compiled loops is added to `in_loops`."""
+    whole, inside = time_within_loops(equations, integrator, times)
     in_loops.all.append(inside)
     return whole
 
 
-def beside_exudyn(peer: Worker, rounds: int) -> pd.DataFrame:
-    """Eight elements of beamdae, and of Exudyn with three nodes, at the same step."""
-    lines = []
+def compare_with_exudyn(peer: Worker, rounds: int) -> pd.DataFrame:
+    """Compare eight elements of beamdae with eight of Exudyn, of three nodes, at one step."""
+    rows = []
     for name, system in (("hub_beam", "hub beam"), ("pendulum", "pendulum")):
-        model = MODEL[name]
+        model = MODELS_BY_NAME[name]
         equations = bd.equations_of_motion(model(elements=8, damping=0.0))
         times = np.linspace(0.0, model.t_end, round(model.t_end / 0.01) + 1)
-        asked = {"system": system, "elements": 8, "nodes": 3, "step": 1e-3, "path": False}
+        job = {"system": system, "elements": 8, "nodes": 3, "step": 1e-3, "path": False}
         actions = {
-            "beamdae": partial(_own, equations, bd.GeneralizedAlpha(1e-3), times),
-            "Exudyn": lambda asked=asked: peer(**asked)["integrate"],
+            "beamdae": partial(_time_beamdae, equations, bd.GeneralizedAlpha(1e-3), times),
+            "Exudyn": lambda job=job: peer(**job)["integrate"],
         }
-        found = in_turns(actions, rounds)
-        lines.append({"run": f"{name}, step=1e-3", **_compared(found, "beamdae", "Exudyn")})
-    return pd.DataFrame(lines)
+        samples = time_in_turns(actions, rounds)
+        rows.append({"run": f"{name}, step=1e-3", **_ratio_columns(samples, "beamdae", "Exudyn")})
+    return pd.DataFrame(rows)
 
 
-def _own(equations: bd.EquationsOfMotion, integrator: bd.Integrator, times: np.ndarray) -> float:
-    return integrated(equations, integrator, times)[0]
+def _time_beamdae(
+    equations: bd.EquationsOfMotion, integrator: bd.Integrator, times: np.ndarray
+) -> float:
+    return time_integration(equations, integrator, times)[0]
 
 
-def beside_before(folder: Path, rounds: int, systems: Systems = SYSTEMS) -> pd.DataFrame:
-    """Runs of another checkout and of this one."""
-    lines = []
-    with checkout(folder) as before, checkout(MODELS.parent) as now:
+def compare_with_checkout(folder: Path, rounds: int, systems: Systems = SYSTEMS) -> pd.DataFrame:
+    """Compare runs of another checkout with runs of this one."""
+    rows = []
+    with start_checkout(folder) as before, start_checkout(MODELS_FOLDER.parent) as now:
         for name, parameters in systems:
             for integrator, settings in (
                 ("Ida", {"rtol": 1e-5}),
                 ("Radau", {"rtol": 1e-4}),
                 ("GeneralizedAlpha", {"step": 1e-3}),
             ):
-                asked = {
+                job = {
                     "model": name,
                     "parameters": parameters,
                     "integrator": integrator,
                     "settings": settings,
                 }
                 actions = {
-                    "now": lambda asked=asked: now(**asked)["integrate"],
-                    "before": lambda asked=asked: before(**asked)["integrate"],
+                    "now": lambda job=job: now(**job)["integrate"],
+                    "before": lambda job=job: before(**job)["integrate"],
                 }
-                found = in_turns(actions, rounds)
+                samples = time_in_turns(actions, rounds)
                 line = {"run": f"{name}, {getattr(bd, integrator)(**settings).label}"}
-                lines.append({**line, **_compared(found, "now", "before")})
-    return pd.DataFrame(lines)
+                rows.append({**line, **_ratio_columns(samples, "now", "before")})
+    return pd.DataFrame(rows)
 
 
-def _compared(found: dict[str, Times], one: str, other: str) -> dict[str, float]:
+def _ratio_columns(samples: dict[str, TimeSamples], one: str, other: str) -> dict[str, float]:
     return {
-        f"{one} [s]": found[one].least,
-        f"{other} [s]": found[other].least,
-        "ratio": found[one].least / found[other].least,
-        "of medians": found[one].median / found[other].median,
+        f"{one} [s]": samples[one].least,
+        f"{other} [s]": samples[other].least,
+        "ratio": samples[one].least / samples[other].least,
+        "of medians": samples[one].median / samples[other].median,
     }
 
 
-def building() -> pd.DataFrame:
-    """From a model to its equations, and to all that Ida needs, in a warm process."""
-    lines = []
+def time_building() -> pd.DataFrame:
+    """Return times from a model to its equations, and to the first step."""
+    rows = []
     for elements in (8, 32, 128, 512):
         mechanism = hub_beam(elements=elements)
-        states = [
-            taken(lambda mechanism=mechanism: bd.equations_of_motion(mechanism)) for _ in range(3)
+        build_times = [
+            time_action(lambda mechanism=mechanism: bd.equations_of_motion(mechanism))
+            for _ in range(3)
         ]
-        setups = []
+        first_step_times = []
         for _ in range(3):
             equations = bd.equations_of_motion(mechanism)
-            whole = taken(
+            whole = time_action(
                 lambda of=equations: bd.GeneralizedAlpha(1e-3).integrate(of, np.array([0.0, 1e-3]))
             )
-            setups.append(whole)
-        lines.append(
-            {"elements": elements, "equations [s]": min(states), "first step [s]": min(setups)}
+            first_step_times.append(whole)
+        rows.append(
+            {
+                "elements": elements,
+                "equations [s]": min(build_times),
+                "first step [s]": min(first_step_times),
+            }
         )
-    return pd.DataFrame(lines)
+    return pd.DataFrame(rows)
 
 
-def shell() -> pd.DataFrame:
-    """From shell to table."""
-    command = [sys.executable, "-m", "beamdae", "run", str(MODELS / "hub_beam.py"), "--out"]
+def time_command() -> pd.DataFrame:
+    """Return the wall time of a command from shell to table."""
+    command = [sys.executable, "-m", "beamdae", "run", str(MODELS_FOLDER / "hub_beam.py"), "--out"]
     walls = []
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(4):
@@ -221,27 +252,65 @@ def shell() -> pd.DataFrame:
     return pd.DataFrame([{"command": "beamdae run hub_beam.py", "wall [s]": min(walls)}])
 
 
+def _time_factorization(
+    pattern: sp.csc_array, method: str, nonzeros: np.ndarray
+) -> tuple[float, float]:
+    solver, right = create_factorization(pattern, method), np.ones(pattern.shape[0])
+    solver.factorize(nonzeros)
+    factorize = min(
+        time_action(lambda: [solver.factorize(nonzeros) for _ in range(20)]) for _ in range(5)
+    )
+    solve = min(time_action(lambda: [solver.solve(right) for _ in range(50)]) for _ in range(5))
+    return factorize / 20, solve / 50
+
+
+@single_threaded
+def compare_factorizations() -> pd.DataFrame:
+    """Compare factorization and solution by LAPACK and by SuperLU."""
+    rows = []
+    for elements in (4, 8, 11, 16, 32, 64):
+        equations = bd.equations_of_motion(beam(elements))
+        start = ConsistencySolver(equations).state(TIME_AND_BRANCH, equations.q0, equations.v0)
+        ida, alpha = (
+            formulate_first_order(equations, "stabilized-index1"),
+            formulate_step(equations, False),
+        )
+        coefficients = np.array([2e3, 3e6, 3e-7])
+        at = StepPrediction(start.q, start.v, start.a, start.q.copy(), coefficients)
+        for name, form, nonzeros in (
+            ("Ida", ida, ida.jacobian(TIME_AND_BRANCH, *ida.pack(start), RATE)),
+            ("GeneralizedAlpha", alpha, alpha.jacobian(TIME_AND_BRANCH, at, np.zeros(alpha.size))),
+        ):
+            row = {"form": name, "unknowns": form.size, "non-zeros": form.pattern.nnz}
+            for method in ("dense", "sparse"):
+                factorize, solve = _time_factorization(form.pattern, method, nonzeros)
+                row[f"{method} factorize [us]"] = round(factorize * 1e6)
+                row[f"{method} solve [us]"] = round(solve * 1e6, 1)
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--linear", action="store_true")
     parser.add_argument("--peer", default=sys.executable, help="an interpreter with Exudyn")
     parser.add_argument("--before", type=Path, help="a checkout to compare with")
-    parser.add_argument("--quick", action="store_true", help="fewer turns")
+    parser.add_argument("--quick", action="store_true", help="fewer repetitions")
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the tables")
     options = parser.parse_args()
     if options.linear:
-        print(linear().to_string(index=False))
+        print(compare_factorizations().to_string(index=False))
         return
     rounds = 2 if options.quick else 6
-    write(options.out, "price_of_python", runs(rounds))
-    peer = exudyn(options.peer)
+    write_table(options.out, "price_of_python", time_runs(rounds))
+    peer = start_exudyn(options.peer)
     if peer is not None:
         with peer:
-            write(options.out, "beside_exudyn", beside_exudyn(peer, 2 * rounds))
+            write_table(options.out, "beside_exudyn", compare_with_exudyn(peer, 2 * rounds))
     if options.before is not None:
-        write(options.out, "beside_before", beside_before(options.before, rounds))
-    write(options.out, "building", building())
-    print(shell().to_string(index=False))
+        write_table(options.out, "beside_before", compare_with_checkout(options.before, rounds))
+    write_table(options.out, "building", time_building())
+    print(time_command().to_string(index=False))
 
 
 if __name__ == "__main__":

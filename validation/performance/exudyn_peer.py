@@ -1,13 +1,13 @@
-"""The hub beam and the pendulum in Exudyn 1.13 or later (`pip install exudyn`).
+"""Hub beam and pendulum in Exudyn 1.13 or later (`pip install exudyn`).
 
     python validation/performance/exudyn_peer.py '{"system": "hub beam", "elements": 8}'
 
-prints what a run cost and the path of its tip. Without an argument it answers runs like that, one a
-line, until its input ends: `peers.Exudyn` times them in between others.
+prints times, counts and the path of the tip. Without an argument it is a worker: it reads such runs
+from standard input, one a line (`workers.start_exudyn`).
 
-Geometrically exact 2D beams that are curved and free of stress at the start: elements of 2 or 3
-nodes with the length of their chords and their curvature. The torque is a symbolic function, one
-thread works, nothing is written, factors are kept as long as they serve (modified Newton).
+Beams are geometrically exact 2D elements of 2 or 3 nodes, curved and free of stress at the start,
+with the length of their chords and their curvature. The torque is a symbolic function. Runs use one
+thread, write no files and reuse factorizations (modified Newton).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-# The module without range checks; it says so.
+# Import the module without range checks, which prints a note.
 sys.exudynFast = True
 with contextlib.redirect_stdout(io.StringIO()):
     import exudyn as exu
@@ -34,7 +34,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Arc:
-    """An arc of so many equal elements; angles from the x-axis."""
+    """Arc of equal elements; angles are relative to the x-axis."""
 
     start: tuple[float, float]
     radius: float
@@ -44,52 +44,56 @@ class Arc:
 
     @property
     def turn(self) -> float:
-        """Angle of an element."""
+        """Angle that an element subtends [rad]."""
         return self.length / self.radius / self.elements
 
     def point(self, angle: float) -> list[float]:
-        """Where the tangent has this angle."""
+        """Return the point whose tangent has this angle."""
         x = self.start[0] + self.radius * (np.sin(angle) - np.sin(self.angle))
         y = self.start[1] - self.radius * (np.cos(angle) - np.cos(self.angle))
         return [float(x), float(y)]
 
 
-def beam(mbs: Any, arc: Arc, section: dict[str, float], nodes: int) -> tuple[list[int], list[int]]:
-    """Add elements of 2 or 3 nodes; returns the nodes at their ends, and the elements."""
+def add_beam(
+    mbs: Any, arc: Arc, section: dict[str, float], nodes: int
+) -> tuple[list[int], list[int]]:
+    """Add elements of 2 or 3 nodes; return the nodes at their ends, and the elements."""
     angles = arc.angle + arc.turn * np.arange(arc.elements + 1)
-    ends = [_node(mbs, arc.point(angle), angle) for angle in angles]
+    ends = [_add_node(mbs, arc.point(angle), angle) for angle in angles]
     half, chord = 0.5 * arc.turn, 2.0 * arc.radius * np.sin(0.5 * arc.turn)
     length = chord
     if nodes == 3:
-        # The quadratic axis whose tangents at both Gauss points are those of the arc.
+        # Quadratic axis whose tangents at both Gauss points are those of the arc.
         gauss = 1.0 / np.sqrt(3.0)
         sag = chord * np.tan(gauss * half) / (4.0 * gauss)
         length = 2.0 * np.hypot(0.5 * chord, 2.0 * sag * gauss)
-    added = []
+    element_numbers = []
     for k in range(arc.elements):
-        own = [ends[k], ends[k + 1]]
+        element_nodes = [ends[k], ends[k + 1]]
         if nodes == 3:
             middle = angles[k] + half
             between = 0.5 * (np.array(arc.point(angles[k])) + arc.point(angles[k + 1]))
             point = between - sag * np.array([-np.sin(middle), np.cos(middle)])
-            own.insert(1, _node(mbs, point.tolist(), middle))
+            element_nodes.insert(1, _add_node(mbs, point.tolist(), middle))
         element = exd.ObjectBeamGeometricallyExact2D(
-            nodeNumbers=own,
+            nodeNumbers=element_nodes,
             length=length,
             referenceCurvature=arc.turn / length,
             includeReferenceRotations=True,
             **section,
         )
-        added.append(mbs.AddObject(element))
-    return ends, added
+        element_numbers.append(mbs.AddObject(element))
+    return ends, element_numbers
 
 
-def _node(mbs: Any, point: list[float], angle: float) -> int:
+def _add_node(mbs: Any, point: list[float], angle: float) -> int:
     return mbs.AddNode(exd.NodeRigidBody2D(referenceCoordinates=[*point, float(angle)]))
 
 
-def section(E: float, rho: float, area: float, inertia: float, damping: float) -> dict[str, float]:
-    """Stiffness, mass and Kelvin-Voigt damping; Poisson's ratio is 0.3."""
+def section_properties(
+    E: float, rho: float, area: float, inertia: float, damping: float
+) -> dict[str, float]:
+    """Return stiffness, mass and Kelvin-Voigt damping for Poisson's ratio 0.3."""
     stiffness = {
         "bending": E * inertia,
         "axial": E * area,
@@ -103,11 +107,13 @@ def section(E: float, rho: float, area: float, inertia: float, damping: float) -
     }
 
 
-def hub_beam(mbs: Any, elements: int, nodes: int, damping: float) -> int:
-    """Beam on a hub that a torque turns; returns the node of its tip."""
+def add_hub_beam(mbs: Any, elements: int, nodes: int, damping: float) -> int:
+    """Add the beam on a hub with a torque; return the node of its tip."""
     arc = Arc((0.05, 0.0), 5.0, 5.0 * np.pi / 3.0, 0.0, elements)
-    ends, _ = beam(mbs, arc, section(68.952e9, 2766.7, 8e-5, 1.06667e-8, damping), nodes)
-    node = _node(mbs, [0.0, 0.0], 0.0)
+    ends, _ = add_beam(
+        mbs, arc, section_properties(68.952e9, 2766.7, 8e-5, 1.06667e-8, damping), nodes
+    )
+    node = _add_node(mbs, [0.0, 0.0], 0.0)
     hub = mbs.AddObject(exd.ObjectRigidBody2D(mass=1.0, inertia=0.3, nodeNumber=node))
     ground = mbs.AddMarker(exd.MarkerBodyPosition(bodyNumber=mbs.AddObject(exd.ObjectGround())))
     center = mbs.AddMarker(exd.MarkerBodyPosition(bodyNumber=hub))
@@ -128,12 +134,12 @@ def hub_beam(mbs: Any, elements: int, nodes: int, damping: float) -> int:
     return ends[-1]
 
 
-def pendulum(mbs: Any, elements: int, nodes: int, damping: float) -> int:
-    """Hanging beam with a mass at its tip; returns the node there."""
+def add_pendulum(mbs: Any, elements: int, nodes: int, damping: float) -> int:
+    """Add the hanging beam with a tip mass; return the node of its tip."""
     area, gravity, mass = 0.03 * 0.0025, 9.81, 0.060
     arc = Arc((0.0, 0.0), 0.85, 0.80, -0.60, elements)
-    strip = section(68.95e9, 2760.0, area, area * 0.0025**2 / 12.0, damping)
-    ends, added = beam(mbs, arc, strip, nodes)
+    strip = section_properties(68.95e9, 2760.0, area, area * 0.0025**2 / 12.0, damping)
+    ends, added = add_beam(mbs, arc, strip, nodes)
     for element in added:
         marker = mbs.AddMarker(exd.MarkerBodyMass(bodyNumber=element))
         load = exd.LoadMassProportional(markerNumber=marker, loadVector=[0.0, -gravity, 0.0])
@@ -150,11 +156,11 @@ def pendulum(mbs: Any, elements: int, nodes: int, damping: float) -> int:
     return ends[-1]
 
 
-# Model, end time, and the residual at which Newton's iteration ends.
-SYSTEMS = {"hub beam": (hub_beam, 2.0, 1e-6), "pendulum": (pendulum, 5.0, 1e-5)}
+# Model, end time [s], and absolute tolerance of Newton's residual.
+SYSTEMS = {"hub beam": (add_hub_beam, 2.0, 1e-6), "pendulum": (add_pendulum, 5.0, 1e-5)}
 
 
-def run(
+def time_run(
     system: str,
     elements: int = 8,
     nodes: int = 3,
@@ -165,7 +171,7 @@ def run(
     tolerance: float | None = None,
     path: bool = True,
 ) -> dict[str, Any]:
-    """Processor times of building and integration [s], counts, the path (t, x, y) of the tip."""
+    """Return processor times of building and integration [s], counts, and the path of the tip."""
     model, t_end, allowed = SYSTEMS[system]
     t_end, allowed = end or t_end, tolerance or allowed
     begin = time.process_time()
@@ -176,7 +182,7 @@ def run(
     )
     sensor = mbs.AddSensor(position)
     mbs.Assemble()
-    settings = _settings(t_end, step, allowed, rho_inf)
+    settings = _solver_settings(t_end, step, allowed, rho_inf)
     built = time.process_time()
     mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.GeneralizedAlpha)
     solved = time.process_time()
@@ -193,7 +199,7 @@ def run(
     }
 
 
-def _settings(end: float, step: float, tolerance: float, rho_inf: float) -> Any:
+def _solver_settings(end: float, step: float, tolerance: float, rho_inf: float) -> Any:
     settings = exu.SimulationSettings()
     integration = settings.timeIntegration
     integration.numberOfSteps, integration.endTime = round(end / step), end
@@ -210,11 +216,11 @@ def _settings(end: float, step: float, tolerance: float, rho_inf: float) -> Any:
 
 
 def main() -> None:
-    # What the library prints must not get between the answers.
+    # Output of the library goes to standard error, so that answers are the only output.
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     for line in sys.argv[1:] or sys.stdin:
-        print(json.dumps(run(**json.loads(line))), file=answers, flush=True)
+        print(json.dumps(time_run(**json.loads(line))), file=answers, flush=True)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
-"""Time a step of mechanisms with springs, contact and friction over what their size predicts.
+"""Time steps of mechanisms with springs, contact and friction, relative to their size.
 
     python validation/performance/mechanisms.py [--quick]
 
-What it predicts is the time of the same bodies and joints without forces between them: as many
-unknowns, the same pattern of the matrix. Each is run from the same start over the same time with
-the same steps, and what is compared is the time of an evaluation and solution: runs with stiff
-forces may take more of these a step, which is told apart.
+The time predicted by size is that of the same bodies and joints without forces between them, which
+has as many unknowns and the same matrix pattern. Both run from the same start over the same time
+with the same steps. Stiff forces may take more iterations a step, so the ratio of times by residual
+evaluation is reported, too.
 """
 
 from __future__ import annotations
@@ -16,16 +16,18 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from tables import RESULTS, write
-from timing import in_turns, integrated, within_loops
+from measurement import RESULTS, time_in_turns, time_integration, time_within_loops, write_table
 
 import beamdae as bd
 from beamdae.linear.blas_threads import single_threaded
 
-STEP, STEPS = 1e-3, 20_000
-# By name: whether the coupler is a beam, and which forces there are.
+STEP = 1e-3  # s
+STEPS = 20_000
+ROUNDS = 10
+QUICK_ROUNDS = 2
 SPRINGS = ("spring", "damper")
 ALL = (*SPRINGS, "contact")
+# By name: flexible coupler, and names of forces.
 CASES = {
     "rigid, springs": (False, SPRINGS),
     "rigid, springs, contact": (False, ALL),
@@ -37,7 +39,7 @@ CASES = {
 
 
 def four_bar(flexible: bool = False, forces: tuple[str, ...] = ()) -> bd.Mechanism:
-    """A crank-rocker whose coupler is rigid or a beam of 4 elements, with forces by name."""
+    """Return a crank-rocker whose coupler is rigid or a beam of 4 elements, with named forces."""
     steel, mech = bd.Material.of("steel"), bd.Mechanism(gravity=(0.0, -9.81))
     strip = bd.Section.rectangle(steel, width=0.02, height=0.01, damping=1e-4)
     shaft, foot, crank_end, rocker_end = (0.0, 0.0), (0.9, 0.0), (0.0, 0.25), (0.7, 0.56)
@@ -69,28 +71,28 @@ def four_bar(flexible: bool = False, forces: tuple[str, ...] = ()) -> bd.Mechani
 
 
 @single_threaded
-def compared(rounds: int) -> pd.DataFrame:
-    """Time of an iteration with and without forces, of every case."""
-    lines, times = [], np.linspace(0.0, STEP * STEPS, 2)
+def compare_cases(rounds: int) -> pd.DataFrame:
+    """Return times of a step with and without forces, for every case."""
+    rows, times = [], np.linspace(0.0, STEP * STEPS, 2)
     integrator = bd.GeneralizedAlpha(STEP)
     for name, (flexible, forces) in CASES.items():
-        both = {
+        equations = {
             "forces": bd.equations_of_motion(four_bar(flexible, forces)),
             "plain": bd.equations_of_motion(four_bar(flexible)),
         }
-        taken = in_turns(
-            {x: partial(_inside, e, integrator, times) for x, e in both.items()}, rounds
+        times_by_case = time_in_turns(
+            {x: partial(_time_loops, e, integrator, times) for x, e in equations.items()}, rounds
         )
         counts = {
-            x: integrated(e, integrator, times)[1].statistics.residual_calls / STEPS
-            for x, e in both.items()
+            x: time_integration(e, integrator, times)[1].statistics.residual_calls / STEPS
+            for x, e in equations.items()
         }
-        step = {x: 1e6 * found.least / STEPS for x, found in taken.items()}
+        step = {x: 1e6 * samples.least / STEPS for x, samples in times_by_case.items()}
         iteration = {x: step[x] / counts[x] for x in step}
-        lines.append(
+        rows.append(
             {
                 "four-bar": name,
-                "unknowns": both["plain"].n + both["plain"].m,
+                "unknowns": equations["plain"].n + equations["plain"].m,
                 "step [us]": step["forces"],
                 "predicted [us]": step["plain"],
                 "ratio": step["forces"] / step["plain"],
@@ -99,19 +101,21 @@ def compared(rounds: int) -> pd.DataFrame:
                 "ratio by residual": iteration["forces"] / iteration["plain"],
             }
         )
-    return pd.DataFrame(lines)
+    return pd.DataFrame(rows)
 
 
-def _inside(equations: bd.EquationsOfMotion, integrator: bd.Integrator, times: np.ndarray) -> float:
-    return within_loops(equations, integrator, times)[1]
+def _time_loops(
+    equations: bd.EquationsOfMotion, integrator: bd.Integrator, times: np.ndarray
+) -> float:
+    return time_within_loops(equations, integrator, times)[1]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer turns")
+    parser.add_argument("--quick", action="store_true", help="fewer repetitions")
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the table")
     options = parser.parse_args()
-    write(options.out, "mechanisms", compared(2 if options.quick else 10))
+    write_table(options.out, "mechanisms", compare_cases(QUICK_ROUNDS if options.quick else ROUNDS))
 
 
 if __name__ == "__main__":

@@ -1,15 +1,15 @@
-"""Cost over the number of elements of one beam, and over the number of beams of chains and rings.
+"""Cost over the number of elements of one beam, and of beams in chains and rings.
 
     python validation/performance/scaling.py --peer PYTHON    five minutes
     python validation/performance/scaling.py --quick          up to a quarter of the size
     python validation/performance/scaling.py --exact          exact beams alone
 
-PYTHON is an interpreter with Exudyn (`pip install exudyn`), beside which 256 elements are timed if
-it is there. Residual, iteration matrix, factorization and solution are those of generalized-alpha
-on index 3 (`pieces`); "step" is what a step of 1e-3 s adds to a run, with all that belongs to it.
-"slope" is that of the logarithm of a time over that of the size, between neighboring sizes and of
-all from 32 elements (8 beams) on. Processor times, the least of several turns. "peak" is the memory
-of a process that does nothing else.
+PYTHON is an interpreter with Exudyn (`pip install exudyn`), which times 256 elements for
+comparison. Residual, iteration matrix, factorization and solution are those of generalized-alpha on
+index 3 (`operations`). "step" is the additional time of a run per additional step of 1e-3 s.
+"slope" is the slope of the logarithm of time over that of size, between neighboring sizes, and over
+all from 32 elements (8 beams) on. Times are processor times, the smallest of several turns. "peak"
+is the peak memory of a process that runs the largest beam alone.
 """
 
 from __future__ import annotations
@@ -28,132 +28,139 @@ import pandas as pd
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
-from pieces import PIECES, step_pieces
+from measurement import RESULTS, time_action, time_integration, write_table
+from operations import OPERATIONS, time_step_operations
 from systems import beam, chain, exact, ring
-from tables import RESULTS, write
-from timing import integrated, taken
-from workers import Worker, exudyn
+from workers import Worker, start_exudyn
 
 import beamdae as bd
 from beamdae.linear.blas_threads import single_threaded
 
 ELEMENTS = (8, 32, 128, 512, 2048, 4096)
 BEAMS = (2, 4, 8, 16, 32, 64)
-RING = 32
-STEP = 1e-3
-# A run of the first steps is taken from one of more: what is left is steps alone.
-FIRST = 20
-BESIDE = 256
-# 2 s of motion of the hub beam by so many elements.
-LONG = 64
+RING_BEAMS = 32
+STEP = 1e-3  # s
+WARM_UP_STEPS = 20  # subtracted from a longer run, so that the setup cancels
+EXUDYN_ELEMENTS = 256
+MOTION_ELEMENTS = 64  # of the hub beam over 2 s
+FIRST_ELEMENTS_OF_SLOPE = 32
+FIRST_BEAMS_OF_SLOPE = 8
 INTEGRATORS = (bd.GeneralizedAlpha(1e-3), bd.Radau(1e-4), bd.Ida(1e-5))
-# With so many short elements Exudyn's iteration cannot leave less, from rounding.
-LEFT = 1e-4
-TIMES = (*(f"{piece} [us]" for piece in PIECES), "step [us]")
+# With many short elements rounding keeps Exudyn's residual above its usual tolerance.
+EXUDYN_TOLERANCE = 1e-4
+TIME_COLUMNS = (*(f"{piece} [us]" for piece in OPERATIONS), "step [us]")
 
 
 @single_threaded
-def measured(model: Callable[[int], bd.Mechanism], size: int, turns: int) -> dict[str, object]:
-    """A line of the table."""
-    building = taken(lambda: bd.equations_of_motion(model(size)))
+def measure_costs(model: Callable[[int], bd.Mechanism], size: int, turns: int) -> dict[str, object]:
+    """Return a row of the table."""
+    building = time_action(lambda: bd.equations_of_motion(model(size)))
     equations = bd.equations_of_motion(model(size))
-    line: dict[str, object] = {
+    row: dict[str, object] = {
         f"{model.__name__}": size,
         "unknowns": equations.n + equations.m,
         "build [s]": building,
     }
-    pieces = step_pieces(equations, STEP, max(2048 // size, 2))
-    for piece in PIECES:
-        line[f"{piece} [us]"] = 1e6 * min(pieces[piece]() for _ in range(3 * turns))
-    line["step [us]"] = 1e6 * step_time(equations, turns)
-    return line
+    timers = time_step_operations(equations, STEP, max(2048 // size, 2))
+    for operation in OPERATIONS:
+        row[f"{operation} [us]"] = 1e6 * min(timers[operation]() for _ in range(3 * turns))
+    row["step [us]"] = 1e6 * time_step(equations, turns)
+    return row
 
 
-def step_time(equations: bd.EquationsOfMotion, turns: int) -> float:
-    """What a step adds to a run [s]."""
-    more, least = more_steps(equations.n), []
-    for steps in (FIRST, FIRST + more):
+def time_step(equations: bd.EquationsOfMotion, turns: int) -> float:
+    """Return the additional time of a run per additional step [s]."""
+    steps_added, smallest = count_steps(equations.n), []
+    for steps in (WARM_UP_STEPS, WARM_UP_STEPS + steps_added):
         times = np.array([0.0, steps * STEP])
-        runs = [integrated(equations, bd.GeneralizedAlpha(STEP), times)[0] for _ in range(turns)]
-        least.append(min(runs))
-    return (least[1] - least[0]) / more
+        runs = [
+            time_integration(equations, bd.GeneralizedAlpha(STEP), times)[0] for _ in range(turns)
+        ]
+        smallest.append(min(runs))
+    return (smallest[1] - smallest[0]) / steps_added
 
 
-def more_steps(unknowns: int) -> int:
-    """How many steps take long enough to be told from all else."""
+def count_steps(unknowns: int) -> int:
+    """Return the number of additional steps, enough for a measurable time."""
     return int(np.clip(200_000 // unknowns, 40, 1000))
 
 
-def slopes(lines: pd.DataFrame, size: str, first: int) -> pd.DataFrame:
-    """Slopes between neighbors, and over all from a size on."""
-    logs = np.log(lines[[size, *TIMES]])
-    found = logs[list(TIMES)].diff().div(logs[size].diff(), axis=0).iloc[1:]
-    found.insert(0, "sizes", [f"{a} to {b}" for a, b in pairwise(lines[size])])
-    late = logs[lines[size] >= first]
+def fit_slopes(table: pd.DataFrame, size: str, first: int) -> pd.DataFrame:
+    """Return slopes between neighboring sizes, and over all sizes from `first` on."""
+    logs = np.log(table[[size, *TIME_COLUMNS]])
+    slopes = logs[list(TIME_COLUMNS)].diff().div(logs[size].diff(), axis=0).iloc[1:]
+    slopes.insert(0, "sizes", [f"{a} to {b}" for a, b in pairwise(table[size])])
+    late = logs[table[size] >= first]
     if len(late) > 1:
-        fits = {name: np.polyfit(late[size], late[name], 1)[0] for name in TIMES}
-        found.loc[len(lines)] = {"sizes": f"from {first} on", **fits}
-    return found
+        fits = {name: np.polyfit(late[size], late[name], 1)[0] for name in TIME_COLUMNS}
+        slopes.loc[len(table)] = {"sizes": f"from {first} on", **fits}
+    return slopes
 
 
-def beside(peer: Worker, turns: int, elements: int = BESIDE) -> pd.DataFrame:
-    """A step and a degree of freedom, beside Exudyn's elements of two nodes."""
+def compare_with_exudyn(peer: Worker, turns: int, elements: int = EXUDYN_ELEMENTS) -> pd.DataFrame:
+    """Return times of a step and of an unknown, beside Exudyn's elements of two nodes."""
     equations = bd.equations_of_motion(beam(elements))
-    asked = {"system": "hub beam", "elements": elements, "nodes": 2, "step": STEP}
-    asked = {**asked, "tolerance": LEFT, "path": False}
-    more = more_steps(equations.n)
-    unknowns = peer(**asked, end=STEP * FIRST)["unknowns"]
-    theirs: list[list[float]] = [[], []]
-    own = []
+    job = {
+        "system": "hub beam",
+        "elements": elements,
+        "nodes": 2,
+        "step": STEP,
+        "tolerance": EXUDYN_TOLERANCE,
+        "path": False,
+    }
+    steps_added = count_steps(equations.n)
+    unknowns = peer(**job, end=STEP * WARM_UP_STEPS)["unknowns"]
+    exudyn_times: list[list[float]] = [[], []]
+    step_times = []
     for _ in range(turns):
-        own.append(step_time(equations, 1))
-        for k, steps in enumerate((FIRST, FIRST + more)):
-            theirs[k].append(peer(**asked, end=steps * STEP)["integrate"])
-    step = (min(theirs[1]) - min(theirs[0])) / more
-    lines = pd.DataFrame(
+        step_times.append(time_step(equations, 1))
+        for k, steps in enumerate((WARM_UP_STEPS, WARM_UP_STEPS + steps_added)):
+            exudyn_times[k].append(peer(**job, end=steps * STEP)["integrate"])
+    step = (min(exudyn_times[1]) - min(exudyn_times[0])) / steps_added
+    table = pd.DataFrame(
         {
             "tool": ["beamdae", "Exudyn"],
             "elements": elements,
             "nodes": [4, 2],
             "unknowns": [equations.n, unknowns],
-            "step [us]": [1e6 * float(np.median(own)), 1e6 * step],
+            "step [us]": [1e6 * float(np.median(step_times)), 1e6 * step],
         }
     )
-    lines["step / unknown [us]"] = lines["step [us]"] / lines["unknowns"]
-    lines["ratio"] = lines["step / unknown [us]"] / lines["step / unknown [us]"].iloc[1]
-    return lines
+    table["step / unknown [us]"] = table["step [us]"] / table["unknowns"]
+    table["ratio"] = table["step / unknown [us]"] / table["step / unknown [us]"].iloc[1]
+    return table
 
 
 @single_threaded
-def motions(turns: int, elements: int = LONG) -> pd.DataFrame:
-    """Integration of 2 s, of the exact beam and of one in a chord frame."""
-    lines, times = [], np.linspace(0.0, 2.0, 401)
+def time_motions(turns: int, elements: int = MOTION_ELEMENTS) -> pd.DataFrame:
+    """Return times of 2 s of motion, of the exact beam and of one in a chord frame."""
+    rows, times = [], np.linspace(0.0, 2.0, 401)
     for model in (exact, beam):
         equations = bd.equations_of_motion(model(elements))
         for integrator in INTEGRATORS:
-            runs = [integrated(equations, integrator, times) for _ in range(turns)]
-            line: dict[str, object] = {"model": model.__name__, "elements": elements}
-            line |= {"integrator": integrator.label, "steps": runs[0][1].statistics.steps}
-            lines.append(line | {"integration [s]": min(run[0] for run in runs)})
-    return pd.DataFrame(lines)
+            runs = [time_integration(equations, integrator, times) for _ in range(turns)]
+            row: dict[str, object] = {"model": model.__name__, "elements": elements}
+            row |= {"integrator": integrator.label, "steps": runs[0][1].statistics.steps}
+            rows.append(row | {"integration [s]": min(run[0] for run in runs)})
+    return pd.DataFrame(rows)
 
 
-def exacts(out: Path, sizes: Sequence[int], turns: int) -> None:
-    """The tables of exact beams."""
-    lines = pd.DataFrame([measured(exact, size, turns) for size in sizes])
-    write(out, "scaling_exact", lines)
-    write(out, "scaling_exact_slopes", slopes(lines, "exact", 32))
-    write(out, "motions_exact", motions(turns))
+def write_exact_tables(out: Path, sizes: Sequence[int], turns: int) -> None:
+    """Write the tables of exact beams."""
+    table = pd.DataFrame([measure_costs(exact, size, turns) for size in sizes])
+    write_table(out, "scaling_exact", table)
+    write_table(out, "scaling_exact_slopes", fit_slopes(table, "exact", FIRST_ELEMENTS_OF_SLOPE))
+    write_table(out, "motions_exact", time_motions(turns))
 
 
-def draw(tables: Sequence[tuple[pd.DataFrame, str, str]], path: Path) -> None:
-    """Times over sizes, and a line of slope 1."""
+def draw_scaling(tables: Sequence[tuple[pd.DataFrame, str, str]], path: Path) -> None:
+    """Plot times over sizes, and a line of slope 1."""
     figure, axes = plt.subplots(1, len(tables), figsize=(5.0 * len(tables), 4.2), squeeze=False)
-    for axis, (lines, size, label) in zip(axes.flat, tables, strict=True):
-        x = lines[size].to_numpy(float)
-        for name, marker in zip(TIMES, "osv^D", strict=True):
-            axis.plot(x, lines[name], marker=marker, markersize=4, label=name.split(" [")[0])
-        linear = lines["residual [us]"].iloc[-1] * x / x[-1] * 0.5
+    for axis, (table, size, label) in zip(axes.flat, tables, strict=True):
+        x = table[size].to_numpy(float)
+        for name, marker in zip(TIME_COLUMNS, "osv^D", strict=True):
+            axis.plot(x, table[name], marker=marker, markersize=4, label=name.split(" [")[0])
+        linear = table["residual [us]"].iloc[-1] * x / x[-1] * 0.5
         axis.plot(x, linear, color="0.5", linestyle="--", label="slope 1")
         axis.set(xscale="log", yscale="log", xlabel=label, ylabel="processor time [us]")
         axis.set_xticks(x, [f"{size:g}" for size in x])
@@ -165,13 +172,13 @@ def draw(tables: Sequence[tuple[pd.DataFrame, str, str]], path: Path) -> None:
     plt.close(figure)
 
 
-def peak(elements: int) -> None:
-    """Print the peak memory of a run, of this process."""
+def print_peak_memory(elements: int) -> None:
+    """Print the peak memory of this process after a run."""
     bd.GeneralizedAlpha(STEP).integrate(
-        bd.equations_of_motion(beam(elements)), np.array([0.0, FIRST * STEP])
+        bd.equations_of_motion(beam(elements)), np.array([0.0, WARM_UP_STEPS * STEP])
     )
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    print(f"peak of {FIRST} steps with {elements} elements: {used / 2**20:.2f} GB")
+    print(f"peak of {WARM_UP_STEPS} steps with {elements} elements: {used / 2**20:.2f} GB")
 
 
 def main() -> None:
@@ -183,29 +190,33 @@ def main() -> None:
     parser.add_argument("--peak", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.peak:
-        peak(options.peak)
+        print_peak_memory(options.peak)
         return
     last, turns = (-2, 3) if options.quick else (None, 5)
     if options.exact:
-        exacts(options.out, ELEMENTS[:last], turns)
+        write_exact_tables(options.out, ELEMENTS[:last], turns)
         return
-    # First of all: a process counts what the one had in use that started it.
+    # First, because the peak of a process includes the memory of its parent at the start.
     command = [sys.executable, __file__, "--peak", str(ELEMENTS[:last][-1])]
     print(subprocess.run(command, check=True, capture_output=True, text=True).stdout, flush=True)
-    beams = pd.DataFrame([measured(beam, size, turns) for size in ELEMENTS[:last]])
-    chains = pd.DataFrame([measured(chain, size, turns) for size in BEAMS[:last]])
-    write(options.out, "scaling_elements", beams)
-    write(options.out, "scaling_elements_slopes", slopes(beams, "beam", 32))
-    write(options.out, "scaling_beams", chains)
-    write(options.out, "scaling_beams_slopes", slopes(chains, "chain", 8))
-    write(options.out, "scaling_ring", pd.DataFrame([measured(ring, RING, turns)]))
-    exacts(options.out, ELEMENTS[:last], turns)
-    peer = exudyn(options.peer)
+    beams = pd.DataFrame([measure_costs(beam, size, turns) for size in ELEMENTS[:last]])
+    chains = pd.DataFrame([measure_costs(chain, size, turns) for size in BEAMS[:last]])
+    write_table(options.out, "scaling_elements", beams)
+    write_table(
+        options.out, "scaling_elements_slopes", fit_slopes(beams, "beam", FIRST_ELEMENTS_OF_SLOPE)
+    )
+    write_table(options.out, "scaling_beams", chains)
+    write_table(
+        options.out, "scaling_beams_slopes", fit_slopes(chains, "chain", FIRST_BEAMS_OF_SLOPE)
+    )
+    write_table(options.out, "scaling_ring", pd.DataFrame([measure_costs(ring, RING_BEAMS, turns)]))
+    write_exact_tables(options.out, ELEMENTS[:last], turns)
+    peer = start_exudyn(options.peer)
     if peer is not None:
         with peer:
-            write(options.out, "scaling_beside_exudyn", beside(peer, turns))
+            write_table(options.out, "scaling_beside_exudyn", compare_with_exudyn(peer, turns))
     tables = ((beams, "beam", "elements of a beam"), (chains, "chain", "beams of a chain"))
-    draw(tables, options.out / "scaling.png")
+    draw_scaling(tables, options.out / "scaling.png")
 
 
 if __name__ == "__main__":

@@ -1,14 +1,14 @@
-"""Sweeps: many cases of the hub beam that differ in numbers only, through the study engine.
+"""Sweeps: many cases of the hub beam that differ in numbers only, by the study engine.
 
     python validation/performance/sweeps.py --before PATH    ten minutes
     python validation/performance/sweeps.py --quick          a tenth of the cases, once
 
-Torques and densities, steps of 1e-3 s, over 2 s and over 20 s, in one process a core. Cases a
-second are of wall time; processor times a case are those of loops in machine code, of all else in
-the processes that run cases, and of the process that hands out and keeps. Checkouts take turns, the
-least of several is told; PATH is one of another version, whose studies without references are
-studies over the density. Then the same cases without the engine, in two threads of one process and
-in two processes.
+Torques and densities vary; steps are 1e-3 s, over 2 s and over 20 s, in one process a core. Cases a
+second are of wall time. Processor times a case are those of compiled loops, of everything else in
+the worker processes, and of the main process. Checkouts take turns, and the best of several turns
+is reported. PATH is a checkout of another version; if its studies require references, the sweep
+becomes a convergence study over the density. The same cases also run without the engine, in two
+threads of one process and in two processes.
 """
 
 from __future__ import annotations
@@ -30,75 +30,78 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from tables import RESULTS, write
+from measurement import RESULTS, write_table
 
 import beamdae as bd
 from beamdae.studies.execution import study_run
 from beamdae.studies.execution.executors import LocalPool
 from beamdae.studies.run_values import tabulate_trajectory
 
-STEP = 1e-3
-ROWS = 400
-# Cases by length of motion [s].
-SIZES = {2.0: (200, 1000), 20.0: (100,)}
-BESIDE = {2.0: 60, 20.0: 24, 100.0: 8}
+STEP = 1e-3  # s
+OUTPUT_ROWS = 400
+# Numbers of cases by duration of the motion [s].
+SWEEP_SIZES = {2.0: (200, 1000), 20.0: (100,)}
+THREAD_SIZES = {2.0: 60, 20.0: 24, 100.0: 8}
 WORKERS = 2
 HERE = Path(__file__).resolve()
 _hub = bd.load_model(HERE.parents[2] / "models" / "hub_beam.py")
 
 
 @bd.model(t_end=2.0)
-def hub(torque=10.0, density=2766.7, counted=""):
-    """The hub beam, in a process that counts what its loops take if `counted` is a folder."""
-    if counted:
-        count(counted)
+def recorded_hub(torque=10.0, density=2766.7, loop_folder=""):
+    """Return the hub beam; `loop_folder` gets the loop times of the process."""
+    if loop_folder:
+        record_loop_times(loop_folder)
     return _hub(torque=torque, density=density)
 
 
-def count(folder: str) -> None:
-    """Write what all loops of this process take to a file there, if it has such loops."""
+def record_loop_times(folder: str) -> None:
+    """Write the total time of all compiled loops of this process to a file."""
     try:
         from beamdae.native.loops import CompiledLoop
     except ImportError:
         return
-    if hasattr(CompiledLoop, "taken"):
+    if hasattr(CompiledLoop, "total_time"):
         return
-    run, CompiledLoop.taken = CompiledLoop.__call__, 0.0
+    run, CompiledLoop.total_time = CompiledLoop.__call__, 0.0
     file = os.open(Path(folder) / str(os.getpid()), os.O_CREAT | os.O_RDWR)
 
     def timed(loop: Any) -> int:
         begin = time.thread_time()
         code = run(loop)
-        CompiledLoop.taken += time.thread_time() - begin
-        os.pwrite(file, f"{CompiledLoop.taken:20.9f}".encode(), 0)
+        CompiledLoop.total_time += time.thread_time() - begin
+        os.pwrite(file, f"{CompiledLoop.total_time:20.9f}".encode(), 0)
         return code
 
     CompiledLoop.__call__ = timed
 
 
-def study(number: int, t_end: float, counted: str) -> bd.Study:
-    """The sweep."""
+def make_study(number: int, t_end: float, loop_folder: str) -> bd.Study:
+    """Return the study of the sweep."""
     values = bd.grid(
         torque=np.linspace(5.0, 10.0, max(number // 20, 1)).tolist(),
         density=np.linspace(2000.0, 3000.0, 20).tolist(),
     )
-    cases = tuple(bd.Case(hub, x | {"counted": counted}, bd.GeneralizedAlpha(STEP)) for x in values)
+    cases = tuple(
+        bd.Case(recorded_hub, x | {"loop_folder": loop_folder}, bd.GeneralizedAlpha(STEP))
+        for x in values
+    )
     try:
         return bd.Study("sweep", cases, references=(), t_end=t_end)
     except bd.BeamdaeError:
         return bd.Study("sweep", cases, over="density", t_end=t_end)
 
 
-def swept(number: int, t_end: float) -> dict[str, float]:
-    """What a sweep takes a case, by the beamdae that is imported."""
-    with tempfile.TemporaryDirectory() as counted, tempfile.TemporaryDirectory() as folder:
-        planned = study(number, t_end, counted)
+def run_sweep(number: int, t_end: float) -> dict[str, float]:
+    """Return times per case of a sweep by the imported beamdae."""
+    with tempfile.TemporaryDirectory() as loop_folder, tempfile.TemporaryDirectory() as folder:
+        study = make_study(number, t_end, loop_folder)
         wall, main = time.perf_counter(), time.process_time()
-        results = study_run.run_study(planned, Path(folder), LocalPool(WORKERS))
+        results = study_run.run_study(study, Path(folder), LocalPool(WORKERS))
         wall, main = time.perf_counter() - wall, time.process_time() - main
         assert (results.table["status"] == "ok").all()
         of_workers = resource.getrusage(resource.RUSAGE_CHILDREN)
-        loops = sum(float(file.read_text()) for file in Path(counted).iterdir())
+        loops = sum(float(file.read_text()) for file in Path(loop_folder).iterdir())
     rest = of_workers.ru_utime + of_workers.ru_stime - loops
     cases = len(results.table)
     return {
@@ -110,69 +113,71 @@ def swept(number: int, t_end: float) -> dict[str, float]:
     }
 
 
-def asked(checkout: Path, number: int, t_end: float) -> dict[str, float]:
-    """The same of a checkout."""
+def run_in_checkout(checkout: Path, number: int, t_end: float) -> dict[str, float]:
+    """Return times per case of a sweep by the beamdae of a checkout."""
     command = [sys.executable, str(HERE), "--one", json.dumps([number, t_end])]
     environment = {**os.environ, "PYTHONPATH": str(checkout)}
-    found = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    return json.loads(found.stdout.splitlines()[-1])
+    process = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    return json.loads(process.stdout.splitlines()[-1])
 
 
-def sweeps(checkouts: dict[str, Path], sizes: dict[float, list[int]], rounds: int) -> pd.DataFrame:
-    """A line a checkout and sweep."""
-    lines = []
+def compare_sweeps(
+    checkouts: dict[str, Path], sizes: dict[float, list[int]], rounds: int
+) -> pd.DataFrame:
+    """Return a row for each checkout and sweep."""
+    rows = []
     for t_end, numbers in sizes.items():
         for number in numbers:
             turns = [
-                {name: asked(path, number, t_end) for name, path in checkouts.items()}
+                {name: run_in_checkout(path, number, t_end) for name, path in checkouts.items()}
                 for _ in range(rounds)
             ]
             for name in checkouts:
                 best = max((turn[name] for turn in turns), key=lambda x: x["cases / s"])
-                lines.append({"motion [s]": t_end, "cases": number, "beamdae": name} | best)
-    return pd.DataFrame(lines)
+                rows.append({"motion [s]": t_end, "cases": number, "beamdae": name} | best)
+    return pd.DataFrame(rows)
 
 
 @dataclass(frozen=True)
-class Plain:
-    """A case without the engine."""
+class PlainCase:
+    """Case without the engine."""
 
     t_end: float
 
     def __call__(self, k: int) -> None:
         """Run the case of that number, and make its table."""
-        mechanism = hub(torque=5.0 + 0.01 * k, density=2000.0 + k)
+        mechanism = recorded_hub(torque=5.0 + 0.01 * k, density=2000.0 + k)
         tabulate_trajectory(
-            bd.simulate(mechanism, bd.GeneralizedAlpha(STEP), self.t_end, self.t_end / ROWS)
+            bd.simulate(mechanism, bd.GeneralizedAlpha(STEP), self.t_end, self.t_end / OUTPUT_ROWS)
         )
 
 
-def beside(number: int, t_end: float, executor: Executor) -> float:
-    """Cases a second of wall time, once each worker has run one."""
+def count_cases_per_second(number: int, t_end: float, executor: Executor) -> float:
+    """Return cases per second of wall time, after each worker has run one case."""
     with executor:
-        list(executor.map(Plain(t_end), range(WORKERS)))
+        list(executor.map(PlainCase(t_end), range(WORKERS)))
         begin = time.perf_counter()
-        list(executor.map(Plain(t_end), range(number)))
+        list(executor.map(PlainCase(t_end), range(number)))
         return number / (time.perf_counter() - begin)
 
 
-def threads(rounds: int, share: float) -> pd.DataFrame:
-    """Threads of one process beside processes, in cases a second."""
+def compare_threads(rounds: int, share: float) -> pd.DataFrame:
+    """Return cases per second of threads and of processes."""
     warnings.simplefilter("ignore", bd.BeamdaeWarning)
-    lines = []
-    for t_end, number in BESIDE.items():
-        line: dict[str, float] = {"motion [s]": t_end}
+    rows = []
+    for t_end, number in THREAD_SIZES.items():
+        row: dict[str, float] = {"motion [s]": t_end}
         for _ in range(rounds):
-            ways: dict[str, Executor] = {
+            executors: dict[str, Executor] = {
                 "one thread": ThreadPoolExecutor(1),
                 "two threads": ThreadPoolExecutor(WORKERS),
                 "two processes": ProcessPoolExecutor(WORKERS, get_context("spawn")),
             }
-            for way, executor in ways.items():
-                found = beside(max(int(share * number), WORKERS), t_end, executor)
-                line[way] = max(found, line.get(way, 0.0))
-        lines.append(line)
-    return pd.DataFrame(lines)
+            for kind, executor in executors.items():
+                rate = count_cases_per_second(max(int(share * number), WORKERS), t_end, executor)
+                row[kind] = max(rate, row.get(kind, 0.0))
+        rows.append(row)
+    return pd.DataFrame(rows)
 
 
 def main() -> None:
@@ -184,13 +189,13 @@ def main() -> None:
     parser.add_argument("--one", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.one:
-        print(json.dumps(swept(*json.loads(arguments.one))))
+        print(json.dumps(run_sweep(*json.loads(arguments.one))))
         return
     checkouts = {"now": HERE.parents[2]} | {path.name: path for path in arguments.before}
     share, rounds = (0.1, 1) if arguments.quick else (1.0, arguments.rounds)
-    sizes = {t: [max(int(share * n), 20) for n in numbers] for t, numbers in SIZES.items()}
-    write(arguments.out, "sweeps", sweeps(checkouts, sizes, rounds))
-    write(arguments.out, "sweeps_threads", threads(rounds, share))
+    sizes = {t: [max(int(share * n), 20) for n in numbers] for t, numbers in SWEEP_SIZES.items()}
+    write_table(arguments.out, "sweeps", compare_sweeps(checkouts, sizes, rounds))
+    write_table(arguments.out, "sweeps_threads", compare_threads(rounds, share))
 
 
 if __name__ == "__main__":

@@ -1,15 +1,15 @@
-"""Time over error of beamdae and of Exudyn: the hub beam and the pendulum.
+"""Time over error of beamdae and of Exudyn, for the hub beam and the pendulum.
 
     python validation/performance/work_precision.py --peer PYTHON    ten minutes
     python validation/performance/work_precision.py --quick          fewer settings, two minutes
-    python validation/performance/work_precision.py --references     the references anew, first
+    python validation/performance/work_precision.py --references     compute the references first
     python validation/performance/work_precision.py --exact          beams without floating frames
 
-PYTHON is an interpreter with Exudyn (`pip install exudyn`); without it beamdae stands alone. The
-error is the largest distance of the tip from that of the exact beam, every 0.01 s of the run: the
-reference is Exudyn's with 64 elements of 3 nodes and steps of 5e-5 s. `references.csv` tells how
-far beamdae's finest run is from it. Every setting is tried once; the fastest few of each tool that
-keep an error then take turns. Tables and the picture go to `results`.
+PYTHON is an interpreter with Exudyn (`pip install exudyn`); without it only beamdae is measured.
+The error is the largest distance of the tip from that of the exact beam, every 0.01 s of the run.
+The reference is Exudyn's beam of 64 elements with 3 nodes and steps of 5e-5 s; `references.csv` has
+the distance of beamdae's finest run from it. Every setting runs once; the fastest few of each tool
+at each error then take turns. Tables and the picture go to `results`.
 """
 
 from __future__ import annotations
@@ -23,26 +23,27 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+from measurement import RESULTS, time_integration, write_table
 from systems import exact_hub_beam, exact_pendulum
-from tables import RESULTS, write
-from timing import integrated
-from work_precision_picture import draw
-from workers import Worker, exudyn
+from workers import Worker, start_exudyn
 
 import beamdae as bd
 
 Array = np.ndarray
 
-LEVELS = (1.0, 0.3, 0.1, 0.03, 0.01)
-# Settings of each tool that take turns at each level.
-FINALISTS = 3
+ERROR_LEVELS = (1.0, 0.3, 0.1, 0.03, 0.01)  # mm
+FINALISTS = 3  # settings of each tool that take turns at each level
 
 
 @dataclass(frozen=True)
 class Case:
-    """A system with a damping [s], and when it ends [s]."""
+    """System with its damping [s], end time [s] and beam formulation."""
 
     system: str
     damping: float
@@ -51,7 +52,7 @@ class Case:
 
     @property
     def name(self) -> str:
-        """What tables call it."""
+        """Name in tables."""
         return f"{self.system}, {'damped' if self.damping else 'undamped'}"
 
     @property
@@ -60,7 +61,7 @@ class Case:
         return np.linspace(0.0, self.end, round(self.end / 0.01) + 1)
 
     def mechanism(self, mesh: tuple[int, int]) -> bd.Mechanism:
-        """The model of beamdae with (bodies, elements of each)."""
+        """Return the model of beamdae with (bodies, elements of each)."""
         model = exact_hub_beam if self.system == "hub beam" else exact_pendulum
         return model(*mesh, self.damping, self.formulation)
 
@@ -82,14 +83,14 @@ INTEGRATORS = (
     *(bd.Ida(rtol) for rtol in (1e-3, 1e-4, 3e-5, 1e-5)),
 )
 # (elements, nodes of each)
-PEER_MESHES = ((3, 3), (4, 3), (6, 3), (8, 3), (16, 3), (16, 2), (32, 2))
-FINEST = {"elements": 64, "nodes": 3, "step": 5e-5}
-FINEST_OWN = ((4, 4), bd.Radau(1e-6))
+EXUDYN_MESHES = ((3, 3), (4, 3), (6, 3), (8, 3), (16, 3), (16, 2), (32, 2))
+REFERENCE_SETTINGS = {"elements": 64, "nodes": 3, "step": 5e-5}
+FINEST_BEAMDAE = ((4, 4), bd.Radau(1e-6))
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Path of the tip (times, 2), and times of the integration and of all of the run [s]."""
+    """Path of the tip (times, 2), and times of the integration and of the whole run [s]."""
 
     path: Array
     integration: float
@@ -98,7 +99,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Setting:
-    """Something to run."""
+    """Tool, mesh and integrator, and the function that runs them."""
 
     tool: str
     mesh: str
@@ -106,16 +107,16 @@ class Setting:
     run: Callable[[], Outcome]
 
 
-def own_run(case: Case, mesh: tuple[int, int], integrator: bd.Integrator) -> Outcome:
-    """From a model to the table of its tip."""
+def run_beamdae(case: Case, mesh: tuple[int, int], integrator: bd.Integrator) -> Outcome:
+    """Run beamdae from a model to the table of its tip."""
     begin = time.process_time()
     equations = bd.equations_of_motion(case.mechanism(mesh))
-    taken, solution = integrated(equations, integrator, case.times)
-    path = tip(solution)
-    return Outcome(path, taken, time.process_time() - begin)
+    integration, solution = time_integration(equations, integrator, case.times)
+    path = tip_path(solution)
+    return Outcome(path, integration, time.process_time() - begin)
 
 
-def tip(solution: bd.Solution) -> Array:
+def tip_path(solution: bd.Solution) -> Array:
     return solution.observed[["tip.x [m]", "tip.y [m]"]].to_numpy()
 
 
@@ -124,50 +125,50 @@ def _equations(case: Case, mesh: tuple[int, int]) -> bd.EquationsOfMotion:
     return bd.equations_of_motion(case.mechanism(mesh))
 
 
-def peer_run(peer: Worker, case: Case, **settings: float) -> Outcome:
-    """The same by Exudyn."""
-    found = peer(system=case.system, damping=case.damping, end=case.end, **settings)
-    rows = np.array(found["path"])
+def run_exudyn(peer: Worker, case: Case, **settings: float) -> Outcome:
+    """Run Exudyn from a model to the path of its tip."""
+    answer = peer(system=case.system, damping=case.damping, end=case.end, **settings)
+    rows = np.array(answer["path"])
     assert len(rows) == len(case.times), settings
-    return Outcome(rows[:, 1:], found["integrate"], found["build"] + found["integrate"])
+    return Outcome(rows[:, 1:], answer["integrate"], answer["build"] + answer["integrate"])
 
 
-def settings_of(case: Case, peer: Worker | None, quick: bool) -> list[Setting]:
-    """All that is tried."""
+def list_settings(case: Case, peer: Worker | None, quick: bool) -> list[Setting]:
+    """Return all settings of a case."""
     every = slice(None, None, 3 if quick else 1)
-    found = [
+    settings = [
         Setting(
             "beamdae",
             f"{mesh[0]} x {mesh[1]}",
             integrator.label,
-            lambda mesh=mesh, integrator=integrator: own_run(case, mesh, integrator),
+            lambda mesh=mesh, integrator=integrator: run_beamdae(case, mesh, integrator),
         )
         for mesh in (EXACT_MESHES if case.formulation == "exact" else MESHES)[every]
         for integrator in INTEGRATORS[every]
     ]
-    for elements, nodes in PEER_MESHES[every] if peer is not None else ():
+    for elements, nodes in EXUDYN_MESHES[every] if peer is not None else ():
         for step in STEPS[every]:
-            chosen = {"elements": elements, "nodes": nodes, "step": step}
-            found.append(
+            parameters = {"elements": elements, "nodes": nodes, "step": step}
+            settings.append(
                 Setting(
                     "Exudyn",
                     f"{elements} of {nodes} nodes",
                     f"step={step:g}",
-                    lambda chosen=chosen: peer_run(peer, case, **chosen),
+                    lambda parameters=parameters: run_exudyn(peer, case, **parameters),
                 )
             )
-    return found
+    return settings
 
 
-def tried(case: Case, settings: list[Setting], reference: Array) -> pd.DataFrame:
-    """A line for each setting that came to its end."""
-    lines = []
-    for at, setting in enumerate(settings):
+def run_settings(case: Case, settings: list[Setting], reference: Array) -> pd.DataFrame:
+    """Return a row for each setting that reached its end."""
+    rows = []
+    for index, setting in enumerate(settings):
         outcome = setting.run()
         if len(outcome.path) < len(reference):
             continue
         error = np.linalg.norm(outcome.path - reference, axis=1).max()
-        lines.append(
+        rows.append(
             {
                 "case": case.name,
                 "tool": setting.tool,
@@ -176,98 +177,163 @@ def tried(case: Case, settings: list[Setting], reference: Array) -> pd.DataFrame
                 "error [mm]": 1e3 * error,
                 "integration [s]": outcome.integration,
                 "with setup [s]": outcome.whole,
-                "setting": at,
+                "setting": index,
             }
         )
-    return pd.DataFrame(lines)
+    return pd.DataFrame(rows)
 
 
-def finalists(lines: pd.DataFrame) -> list[int]:
-    """The fastest settings of each tool that keep each level."""
+def select_finalists(table: pd.DataFrame) -> list[int]:
+    """Return the fastest settings of each tool that meet each error level."""
     chosen: set[int] = set()
-    for level in LEVELS:
-        kept = lines[lines["error [mm]"] <= level].sort_values("integration [s]")
-        chosen.update(kept.groupby("tool").head(FINALISTS)["setting"])
+    for level in ERROR_LEVELS:
+        accurate = table[table["error [mm]"] <= level].sort_values("integration [s]")
+        chosen.update(accurate.groupby("tool").head(FINALISTS)["setting"])
     return sorted(chosen)
 
 
-def timed(lines: pd.DataFrame, settings: list[Setting], rounds: int) -> pd.DataFrame:
-    """The lines with the least and the median times of those that took turns."""
-    chosen = finalists(lines)
-    found = {at: [] for at in chosen}
+def time_finalists(table: pd.DataFrame, settings: list[Setting], rounds: int) -> pd.DataFrame:
+    """Return the rows with the smallest and median times of settings that took turns."""
+    finalists = select_finalists(table)
+    times = {index: [] for index in finalists}
     for _ in range(rounds):
-        for at in chosen:
-            outcome = settings[at].run()
-            found[at].append((outcome.integration, outcome.whole))
-    lines = lines.set_index("setting")
-    lines["turns"] = 0
-    lines["median [s]"] = np.nan
-    for at, all_times in found.items():
+        for index in finalists:
+            outcome = settings[index].run()
+            times[index].append((outcome.integration, outcome.whole))
+    table = table.set_index("setting")
+    table["turns"] = 0
+    table["median [s]"] = np.nan
+    for index, all_times in times.items():
         least = np.min(all_times, axis=0)
-        lines.loc[at, ["integration [s]", "with setup [s]"]] = least
-        lines.loc[at, ["median [s]", "turns"]] = np.median(all_times, axis=0)[0], rounds
-    return lines.reset_index(drop=True)
+        table.loc[index, ["integration [s]", "with setup [s]"]] = least
+        table.loc[index, ["median [s]", "turns"]] = np.median(all_times, axis=0)[0], rounds
+    return table.reset_index(drop=True)
 
 
-def best(lines: pd.DataFrame) -> pd.DataFrame:
-    """The fastest of each tool at each level, and the ratios of their times."""
+def select_fastest(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the fastest setting of each tool at each level, and the ratios of their times."""
     rows = []
     for (case, level), group in (
-        ((case, level), own[own["error [mm]"] <= level])
-        for case, own in lines[lines["turns"] > 0].groupby("case", sort=False)
-        for level in LEVELS
+        ((case, level), rows_of_case[rows_of_case["error [mm]"] <= level])
+        for case, rows_of_case in table[table["turns"] > 0].groupby("case", sort=False)
+        for level in ERROR_LEVELS
     ):
         row: dict[str, object] = {"case": case, "level [mm]": level}
         for tool in ("beamdae", "Exudyn"):
-            kept = group[group["tool"] == tool]
-            if kept.empty:
+            accurate = group[group["tool"] == tool]
+            if accurate.empty:
                 continue
-            fastest = kept.loc[kept["integration [s]"].idxmin()]
+            fastest = accurate.loc[accurate["integration [s]"].idxmin()]
             row[tool] = f"{fastest['mesh']}, {fastest['integrator']}"
             row[f"{tool} [s]"] = fastest["integration [s]"]
             row[f"{tool}, median [s]"] = fastest["median [s]"]
-            row[f"{tool}, with setup [s]"] = kept["with setup [s]"].min()
+            row[f"{tool}, with setup [s]"] = accurate["with setup [s]"].min()
         rows.append(row)
-    found = pd.DataFrame(rows)
-    if "Exudyn [s]" in found:
-        found["ratio"] = found["beamdae [s]"] / found["Exudyn [s]"]
-        found["ratio of medians"] = found["beamdae, median [s]"] / found["Exudyn, median [s]"]
-        found["ratio with setup"] = (
-            found["beamdae, with setup [s]"] / found["Exudyn, with setup [s]"]
+    result = pd.DataFrame(rows)
+    if "Exudyn [s]" in result:
+        result["ratio"] = result["beamdae [s]"] / result["Exudyn [s]"]
+        result["ratio of medians"] = result["beamdae, median [s]"] / result["Exudyn, median [s]"]
+        result["ratio with setup"] = (
+            result["beamdae, with setup [s]"] / result["Exudyn, with setup [s]"]
         )
-    return found
+    return result
 
 
-def reference_file(case: Case) -> Path:
+def reference_path(case: Case) -> Path:
     return RESULTS / f"reference_{case.name.replace(', ', '_').replace(' ', '_')}.csv"
 
 
-def make_references(peer: Worker) -> pd.DataFrame:
-    """Store the references; how far other fine runs are from them [mm]."""
-    lines = []
+def store_references(peer: Worker) -> pd.DataFrame:
+    """Store the references; return distances of other fine runs from them [mm]."""
+    rows = []
     for case in CASES:
-        finest = peer_run(peer, case, **FINEST).path
-        coarser = peer_run(peer, case, **{**FINEST, "elements": 32, "step": 1e-4}).path
-        mesh, integrator = FINEST_OWN
-        own = tip(integrator.integrate(_equations(case, mesh), case.times))
-        lines.append(
+        finest = run_exudyn(peer, case, **REFERENCE_SETTINGS).path
+        coarser = run_exudyn(
+            peer, case, **{**REFERENCE_SETTINGS, "elements": 32, "step": 1e-4}
+        ).path
+        mesh, integrator = FINEST_BEAMDAE
+        beamdae_path = tip_path(integrator.integrate(_equations(case, mesh), case.times))
+        rows.append(
             {
                 "case": case.name,
-                "beamdae 4 x 4, Radau(1e-6) [mm]": _apart(own, finest),
-                "Exudyn, half the elements, twice the step [mm]": _apart(coarser, finest),
+                "beamdae 4 x 4, Radau(1e-6) [mm]": max_distance(beamdae_path, finest),
+                "Exudyn, half the elements, twice the step [mm]": max_distance(coarser, finest),
             }
         )
         table = pd.DataFrame({"t [s]": case.times, "x [m]": finest[:, 0], "y [m]": finest[:, 1]})
-        table.to_csv(reference_file(case), index=False, float_format="%.9g")
-    return pd.DataFrame(lines)
+        table.to_csv(reference_path(case), index=False, float_format="%.9g")
+    return pd.DataFrame(rows)
 
 
-def _apart(path: Array, other: Array) -> float:
+def max_distance(path: Array, other: Array) -> float:
     return 1e3 * float(np.linalg.norm(path - other, axis=1).max())
 
 
-def reference(case: Case) -> Array:
-    return pd.read_csv(reference_file(case))[["x [m]", "y [m]"]].to_numpy()
+def load_reference(case: Case) -> Array:
+    return pd.read_csv(reference_path(case))[["x [m]", "y [m]"]].to_numpy()
+
+
+# Colors that color-blind readers can distinguish (Okabe & Ito), and markers.
+STYLES = {
+    "Exudyn, 2 nodes": ("0.55", "s"),
+    "Exudyn, 3 nodes": ("0.25", "D"),
+    "GeneralizedAlpha(step)": ("#0072b2", "o"),
+    "GeneralizedAlpha(rtol)": ("#56b4e9", "v"),
+    "Radau": ("#d55e00", "^"),
+    "Ida": ("#009e73", "P"),
+}
+
+
+def style_of(row: pd.Series) -> str:
+    """Return the style of a row of the table."""
+    if row["tool"] == "Exudyn":
+        return f"Exudyn, {row['mesh'].split()[-2]} nodes"
+    name = row["integrator"]
+    return next(style for style in STYLES if name.startswith(style.rstrip(")")))
+
+
+def draw_work_precision(table: pd.DataFrame, path: Path) -> None:
+    """Plot all rows, and the fastest of each tool at each error as steps."""
+    cases = list(dict.fromkeys(table["case"]))
+    columns = min(len(cases), 2)
+    rows = -(-len(cases) // columns)
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(5.0 * columns, 3.9 * rows), layout="constrained", squeeze=False
+    )
+    table = table.assign(kind=table.apply(style_of, axis=1))
+    for axis, case in zip(axes.flat, cases, strict=False):
+        rows_of_case = table[(table["case"] == case) & (table["error [mm]"] < 30.0)]
+        for name, (color, marker) in STYLES.items():
+            rows_of_kind = rows_of_case[rows_of_case["kind"] == name]
+            axis.plot(
+                rows_of_kind["error [mm]"],
+                rows_of_kind["integration [s]"],
+                marker,
+                color=color,
+                markersize=4,
+                alpha=0.6,
+                linestyle="none",
+                label=name,
+            )
+        for tool, color in (("Exudyn", "0.25"), ("beamdae", "#0072b2")):
+            x, y = _pareto_front(rows_of_case[rows_of_case["tool"] == tool])
+            axis.step(x, y, where="post", color=color, linewidth=1.2)
+        axis.set(xscale="log", yscale="log", title=case)
+        axis.grid(alpha=0.3)
+    for axis in axes[:, 0]:
+        axis.set_ylabel("integration [s of processor]")
+    for axis in axes[-1]:
+        axis.set_xlabel("largest error of the tip [mm]")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize="small")
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
+
+
+def _pareto_front(rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+    """Return errors, and the smallest time of all rows with at most that error."""
+    rows = rows.sort_values("error [mm]")
+    return rows["error [mm]"].to_numpy(), rows["integration [s]"].cummin().to_numpy()
 
 
 def main() -> None:
@@ -275,28 +341,28 @@ def main() -> None:
     parser.add_argument("--peer", default=sys.executable, help="an interpreter with Exudyn")
     parser.add_argument("--quick", action="store_true", help="fewer settings and turns")
     parser.add_argument("--exact", action="store_true", help="beams without floating frames")
-    parser.add_argument("--references", action="store_true", help="the references anew")
+    parser.add_argument("--references", action="store_true", help="compute the references first")
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the tables")
     options = parser.parse_args()
-    peer = exudyn(options.peer)
+    peer = start_exudyn(options.peer)
     if options.references:
         if peer is None:
             parser.exit(1)
-        write(RESULTS, "references", make_references(peer))
+        write_table(RESULTS, "references", store_references(peer))
     tables = []
     with peer or nullcontext():
         for case in CASES[1:3] if options.quick else CASES:
             if options.exact:
                 case = replace(case, formulation="exact")
-            settings = settings_of(case, peer, options.quick)
-            lines = tried(case, settings, reference(case))
-            tables.append(timed(lines, settings, 3 if options.quick else 5))
-    lines = pd.concat(tables)
+            settings = list_settings(case, peer, options.quick)
+            table = run_settings(case, settings, load_reference(case))
+            tables.append(time_finalists(table, settings, 3 if options.quick else 5))
+    table = pd.concat(tables)
     options.out.mkdir(parents=True, exist_ok=True)
     name = "work_precision_exact" if options.exact else "work_precision"
-    lines.to_csv(options.out / f"{name}.csv", index=False, float_format="%.4g")
-    write(options.out, f"{name}_best", best(lines))
-    draw(lines, options.out / f"{name}.png")
+    table.to_csv(options.out / f"{name}.csv", index=False, float_format="%.4g")
+    write_table(options.out, f"{name}_best", select_fastest(table))
+    draw_work_precision(table, options.out / f"{name}.png")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Processes that run one thing after the other when told to, so that others can be timed between.
+"""Worker processes that run one job at a time, so that other tools can be timed in between.
 
-They read a run a line, the keyword arguments of their function as JSON, and answer in one line.
+A worker reads a job a line, the keyword arguments of its function as JSON, and answers in one line.
 """
 
 from __future__ import annotations
@@ -15,11 +15,13 @@ from types import TracebackType
 from typing import Any
 
 HERE = Path(__file__).parent
-NO_PEER = "Exudyn cannot be imported by {python} (pip install exudyn): runs beside it are skipped."
+EXUDYN_MISSING = (
+    "{python}: cannot import exudyn; install it (pip install exudyn), or its runs are skipped."
+)
 
 
 class Worker:
-    """A script beside this one in a process of its own."""
+    """Process that runs a script of this folder."""
 
     def __init__(self, python: str, script: str, environment: Mapping[str, str] | None = None):
         self._process = subprocess.Popen(
@@ -31,7 +33,7 @@ class Worker:
         )
 
     def __call__(self, **run: Any) -> dict[str, Any]:
-        """What the script answers."""
+        """Return the answer of the script to a job."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         print(json.dumps(run), file=self._process.stdin, flush=True)
@@ -52,18 +54,18 @@ class Worker:
         self._process.communicate()
 
 
-def exudyn(python: str) -> Worker | None:
-    """Exudyn in the interpreter named, or None and a sentence where it is not installed."""
+def start_exudyn(python: str) -> Worker | None:
+    """Start Exudyn in this interpreter; return None, with a message, if it is not installed."""
     command = [python, "-c", "import exudyn"]
     try:
         subprocess.run(command, capture_output=True, check=True)
     except (OSError, subprocess.CalledProcessError):
-        print(NO_PEER.format(python=python), file=sys.stderr)
+        print(EXUDYN_MISSING.format(python=python), file=sys.stderr)
         return None
     return Worker(python, "exudyn_peer.py")
 
 
-def checkout(folder: Path) -> Worker:
-    """The beamdae of a checkout, with its models, in this interpreter."""
+def start_checkout(folder: Path) -> Worker:
+    """Start this interpreter with the beamdae and the models of a checkout."""
     paths = os.pathsep.join((str(folder), str(folder / "models")))
     return Worker(sys.executable, "checkout_worker.py", {"PYTHONPATH": paths})

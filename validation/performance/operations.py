@@ -1,7 +1,7 @@
-"""What integrators in compiled loops call, back to back: residuals, matrices, factors, solutions.
+"""Times of the operations of integrators: residuals, matrices, factorizations and solutions.
 
-`step_pieces` are those of generalized-alpha, `first_order_pieces` those of Ida and, with real and
-complex matrices, of Radau. Each is a compiled loop over one of them, and nothing else.
+`time_step_operations` returns those of generalized-alpha, `time_first_order_operations` those of
+Ida and, with real and complex matrices, of Radau. Each is a compiled loop over one operation.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from beamdae.native.loop_functions import combine, factorize, solve
 from beamdae.native.return_codes import DONE
 
 Array = np.ndarray
-Pieces = dict[str, Callable[[], float]]
+OperationTimers = dict[str, Callable[[], float]]
 
-# Time and branch at which all of it is evaluated.
-TIME = np.array([0.1, 0.5])
-PIECES = ("residual", "matrix", "factorize", "solve")
+# Time and branch at which operations are evaluated.
+TIME_AND_BRANCH = np.array([0.1, 0.5])
+OPERATIONS = ("residual", "matrix", "factorize", "solve")
 
 
 @dataclass(slots=True)
 class StepWork:
-    """Equations of a step at a prediction."""
+    """Equations of a step at a prediction, and their buffers."""
 
     form: StepBuffers
     linear: Any
@@ -56,7 +56,7 @@ class StepWork:
 
 @dataclass(slots=True)
 class FirstOrderWork:
-    """First-order equations at a state."""
+    """First-order equations at a state, and their buffers."""
 
     form: FirstOrderBuffers
     linear: Any
@@ -108,17 +108,19 @@ def solutions(work: Any) -> int:
     return DONE
 
 
-def step_pieces(equations: bd.EquationsOfMotion, step: float, repeats: int) -> Pieces:
-    """Those of generalized-alpha on index 3: each returns the time of one call [s]."""
+def time_step_operations(
+    equations: bd.EquationsOfMotion, step: float, repeats: int
+) -> OperationTimers:
+    """Return timers of generalized-alpha on index 3: each returns the time of one call [s]."""
     form, member = formulate_step(equations, False), bd.GeneralizedAlpha(step)
-    start = ConsistencySolver(equations).state(TIME, equations.q0, equations.v0)
+    start = ConsistencySolver(equations).state(TIME_AND_BRANCH, equations.q0, equations.v0)
     c_f = step**2 * member.beta
     share = (1.0 - member.alpha_f) / (1.0 - member.alpha_m)
     coefficients = np.array([member.gamma / (step * member.beta), 1.0 / (c_f * share), c_f])
     at = StepPrediction(start.q, start.v, start.a, start.q.copy(), coefficients)
     x = np.concatenate([np.zeros(equations.n), c_f * start.lam])
     matrix = FactorizedMatrix.from_pattern(form.pattern)
-    matrix.nonzeros[:] = form.jacobian(TIME, at, x)
+    matrix.nonzeros[:] = form.jacobian(TIME_AND_BRANCH, at, x)
     right = np.full(form.size, 1e-3)
 
     def make(native: bool) -> StepWork:
@@ -128,16 +130,20 @@ def step_pieces(equations: bd.EquationsOfMotion, step: float, repeats: int) -> P
         )
 
     functions = (step_residuals, step_matrices, factorizations, solutions)
-    return _timed(make, functions, matrix, repeats)
+    return _make_timers(make, functions, matrix, repeats)
 
 
-def first_order_pieces(equations: bd.EquationsOfMotion, rate: complex, repeats: int) -> Pieces:
-    """Those of Ida, or with a complex rate Radau's factorizations and solutions of a pair."""
+def time_first_order_operations(
+    equations: bd.EquationsOfMotion, rate: complex, repeats: int
+) -> OperationTimers:
+    """Return timers of Ida or, with a complex rate, of Radau's pair of linear systems."""
     form = formulate_first_order(equations, "stabilized-index1")
-    y, yp = form.pack(ConsistencySolver(equations).state(TIME, equations.q0, equations.v0))
+    y, yp = form.pack(
+        ConsistencySolver(equations).state(TIME_AND_BRANCH, equations.q0, equations.v0)
+    )
     matrix = FactorizedMatrix.from_pattern(form.pattern, type(rate))
-    # dR/dy + rate dR/dy', of which the Jacobian gives sums with a real rate.
-    at_zero, at_one = (form.jacobian(TIME, y, yp, c) for c in (0.0, 1.0))
+    # dR/dy + rate dR/dy'; the Jacobian function takes real rates only.
+    at_zero, at_one = (form.jacobian(TIME_AND_BRANCH, y, yp, c) for c in (0.0, 1.0))
     matrix.nonzeros[:] = at_zero + rate * (at_one - at_zero)
     right = np.full(form.size, 1e-3, type(rate))
 
@@ -155,28 +161,28 @@ def first_order_pieces(equations: bd.EquationsOfMotion, rate: complex, repeats: 
         )
 
     if isinstance(rate, complex):
-        return _timed(make, (None, None, factorizations, solutions), matrix, repeats)
+        return _make_timers(make, (None, None, factorizations, solutions), matrix, repeats)
     functions = (first_order_residuals, first_order_jacobians, factorizations, solutions)
-    return _timed(make, functions, matrix, repeats)
+    return _make_timers(make, functions, matrix, repeats)
 
 
-def _timed(
+def _make_timers(
     make: Callable[[bool], Any],
     functions: tuple[Callable[[Any], int] | None, ...],
     matrix: FactorizedMatrix,
     repeats: int,
-) -> Pieces:
-    def linears(work: Any) -> list[tuple[Any, FactorizedMatrix]]:
+) -> OperationTimers:
+    def list_linear_systems(work: Any) -> list[tuple[Any, FactorizedMatrix]]:
         return [(work.linear, matrix)]
 
     work = make(True)
-    pieces = {}
-    # Solutions need the factors: all work on the same.
-    order = sorted(zip(PIECES, functions, strict=True), key=lambda x: x[0] != "factorize")
+    timers = {}
+    # Solutions need the factors, so the factorization comes first.
+    order = sorted(zip(OPERATIONS, functions, strict=True), key=lambda x: x[0] != "factorize")
     for name, function in order:
         if function is None:
             continue
-        running = StepLoop(function, lambda native: work, linears, True)
+        running = StepLoop(function, lambda native: work, list_linear_systems, True)
         assert running.is_native, name
         assert running() == DONE, name
 
@@ -185,5 +191,5 @@ def _timed(
             running()
             return (time.process_time() - begin) / repeats
 
-        pieces[name] = time_of_one
-    return pieces
+        timers[name] = time_of_one
+    return timers

@@ -1,0 +1,101 @@
+"""Processor times of actions that take turns, and tables of them.
+
+Processor times exclude time taken by other processes, but caches and clock rates are shared. So
+actions take turns, and ratios are those of the smallest time of each.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+import pandas as pd
+
+import beamdae as bd
+from beamdae.native.loops import CompiledLoop
+
+Array = np.ndarray
+
+
+@dataclass
+class TimeSamples:
+    """Times of one action, in turns [s]."""
+
+    all: list[float] = field(default_factory=list)
+
+    @property
+    def least(self) -> float:
+        """Smallest time [s]."""
+        return float(np.min(self.all))
+
+    @property
+    def median(self) -> float:
+        """Median time [s]."""
+        return float(np.median(self.all))
+
+
+def time_in_turns(
+    actions: Mapping[str, Callable[[], float]], rounds: int
+) -> dict[str, TimeSamples]:
+    """Return times that the actions measure, after one turn to warm up."""
+    for action in actions.values():
+        action()
+    times = {name: TimeSamples() for name in actions}
+    for _ in range(rounds):
+        for name, action in actions.items():
+            times[name].all.append(action())
+    return times
+
+
+def time_integration(
+    equations: bd.EquationsOfMotion, integrator: bd.Integrator, times: Array
+) -> tuple[float, bd.Solution]:
+    """Return the processor time of the integration alone [s], and its solution.
+
+    The share of preparing buffers and loops, by the solution's statistics, is subtracted.
+    """
+    begin = time.process_time()
+    solution = integrator.integrate(equations, times)
+    seconds, statistics = time.process_time() - begin, solution.statistics
+    return seconds * statistics.wall_time / (statistics.wall_time + statistics.setup_time), solution
+
+
+def time_within_loops(
+    equations: bd.EquationsOfMotion, integrator: bd.Integrator, times: Array
+) -> tuple[float, float]:
+    """Return the time of the integration, and its part within compiled loops [s]."""
+    inside = 0.0
+    call = CompiledLoop.__call__
+
+    def timed(loop: CompiledLoop) -> int:
+        nonlocal inside
+        begin = time.process_time()
+        code = call(loop)
+        inside += time.process_time() - begin
+        return code
+
+    with patch.object(CompiledLoop, "__call__", timed):
+        whole, _ = time_integration(equations, integrator, times)
+    return whole, inside
+
+
+def time_action(action: Callable[[], object]) -> float:
+    """Return the processor time of an action [s]."""
+    begin = time.process_time()
+    action()
+    return time.process_time() - begin
+
+
+RESULTS = Path(__file__).parent / "results"
+
+
+def write_table(folder: Path, name: str, table: pd.DataFrame) -> None:
+    """Print a table and write it to a CSV file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    table.to_csv(folder / f"{name}.csv", index=False, float_format="%.4g")
+    text = table.to_string(index=False, na_rep="", float_format=lambda x: f"{x:.3g}")
+    print(text, end="\n\n", flush=True)
