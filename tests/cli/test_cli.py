@@ -242,7 +242,9 @@ def test_run_resumes_from_a_checkpoint(command):
     assert table["t [s]"].iloc[[0, -1]].tolist() == [0.01, 0.02]
     assert table["tip.y [m]"].iloc[0] < 0.0
     result = command("run", ARM, "--set", "elements=2", "--continue", "at/end.json")
-    assert_usage_error(result, "start: it is of another model, coordinate")
+    assert_usage_error(
+        result, "start: coordinate 11 is 'beam.chord' in the start and 'beam.u3' in the model"
+    )
     assert_usage_error(command("run", ARM, "--continue", "nothing.json"), "nothing.json", "read")
     assert_usage_error(
         command("run", ARM, "--checkpoint", "at"), "--checkpoint", "at", "is a folder"
