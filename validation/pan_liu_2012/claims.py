@@ -93,15 +93,26 @@ def summarize_claims(claims: Iterable[Claim], tables: Tables) -> pd.DataFrame:
     return pd.DataFrame(rows).drop(columns="judge")
 
 
-# (from, to, distance of the ticks)
-FIGURE_5A = (-1.6e-4, 0.4e-4, 0.4e-4)
-FIGURE_5B = (-0.5e-4, 0.1e-4, 0.1e-4)
-FIGURE_5C = (-6.0, 6.0, 2.0)
-FIGURE_6 = (-0.10, 0.10, 0.02)
-FIGURE_7 = (-0.10, 0.12, 0.02)
-FIGURE_9 = (-0.20, 0.20, 0.05)
-FIGURE_10 = (-1.5, 1.5, 0.5)
-Axis = tuple[float, float, float]
+class Axis(NamedTuple):
+    """Ends of the vertical axis of a figure, and the spacing of its ticks."""
+
+    start: float
+    end: float
+    tick: float
+
+    @property
+    def length(self) -> float:
+        """Distance of the ends."""
+        return self.end - self.start
+
+
+FIGURE_5A = Axis(-1.6e-4, 0.4e-4, 0.4e-4)
+FIGURE_5B = Axis(-0.5e-4, 0.1e-4, 0.1e-4)
+FIGURE_5C = Axis(-6.0, 6.0, 2.0)
+FIGURE_6 = Axis(-0.10, 0.10, 0.02)
+FIGURE_7 = Axis(-0.10, 0.12, 0.02)
+FIGURE_9 = Axis(-0.20, 0.20, 0.05)
+FIGURE_10 = Axis(-1.5, 1.5, 0.5)
 
 # Of the length of an axis: what is seen in the figure, and what curves should cover.
 VISIBLE = 0.02
@@ -112,11 +123,11 @@ FILLS_TEXT = f"within the axis, by {VISIBLE:.0%} of its length, and over at leas
 
 def fits_axis(low: Any, high: Any, axis: Axis) -> Any:
     """Return whether curves from `low` to `high` suit an axis: inside it, and not too small."""
-    length = axis[1] - axis[0]
-    inside = (low >= axis[0] - VISIBLE * length) & (high <= axis[1] + VISIBLE * length)
-    return inside & (high - low >= COVERED * length)
+    margin = VISIBLE * axis.length
+    inside = (low >= axis.start - margin) & (high <= axis.end + margin)
+    return inside & (high - low >= COVERED * axis.length)
 
 
 def axis_share_of_difference(one: Any, other: Any, axis: Axis) -> np.ndarray:
     """Return the difference of two curves relative to the length of their axis."""
-    return np.abs(np.asarray(one) - np.asarray(other)) / (axis[1] - axis[0])
+    return np.abs(np.asarray(one) - np.asarray(other)) / axis.length

@@ -19,7 +19,13 @@ from pan_liu_2012.claims import (
     claim,
     judge_condition,
 )
-from pan_liu_2012.runs import SECOND_METHOD, compare_methods, measure_deviation, observe_run
+from pan_liu_2012.runs import (
+    SECOND_METHOD,
+    TIP_COLUMNS,
+    compare_methods,
+    measure_deviation,
+    observe_run,
+)
 
 SPEEDS = (0.5, 1.0, 2.0, 4.0, 6.0)  # rad/s
 ROTARY_INERTIA_SPEED = 4.0  # rad/s, at which the effect of rotary inertia is computed
@@ -30,7 +36,6 @@ ELEMENTS = 8  # in all bodies, at least two in each
 REFERENCE_BODIES = 8
 NO_ROTARY_INERTIA = 1e-9  # factor of rho I; zero would make the mass matrix singular
 SPIN_UP_SCHEME = bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-11)
-TIP_COLUMNS = ["deformation.u [m]", "deformation.v [m]"]
 ROOT = (0.05, 0.0)  # m
 STEADY_TEXT = "mean tip deflection after the run-up"
 STRAIGHT_T_END = 20.0  # s

@@ -32,6 +32,8 @@ from pan_liu_2012.claims import (
 )
 from pan_liu_2012.runs import (
     PAPER_SCHEME,
+    PENDULUM_STRAIN_T_END,
+    PENDULUM_T_END,
     SCHEME,
     SECOND_METHOD,
     compare_methods,
@@ -53,7 +55,11 @@ DAMPING_LAWS = {
     "Rayleigh, stiffness": {"damping": 0.0, "stiffness_damping": 1e-4},
     "air drag": {"damping": 0.0, "air_drag": 0.036},
 }
-HALF_THICKNESS = 0.00125
+OUTPUT_STEP = 1e-2  # s
+REST_DAMPING = 8.0  # 1/s, mass-proportional damping that brings the strip to rest
+REST_TIME = 8.0  # s
+HALF_THICKNESS = 0.00125  # m
+# Arc length [m].
 GAUGES = {"gauge 1": 0.50, "gauge 2": 0.25, "gauge 2 at 0.70 m": 0.70}
 FRAME_RATE = "frame.angle_dot [rad/s]"
 
@@ -65,7 +71,7 @@ def run_pendulum(strain: str, integrator: object = SCHEME, **parameters: object)
     for name, s in GAUGES.items():
         for surface, sign in (("lower", -1.0), ("upper", 1.0)):
             mechanism.observe(f"{name}, {surface}", beam.strain(s, sign * HALF_THICKNESS))
-    return observe_run(mechanism, 6.0, 1e-2, integrator)
+    return observe_run(mechanism, PENDULUM_T_END, OUTPUT_STEP, integrator)
 
 
 def compute_figure_5() -> dict[str, pd.DataFrame]:
@@ -100,7 +106,7 @@ def compare_damping_laws() -> dict[str, pd.DataFrame]:
     """Compute angular velocity, gauge 1 and energy lost over 6 s for each damping law."""
     columns = {}
     for name, parameters in DAMPING_LAWS.items():
-        solution = run_to_end(pendulum(**parameters), 6.0, 1e-2, SCHEME)
+        solution = run_to_end(pendulum(**parameters), PENDULUM_T_END, OUTPUT_STEP, SCHEME)
         table = solution.table().set_index("t [s]")
         columns[f"angular velocity, {name} [rad/s]"] = table[FRAME_RATE]
         columns[f"gauge 1, {name} [-]"] = table["gauge 1 [-]"]
@@ -142,16 +148,16 @@ def compute_strains(angle: float, sign: float, strain: str) -> tuple[np.ndarray,
     mechanism, names = pendulum_with_gauges(
         angle=angle, radius=sign * RADIUS, strain=strain, **DAMPED
     )
-    columns = observe_run(mechanism, 5.0, 1e-2, PAPER_SCHEME)
+    columns = observe_run(mechanism, PENDULUM_STRAIN_T_END, OUTPUT_STEP, PAPER_SCHEME)
     return np.array([columns[row].to_numpy() for row in names]), columns[FRAME_RATE].to_numpy()
 
 
 def compute_strains_at_rest(sign: float) -> np.ndarray:
     """Return strains (2, 1, positions) of the hanging strip, where gauges may be zeroed."""
     mechanism, names = pendulum_with_gauges(
-        angle=-0.5 * np.pi, radius=sign * RADIUS, mass_damping=8.0
+        angle=-0.5 * np.pi, radius=sign * RADIUS, mass_damping=REST_DAMPING
     )
-    last = observe_run(mechanism, 8.0, 8.0, bd.GeneralizedAlpha(step=1e-2)).iloc[-1]
+    last = observe_run(mechanism, REST_TIME, REST_TIME, bd.GeneralizedAlpha(step=1e-2)).iloc[-1]
     return np.array([[last[row].to_numpy(float)] for row in names])
 
 

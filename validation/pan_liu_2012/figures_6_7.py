@@ -20,6 +20,7 @@ from pan_liu_2012.claims import (
     judge_condition,
 )
 from pan_liu_2012.runs import (
+    HUB_BEAM_T_END,
     SCHEME,
     SECOND_METHOD,
     compare_methods,
@@ -38,7 +39,9 @@ def compute_figures_6_7(subtended: float) -> dict[str, pd.DataFrame]:
     """Compute u and v of the tip every 5 ms, by element type."""
 
     def run(integrator: object, **parameters: object) -> pd.DataFrame:
-        return observe_run(hub_beam(subtended=subtended, **parameters), 2.0, 5e-3, integrator)
+        return observe_run(
+            hub_beam(subtended=subtended, **parameters), HUB_BEAM_T_END, 5e-3, integrator
+        )
 
     histories = {name: run(SCHEME, **parameters) for name, parameters in CURVES.items()}
     ida = run(SECOND_METHOD, **CURVES["curved, 8 elements"])

@@ -28,13 +28,13 @@ from pan_liu_2012.claims import (
 )
 from pan_liu_2012.runs import (
     SECOND_METHOD,
+    SLIDER_CRANK_T_END,
     compare_methods,
     format_range,
     measure_deviation,
     observe_run,
 )
 
-T_END = 4.5  # s
 OUTPUT_STEP = 1e-2  # s
 # The reading used: chord frame, angular velocity of the start section (see the claims below).
 USED_FRAME = "chord"
@@ -84,7 +84,9 @@ def compute_figures_9_10(crank: str) -> dict[str, pd.DataFrame]:
     for frame in FRAMES:
         for strain in STRAINS:
             columns = observe_run(
-                observed_slider_crank(frame=frame, strain=strain, crank=crank), T_END, OUTPUT_STEP
+                observed_slider_crank(frame=frame, strain=strain, crank=crank),
+                SLIDER_CRANK_T_END,
+                OUTPUT_STEP,
             )
             for column, name in MIDDLE_COLUMNS.items():
                 nine[f"{strain}, {frame}, {name} [m]"] = columns[column]
@@ -92,7 +94,7 @@ def compute_figures_9_10(crank: str) -> dict[str, pd.DataFrame]:
             rates = rod_angular_velocities(columns)
             ten |= {f"{strain}, {frame}, {name} [rad/s]": rate for name, rate in rates.items()}
         linear = observed_slider_crank(frame=frame, strain="linear", crank=crank)
-        ida = observe_run(linear, T_END, OUTPUT_STEP, SECOND_METHOD)
+        ida = observe_run(linear, SLIDER_CRANK_T_END, OUTPUT_STEP, SECOND_METHOD)
         pairs[f"9{table_suffix(crank)}, linear, {frame}, v, local"] = (
             columns["local.v [m]"],
             ida["local.v [m]"],
@@ -156,7 +158,7 @@ def judge_readings(tables: Tables) -> pd.DataFrame:
                         "nonlinear [rad/s]": format_range(ten[columns[0]]),
                         "linear [rad/s]": format_range(ten[columns[1]]),
                         "linear against nonlinear [-]": measure_rate_deviation(ten, frame, rate),
-                        "share of Fig. 10 [-]": (high - low) / (FIGURE_10[1] - FIGURE_10[0]),
+                        "share of Fig. 10 [-]": (high - low) / FIGURE_10.length,
                         "fills Fig. 10": fits,
                         "component that fills Fig. 9": "; ".join(good) or "none",
                         "fills both": fits and bool(good),
@@ -307,7 +309,7 @@ def flexible_crank(tables: Tables) -> Judgement:
         )
     columns = [f"{s}, {USED_FRAME}, {USED_RATE} [rad/s]" for s in STRAINS]
     beyond = (
-        np.abs(value_range(tables["figure_10_flexible_crank"], columns)).max() / FIGURE_10[1] - 1.0
+        np.abs(value_range(tables["figure_10_flexible_crank"], columns)).max() / FIGURE_10.end - 1.0
     )
     return Judgement(
         "; ".join(parts),

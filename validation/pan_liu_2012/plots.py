@@ -19,6 +19,7 @@ from pan_liu_2012.claims import (
     FIGURE_7,
     FIGURE_9,
     FIGURE_10,
+    Axis,
 )
 from pan_liu_2012.dynamic_stiffening import EXACT
 from pan_liu_2012.table_2 import ELEMENTS, PAPER_RESULTS
@@ -192,8 +193,9 @@ def plot_curves(
         (y, axis.set_ylim, axis.set_yticks),
     ):
         if ends is not None:
-            ticks(np.arange(ends[0], ends[1] + 0.5 * ends[2], ends[2]))
-            limit(ends[0], ends[1])
+            start, end, tick = ends
+            ticks(np.arange(start, end + 0.5 * tick, tick))
+            limit(start, end)
     axis.legend(fontsize=7, framealpha=0.8, edgecolor="none", loc="best")
 
 
@@ -248,7 +250,7 @@ def _draw_figure_5(tables: Mapping[str, pd.DataFrame], folder: Path) -> None:
         (axes[0], "lower", (-2.0, 0.5, 0.5)),
         (axes[1], "upper", (-0.5, 2, 0.5)),
     ):
-        axis.axhspan(band[0], band[1], color="0.92", zorder=0, label="the paper's axis")
+        axis.axhspan(band.start, band.end, color="0.92", zorder=0, label="the paper's axis")
         curves = pick_curves(table, styles, f"gauge 2, {surface}, {{}} [-]", 1e4)
         plot_curves(
             axis, curves, strain, f"gauge 2 at 0.25 m as printed, {surface} surface", time, ends
@@ -265,8 +267,8 @@ def _draw_figure_5(tables: Mapping[str, pd.DataFrame], folder: Path) -> None:
     _draw_damping(tables["damping"], folder / "damping.png")
 
 
-def _scale_strain_axis(axis: tuple[float, float, float]) -> tuple[float, float, float]:
-    return axis[0] * 1e4, axis[1] * 1e4, axis[2] * 1e4
+def _scale_strain_axis(axis: Axis) -> Axis:
+    return Axis(axis.start * 1e4, axis.end * 1e4, axis.tick * 1e4)
 
 
 def _draw_damping(table: pd.DataFrame, path: Path) -> None:

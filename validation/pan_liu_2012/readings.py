@@ -10,14 +10,21 @@ from pan_liu_2012.claims import FIGURE_6, FIGURE_7, FIGURE_9, FIGURE_10, Axis, f
 from pan_liu_2012.figures_9_10 import (
     MIDDLE_COLUMNS,
     OUTPUT_STEP,
-    T_END,
     USED_FRAME,
     observed_slider_crank,
     rod_angular_velocities,
 )
-from pan_liu_2012.runs import PAPER_SCHEME, format_range, observe_run, observe_until_failure
+from pan_liu_2012.runs import (
+    HUB_BEAM_T_END,
+    PAPER_SCHEME,
+    SLIDER_CRANK_T_END,
+    TIP_COLUMNS,
+    format_range,
+    observe_run,
+    observe_until_failure,
+)
 
-TIP_COLUMNS = ["deformation.u [m]", "deformation.v [m]"]
+SNAP_THROUGH_FACTOR = 2.0  # deformation over the axis of Fig. 9, beyond which the rod snaps through
 HUB_READINGS = {
     "as used": {},
     "density 27 667 kg/m^3, as printed": {"density": 27667.0},
@@ -28,7 +35,7 @@ HUB_READINGS = {
 
 def compute_hub_readings(reading: str) -> dict[str, pd.DataFrame]:
     """Return ranges of Figs. 6 and 7 for one reading."""
-    columns = observe_run(hub_beam(**HUB_READINGS[reading]), 2.0, 4e-3, PAPER_SCHEME)
+    columns = observe_run(hub_beam(**HUB_READINGS[reading]), HUB_BEAM_T_END, 4e-3, PAPER_SCHEME)
     lines = [
         _make_row(
             "hub beam", reading, f"{c.split('.')[1][0]} of the tip [m]", figure, columns[c], axis
@@ -54,7 +61,9 @@ def compute_crank_readings(reading: str) -> dict[str, pd.DataFrame]:
     lines = []
     runs = (
         observe_until_failure(
-            observed_slider_crank(strain=strain, **CRANK_READINGS[reading]), T_END, OUTPUT_STEP
+            observed_slider_crank(strain=strain, **CRANK_READINGS[reading]),
+            SLIDER_CRANK_T_END,
+            OUTPUT_STEP,
         )
         for strain in ("nonlinear", "linear")
     )
@@ -73,7 +82,7 @@ def _cut_before_snap_through(run: pd.DataFrame) -> pd.DataFrame:
 
     The rod then snaps through, and later rows depend on rounding.
     """
-    bent = np.flatnonzero(run["local.v [m]"].abs() > 2.0 * FIGURE_9[1])
+    bent = np.flatnonzero(run["local.v [m]"].abs() > SNAP_THROUGH_FACTOR * FIGURE_9.end)
     return run.iloc[: bent[0]] if len(bent) else run
 
 
@@ -92,7 +101,7 @@ def _make_row(
         "quantity": quantity,
         "range": format_range(values),
         "figure": figure,
-        "its axis": f"{axis[0]:g} .. {axis[1]:g}",
-        "share of the axis [-]": (high - low) / (axis[1] - axis[0]),
+        "its axis": f"{axis.start:g} .. {axis.end:g}",
+        "share of the axis [-]": (high - low) / axis.length,
         "fills it": bool(fits_axis(low, high, axis)),
     }

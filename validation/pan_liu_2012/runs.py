@@ -14,6 +14,13 @@ import beamdae as bd
 SCHEME = bd.GeneralizedAlpha(step=5e-4, newton_tolerance=1e-11)
 PAPER_SCHEME = bd.GeneralizedAlpha(step=1e-3, newton_tolerance=1e-11)
 SECOND_METHOD = bd.Ida(rtol=1e-6)
+HUB_BEAM_T_END = 2.0  # s
+PENDULUM_STRAIN_T_END = 5.0  # s, Figs. 5a and 5b
+PENDULUM_T_END = 6.0  # s, Fig. 5c
+SLIDER_CRANK_T_END = 4.5  # s
+TIP_U = "deformation.u [m]"
+TIP_V = "deformation.v [m]"
+TIP_COLUMNS = [TIP_U, TIP_V]
 
 
 def run_to_end(mechanism: bd.Mechanism, t_end: float, rows: float, integrator: Any) -> bd.Solution:

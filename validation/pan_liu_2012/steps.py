@@ -20,7 +20,14 @@ from pan_liu_2012.claims import (
     judge_errors,
 )
 from pan_liu_2012.figure_5 import DAMPED
-from pan_liu_2012.runs import measure_deviation, observe_run
+from pan_liu_2012.runs import (
+    HUB_BEAM_T_END,
+    PENDULUM_STRAIN_T_END,
+    SLIDER_CRANK_T_END,
+    TIP_COLUMNS,
+    measure_deviation,
+    observe_run,
+)
 from pan_liu_2012.table_2 import ELEMENTS, FULL
 
 PAPER_STEP = 1e-3  # s
@@ -29,7 +36,7 @@ FINE_STEP = 1e-4  # s, a tenth of the paper's
 SECOND_METHOD = bd.Ida(rtol=1e-7)
 DEFORMATION, FORCE = "tip deformation", "normal force at the root"
 HUB_QUANTITIES = {
-    DEFORMATION: ["deformation.u [m]", "deformation.v [m]"],
+    DEFORMATION: TIP_COLUMNS,
     FORCE: ["root force.N [N]"],
 }
 System = tuple[Callable[..., bd.Mechanism], dict[str, object], float, dict[str, list[str]]]
@@ -37,25 +44,25 @@ SYSTEMS: dict[str, System] = {
     "hub beam, 30 degrees, 4 curved": (
         hub_beam,
         {"subtended": 30.0, "elements": 4, **ELEMENTS[FULL]},
-        2.0,
+        HUB_BEAM_T_END,
         HUB_QUANTITIES,
     ),
     "hub beam, 60 degrees, 8 curved": (
         hub_beam,
         {"subtended": 60.0, "elements": 8, **ELEMENTS[FULL]},
-        2.0,
+        HUB_BEAM_T_END,
         HUB_QUANTITIES,
     ),
     "pendulum, damped": (
         pendulum,
         DAMPED,
-        5.0,
+        PENDULUM_STRAIN_T_END,
         {"gauge 1": ["gauge 1 [-]"], "angular velocity": ["frame.angle_dot [rad/s]"]},
     ),
     "slider-crank": (
         slider_crank,
         {"frame": "chord"},
-        4.5,
+        SLIDER_CRANK_T_END,
         {"v of the middle": ["mid-point.v [m]"], "slider": ["slider.x [m]"]},
     ),
 }

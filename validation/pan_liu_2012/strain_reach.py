@@ -7,12 +7,20 @@ import pandas as pd
 from hub_beam import hub_beam
 from slider_crank import slider_crank
 
-from pan_liu_2012.runs import PAPER_SCHEME, measure_deviation, observe_run
+from pan_liu_2012.runs import (
+    HUB_BEAM_T_END,
+    PAPER_SCHEME,
+    SLIDER_CRANK_T_END,
+    TIP_COLUMNS,
+    TIP_U,
+    TIP_V,
+    measure_deviation,
+    observe_run,
+)
 
 TORQUE_FACTORS = (1, 2, 5, 10)
 BODY_COUNTS = (1, 2, 4, 8)
 REFERENCE_BODIES = 16
-TIP_COLUMNS = ["deformation.u [m]", "deformation.v [m]"]
 
 
 def run_hub_beam(factor: float, bodies: int, strain: str = "nonlinear") -> pd.DataFrame:
@@ -20,14 +28,16 @@ def run_hub_beam(factor: float, bodies: int, strain: str = "nonlinear") -> pd.Da
     mechanism = hub_beam(
         torque=10.0 * factor, bodies=bodies, elements=max(8 // bodies, 2), strain=strain
     )
-    return observe_run(mechanism, 2.0, 4e-3, PAPER_SCHEME)[["deformation.phi [rad]", *TIP_COLUMNS]]
+    return observe_run(mechanism, HUB_BEAM_T_END, 4e-3, PAPER_SCHEME)[
+        ["deformation.phi [rad]", *TIP_COLUMNS]
+    ]
 
 
 def compute_hub_beam_reach(factor: float) -> dict[str, pd.DataFrame]:
     """Compute the error of 1 to 8 floating frames against 16, and v over time."""
     exact = run_hub_beam(factor, REFERENCE_BODIES)
     length = 5.0 * np.pi / 3.0
-    deflection = np.hypot(exact[TIP_COLUMNS[0]], exact[TIP_COLUMNS[1]]).max()
+    deflection = np.hypot(exact[TIP_U], exact[TIP_V]).max()
     line = {
         "torque factor": factor,
         "largest tip deflection over length [-]": deflection / length,
@@ -38,15 +48,15 @@ def compute_hub_beam_reach(factor: float) -> dict[str, pd.DataFrame]:
         frames = f"{bodies} frame{'s' * (bodies > 1)}"
         deformation = run_hub_beam(factor, bodies)[TIP_COLUMNS]
         line[f"error, {frames} [-]"] = measure_deviation(deformation, exact[TIP_COLUMNS])
-        history[f"v, torque x {factor}, {frames} [m]"] = deformation[TIP_COLUMNS[1]]
+        history[f"v, torque x {factor}, {frames} [m]"] = deformation[TIP_V]
     green = run_hub_beam(factor, 1, "green")
     line["error, Green's strain, 1 frame [-]"] = measure_deviation(
         green[TIP_COLUMNS], exact[TIP_COLUMNS]
     )
     linear = run_hub_beam(factor, 1, "linear")
     line["error, linear, 1 frame [-]"] = measure_deviation(linear[TIP_COLUMNS], exact[TIP_COLUMNS])
-    history[f"v, torque x {factor}, linear [m]"] = linear[TIP_COLUMNS[1]]
-    history[f"v, torque x {factor}, {REFERENCE_BODIES} frames [m]"] = exact[TIP_COLUMNS[1]]
+    history[f"v, torque x {factor}, linear [m]"] = linear[TIP_V]
+    history[f"v, torque x {factor}, {REFERENCE_BODIES} frames [m]"] = exact[TIP_V]
     return {"reach": pd.DataFrame([line]), "reach_curves": pd.DataFrame(history)}
 
 
@@ -68,7 +78,7 @@ def run_slider_crank(frame: str, bodies: int, strain: str) -> pd.Series:
     mechanism = slider_crank(
         frame=frame, bodies=bodies, strain=strain, elements=max(8 // bodies, 2)
     )
-    return observe_run(mechanism, 4.5, 1e-2, PAPER_SCHEME)["slider.x [m]"]
+    return observe_run(mechanism, SLIDER_CRANK_T_END, 1e-2, PAPER_SCHEME)["slider.x [m]"]
 
 
 def compute_slider_crank_reach() -> dict[str, pd.DataFrame]:

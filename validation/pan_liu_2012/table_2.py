@@ -24,7 +24,14 @@ from pan_liu_2012.claims import (
     judge_errors,
     judge_factors,
 )
-from pan_liu_2012.runs import PAPER_SCHEME, SECOND_METHOD, measure_deviation, run_to_end
+from pan_liu_2012.runs import (
+    HUB_BEAM_T_END,
+    PAPER_SCHEME,
+    SECOND_METHOD,
+    TIP_COLUMNS,
+    measure_deviation,
+    run_to_end,
+)
 
 DEFAULT = "curved, default"
 FULL, REDUCED = "curved, paper's continuity, full", "curved, paper's continuity, reduced"
@@ -54,14 +61,17 @@ PAPER_RESULTS = {
     ("curved", 60.0): (8, 12.0),
     ("straight", 60.0): (20, 80.0),
 }
-TIP_COLUMNS = ["deformation.u [m]", "deformation.v [m]"]
 KEY_COLUMNS = ["integrator", "subtended [deg]", "shape", "elements"]
 
 
 def run_hub_beam(integrator: str, rows: float = 4e-3, **parameters: object) -> np.ndarray:
     """Return the deformation (u, v) of the tip over 2 s."""
     method = INTEGRATORS[integrator]
-    return run_to_end(hub_beam(**parameters), 2.0, rows, method).observed[TIP_COLUMNS].to_numpy()
+    return (
+        run_to_end(hub_beam(**parameters), HUB_BEAM_T_END, rows, method)
+        .observed[TIP_COLUMNS]
+        .to_numpy()
+    )
 
 
 def compute_limits(integrator: str, subtended: float, shape: str) -> dict[str, np.ndarray]:
@@ -165,7 +175,7 @@ def measure_times(repetitions: int = 5) -> pd.DataFrame:
         for kind, subtended, number, cpu in runs:
             for scheme in schemes:
                 mechanism = hub_beam(elements=number, subtended=subtended, **kinds[kind])
-                statistics = run_to_end(mechanism, 2.0, 2e-3, scheme).statistics
+                statistics = run_to_end(mechanism, HUB_BEAM_T_END, 2e-3, scheme).statistics
                 measured.setdefault((kind, subtended, number, cpu, scheme), []).append(statistics)
     lines = []
     for (kind, subtended, number, cpu, scheme), statistics in measured.items():
