@@ -110,7 +110,7 @@ def test_inertia_count_by_pivots_matches_eigenvalues(factor, monkeypatch):
     state = np.append(path.q[-1], path.lam[-1])
     nonzeros = system.tangent(state, factor)
     dense = assess_stability(system, state, nonzeros)
-    monkeypatch.setattr(stability, "_MAX_DENSE", 0)
+    monkeypatch.setattr(stability, "_MAX_DENSE_COORDINATES", 0)
     sparse = assess_stability(system, state, nonzeros)
     assert sparse.negative_count == dense.negative_count == {0.5: 0, 1.5: 1, 12.0: 2}[factor]
     for index in range(dense.negative_count, dense.negative_count + 2):

@@ -482,7 +482,7 @@ def test_packed_states_solve_the_first_order_form(form):
 
 
 def _cantilever(variant, curve, elements=3, displacements=False):
-    """Return a beam with observed section forces, and displacements if asked, at three places."""
+    """Return a beam with observed section forces, and optionally displacements, at three places."""
     mech = bd.Mechanism()
     beam = mech.add(variant.beam(curve, elements))
     for s in (0.0, 0.35, 1.0):

@@ -108,7 +108,7 @@ def test_initial_velocity_is_the_given_rigid_motion(kind):
 def test_rayleigh_damping_of_a_rigid_motion_is_that_of_its_mass(kind):
     numeric = free_beam(
         kind,
-        added=lambda beam: bd.RayleighDamping("oil", beam, mass=0.7, stiffness=0.02),
+        extra_part=lambda beam: bd.RayleighDamping("oil", beam, mass=0.7, stiffness=0.02),
         velocity=(0.3, -0.2),
         angular_velocity=1.5,
     )
@@ -121,7 +121,7 @@ def test_air_drag_of_a_translation_is_that_of_its_normal_velocities(kind):
     """Regression: drag was wrong for other kinematics than the floating frame."""
     velocity = np.array([0.8, -0.5])
     numeric = free_beam(
-        kind, added=lambda beam: bd.AirDrag("air", beam, 1.4), velocity=tuple(velocity)
+        kind, extra_part=lambda beam: bd.AirDrag("air", beam, 1.4), velocity=tuple(velocity)
     )
     power = numeric.energies(v=numeric.equations.v0)[4]
     s, weight = np.polynomial.legendre.leggauss(40)

@@ -39,15 +39,15 @@ class Rolling:
         self.settings = settings
 
     def begin(self, start, end, branch, state):
-        self.t, self.end, self.state, self.taken = start, end, state, 0
+        self.t, self.end, self.state, self.step_count = start, end, state, 0
 
     def step(self):
-        self.taken += 1
+        self.step_count += 1
         h = clip_step(self.settings.step, self.end - self.t)
         self.t = self.end if h == self.end - self.t else self.t + h
         q = self.state.q + h * self.state.v
         self.state = self.state._replace(q=q)
-        return self.settings.slip(self.t, self.state, self.taken)
+        return self.settings.slip(self.t, self.state, self.step_count)
 
 
 @dataclass(frozen=True)
@@ -249,11 +249,11 @@ def test_regression_overlapping_runs_restore_blas_threads(two_threads_of_blas):
     thread_counts = []
 
     def run(number):
-        met = []
+        arrivals = []
 
         def meet(t):
-            if not met:
-                met.append(inside.wait(10.0))
+            if not arrivals:
+                arrivals.append(inside.wait(10.0))
                 if number == 1:
                     first_left.wait(10.0)
                     thread_counts.append(threads_of_blas())
@@ -273,28 +273,28 @@ def test_regression_overlapping_runs_restore_blas_threads(two_threads_of_blas):
 
 def test_regression_thread_that_outlives_a_run_restores_blas_threads(two_threads_of_blas):
     """Threadpoolctl accepts changes only from the thread that made the first one."""
-    entered, left = threading.Event(), threading.Event()
+    has_entered, has_left = threading.Event(), threading.Event()
 
     def stay():
         with blas_threads.single_threaded:
-            entered.set()
-            left.wait(10.0)
+            has_entered.set()
+            has_left.wait(10.0)
 
     with blas_threads.single_threaded:
         assert {threads_of_blas()[path] for path in two_threads_of_blas} == {1}
         thread = threading.Thread(target=stay)
         thread.start()
-        entered.wait(10.0)
-    left.set()
+        has_entered.wait(10.0)
+    has_left.set()
     thread.join()
     assert two_threads_of_blas.items() <= threads_of_blas().items()
 
 
 def test_regression_interrupted_blas_search_closes_its_files(monkeypatch, two_threads_of_blas):
-    begun, searched = [], []
+    search_threads, searched = [], []
 
     def interrupted_search():
-        begun.append(threading.current_thread())
+        search_threads.append(threading.current_thread())
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(0.01)
         searched.append(True)
@@ -303,7 +303,7 @@ def test_regression_interrupted_blas_search_closes_its_files(monkeypatch, two_th
     monkeypatch.setattr(blas_threads, "ThreadpoolController", interrupted_search)
     with pytest.raises(KeyboardInterrupt), blas_threads.single_threaded:
         pass
-    begun[0].join()
+    search_threads[0].join()
     assert searched
     with blas_threads.single_threaded:
         pass

@@ -160,9 +160,9 @@ def test_events_within_one_step_are_recorded_in_order():
 
 
 def test_two_crossings_within_a_step_are_detected():
-    thrown = particle(lambda t, x, v: -9.81, 0.0, 1.0, bd.Event("x", 0.04, do="record"))
+    ball = particle(lambda t, x, v: -9.81, 0.0, 1.0, bd.Event("x", 0.04, do="record"))
     # Above 0.04 m for 94 ms about the top at 102 ms: inside the step from 0 to 200 ms.
-    solution = bd.simulate(thrown, bd.GeneralizedAlpha(step=0.2), 0.4)
+    solution = bd.simulate(ball, bd.GeneralizedAlpha(step=0.2), 0.4)
     expected = (1.0 + np.array([-1.0, 1.0]) * np.sqrt(1.0 - 0.08 * 9.81)) / 9.81
     assert_allclose([one.t for one in solution.event_records], expected, rtol=1e-9)
     assert [one.direction for one in solution.event_records] == ["up", "down"]
@@ -171,8 +171,8 @@ def test_two_crossings_within_a_step_are_detected():
 
 @ALL
 def test_quantity_starting_on_its_value_crosses_on_return(integrator):
-    thrown = particle(lambda t, x, v: -9.81, 0.0, 1.0, bd.Event("x", 0.0))
-    solution = bd.simulate(thrown, integrator, 1.0)
+    ball = particle(lambda t, x, v: -9.81, 0.0, 1.0, bd.Event("x", 0.0))
+    solution = bd.simulate(ball, integrator, 1.0)
     assert_allclose(solution.t[-1], 2.0 / 9.81, atol=1e-6)
     assert [one.direction for one in solution.event_records] == ["down"]
 
@@ -183,14 +183,14 @@ def test_constant_or_tangent_quantity_does_not_cross(integrator):
         bd.Event("still", 3.0, do="stop"),
         bd.Event("x", 0.5, do="stop", name="over the top"),
     )
-    thrown = particle(
+    ball = particle(
         lambda t, x, v: -1.0,
         0.0,
         1.0 - 1e-4,
         *events,
         observe={"still": lambda t, x, v: 3.0 + 0.0 * x},
     )
-    solution = bd.simulate(thrown, integrator, 2.0)
+    solution = bd.simulate(ball, integrator, 2.0)
     assert solution.event_records == ()
     assert solution.status.sentence == "reached the end"
 
@@ -281,13 +281,13 @@ def test_table_ends_at_the_event(tmp_path):
     ],
 )
 def test_invalid_event_is_rejected(arguments, sentence):
-    def stated():
+    def build():
         mech = falling(HIT)
         mech.when(**arguments)
         return bd.equations_of_motion(mech)
 
     with pytest.raises(bd.BeamdaeError, match=sentence):
-        stated()
+        build()
 
 
 def test_constrained_system_accepts_only_events():

@@ -103,7 +103,7 @@ class March:
         return self.rows[-1]
 
     @property
-    def found(self):
+    def history(self):
         """Times and states of the steps."""
         t, *parts = np.split(np.array(self.rows), 1 + np.arange(4) * self.n, axis=1)
         return t[:, 0], State(*parts)
@@ -334,7 +334,7 @@ def step_change_errors(case, steps, family, formulation):
     march = March(equations, family, 0.8, formulation)
     for step in h:
         march.step(step)
-    t, states = march.found
+    t, states = march.history
     exact = answer(t)
     pairs = ((states.q, exact["q"]), (states.v, exact["v"]), (states.lam, exact["lam"]))
     return np.array([np.max(np.abs(x - y)) for x, y in pairs])
@@ -361,7 +361,7 @@ def test_step_change_does_not_disturb_the_multipliers(monkeypatch):
         march = March(equations, "generalized-alpha", 0.8)
         for k in range(150):
             march.step(2e-3 if k < 100 else 1e-3)
-        t, states = march.found
+        t, states = march.history
         largest.append(np.max(np.abs(states.lam - answer(t)["lam"])[101:]))
     assert largest[0] < 0.02 * largest[1]
 
@@ -374,19 +374,19 @@ def keep_motion(run, h):
 
 def test_unchanged_step_is_not_converted(monkeypatch):
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
-    changed, resume = [], step_loop._change_step
+    new_steps, resume = [], step_loop._change_step
 
     def record_change(run, h):
-        changed.append(h)
+        new_steps.append(h)
         return resume(run, h)
 
     monkeypatch.setattr(step_loop, "_change_step", record_change)
     march = March(SWING, "generalized-alpha", 0.8)
     for h in (1e-3, 1e-3 * (1.0 + 1e-12), 1e-3):
         march.step(h)
-    assert changed == []
+    assert new_steps == []
     march.step(2e-3)
-    assert changed == [2e-3]
+    assert new_steps == [2e-3]
 
 
 @pytest.mark.parametrize("equations", [PENDULUM.equations, SLIDER_CRANK.equations])

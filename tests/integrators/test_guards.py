@@ -62,14 +62,14 @@ class Stepping:
     counts = Statistics()
 
     def __init__(self, lengths):
-        self.lengths, self.taken = lengths, 0
+        self.lengths, self.step_count = lengths, 0
 
     def begin(self, start, end, branch, state):
         self.t, self.end, self.state = start, end, state
 
     def step(self):
-        self.t = min(self.t + self.lengths(self.taken), self.end)
-        self.taken += 1
+        self.t = min(self.t + self.lengths(self.step_count), self.end)
+        self.step_count += 1
         return self.t, self.state
 
 
@@ -114,8 +114,8 @@ def test_regression_stalled_run_is_stopped():
 
 def test_endlessly_shrinking_steps_are_detected():
     pace, t = StallDetector(21.0), 20.0 * (1.0 - 0.9995 ** np.arange(0, 60_000, 64))
-    ended = [k for k, at in enumerate(t.tolist()) if pace.stall_reason(at, 64 * k, 64)]
-    assert 20_000 < 64 * ended[0] < 45_000
+    stalled_checks = [k for k, at in enumerate(t.tolist()) if pace.stall_reason(at, 64 * k, 64)]
+    assert 20_000 < 64 * stalled_checks[0] < 45_000
 
 
 def test_max_steps_disables_stall_detection():
@@ -139,8 +139,8 @@ def test_run_of_a_million_steps_does_not_stall(steps, steps_per_check):
 
 def test_run_of_a_hundred_million_steps_stalls():
     pace = StallDetector(1.0)
-    ended = [k for k in range(0, 400_000, 64) if pace.stall_reason(k / 3e7, k, 64)]
-    assert ended[0] == 102_400
+    stalled_checks = [k for k in range(0, 400_000, 64) if pace.stall_reason(k / 3e7, k, 64)]
+    assert stalled_checks[0] == 102_400
 
 
 ADAPTIVE = [bd.Auto(), bd.Ida(), bd.Radau(), bd.GeneralizedAlpha(rtol=1e-4)]
@@ -280,18 +280,18 @@ class Once:
     """A function or method that raises KeyboardInterrupt on its nth call."""
 
     def __init__(self, function, n):
-        self.function, self.left = function, n
+        self.function, self.calls_before_interrupt = function, n
 
     def __get__(self, instance, owner):
-        bound = self.function.__get__(instance)
+        method = self.function.__get__(instance)
 
         # scikit-sundae checks the signature.
-        @functools.wraps(bound)
+        @functools.wraps(method)
         def call(*args, **kwargs):
-            self.left -= 1
-            if self.left == 0:
+            self.calls_before_interrupt -= 1
+            if self.calls_before_interrupt == 0:
                 raise KeyboardInterrupt
-            return bound(*args, **kwargs)
+            return method(*args, **kwargs)
 
         return call
 
@@ -317,8 +317,8 @@ def test_interrupt_in_a_method_keeps_the_steps(integrator, owner, name, n, monke
 @pytest.mark.parametrize("n", [1, 10])
 def test_interrupt_in_a_sksundae_callback_keeps_the_steps(name, n, monkeypatch):
     use_scikit_sundae(monkeypatch)
-    called = getattr(SksundaeCallbacks, name)
-    monkeypatch.setattr(SksundaeCallbacks, name, Once(called, n))
+    method = getattr(SksundaeCallbacks, name)
+    monkeypatch.setattr(SksundaeCallbacks, name, Once(method, n))
     solution = bd.simulate(equations(law=SWITCHED), bd.Ida(), 1.0)
     assert solution.status.kind == "interrupted"
     assert np.isfinite(solution.table().to_numpy()).all()

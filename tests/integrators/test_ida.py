@@ -49,34 +49,34 @@ def test_regression_sksundae_with_copied_vectors_is_rejected(monkeypatch):
 
 
 @pytest.fixture
-def made(monkeypatch):
+def callbacks(monkeypatch):
     """Callbacks of the runs, in order."""
-    made = []
+    callbacks = []
 
     class Watched(SksundaeCallbacks):
         def __init__(self, *arguments):
             super().__init__(*arguments)
-            made.append(self)
+            callbacks.append(self)
 
     use_scikit_sundae(monkeypatch)
     monkeypatch.setattr(python_solver, "SksundaeCallbacks", Watched)
-    return made
+    return callbacks
 
 
 @pytest.mark.parametrize("formulation", ida.FIRST_ORDER)
-def test_installed_sksundae_shares_its_vectors(formulation, made):
+def test_installed_sksundae_shares_its_vectors(formulation, callbacks):
     settings = bd.Ida(rtol=1e-6, formulation=formulation, error_control="positions")
     assert bd.simulate(PENDULUM.equations, settings, 0.5).status.success
-    assert made[0]._vectors_are_shared
+    assert callbacks[0]._vectors_are_shared
 
 
-def test_regression_solver_memory_does_not_grow_with_the_run(made):
+def test_regression_solver_memory_does_not_grow_with_the_run(callbacks):
     """The time of every residual was stored, gigabytes in a long run."""
     for t_end in (0.1, 2.0):
         solution = bd.simulate(PENDULUM.equations, bd.Ida(rtol=1e-6), t_end)
     assert solution.statistics.residual_calls > 200
     # The first is the pilot run of the short run, the last is the long run.
-    short, long = ({k: np.size(v) for k, v in vars(made[k]).items()} for k in (0, -1))
+    short, long = ({k: np.size(v) for k, v in vars(callbacks[k]).items()} for k in (0, -1))
     assert short == long
 
 
@@ -86,12 +86,12 @@ def test_regression_overlapping_runs_restore_stdout():
     turns[0].set()
 
     def run(number):
-        met = []
+        arrivals = []
 
         def meet(t):
             # All start before any of them ends, and they end in the order of their starts.
-            if not met:
-                met.append(inside.wait(10.0))
+            if not arrivals:
+                arrivals.append(inside.wait(10.0))
                 turns[number].wait(10.0)
 
         bd.simulate(PENDULUM.build().equations, bd.Ida(rtol=1e-7), 1.0, progress=meet)
@@ -304,17 +304,17 @@ def test_pivots_are_replaced_during_a_run(monkeypatch):
 
 @compiled
 def test_singular_jacobian_shortens_the_step(monkeypatch):
-    failed = []
+    failures = []
 
     def singular_once(pattern, nonzeros):
-        if not failed:
-            failed.append(None)
+        if not failures:
+            failures.append(None)
             raise SingularMatrixError("the matrix is singular")
         return propose_plans(pattern, nonzeros)
 
     monkeypatch.setattr(compiled_run, "propose_plans", singular_once)
     solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.1)
-    assert failed
+    assert failures
     assert solution.status.success
 
 
@@ -348,10 +348,10 @@ def test_pending_interrupt_is_caught_in_the_callback():
     problems = []
     renewing = compiled_solver._pivot_renewal(None, None, None, problems)
     next(renewing)
-    called = compiled_solver._RENEW_CALLBACK(renewing.__next__)
+    renew = compiled_solver._RENEW_CALLBACK(renewing.__next__)
     # No bytecode is executed between the two calls.
-    (_, done) = map(operator.call, [_thread.interrupt_main, called])
-    assert done == 0
+    (_, renewal_code) = map(operator.call, [_thread.interrupt_main, renew])
+    assert renewal_code == 0
     assert [type(problem) for problem in problems] == [KeyboardInterrupt]
     renewing.close()
 

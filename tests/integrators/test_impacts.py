@@ -37,8 +37,8 @@ def test_a_ball_bounces_at_times_of_the_geometric_series(integrator):
     assert_allclose(events["t [s]"], times, atol=1e-5)
     assert_allclose(events["ball.y_dot [m/s]"], -speed, rtol=1e-5)
     assert_allclose(events["impulse.bounce.gap"], 2.0 * (1.0 + e) * speed, rtol=1e-5)
-    lost = 0.5 * 2.0 * (1.0 - e**2) * speed**2
-    assert_allclose(events["energy lost [J]"], lost, rtol=1e-5)
+    lost_energy = 0.5 * 2.0 * (1.0 - e**2) * speed**2
+    assert_allclose(events["energy lost [J]"], lost_energy, rtol=1e-5)
     assert_allclose(solution.columns["ball.x [m]"], 0.3 * solution.t, atol=1e-9)
     assert solution.columns["gap [m]"].min() > -1e-6
     assert solution.quality.energy_imbalance < 1e-6

@@ -50,9 +50,9 @@ def test_full_memory_ends_a_run_and_keeps_its_steps(integrator, monkeypatch):
     assert "take longer steps or fewer elements" in solution.status.sentence
     assert 300 < solution.statistics.steps < 1100
     # Equal to the run with enough memory, except for the shorter pilot run.
-    reached = len(solution.t)
-    assert reached > 100
-    assert_allclose(solution.q, whole.q[:reached], atol=1e-6)
+    row_count = len(solution.t)
+    assert row_count > 100
+    assert_allclose(solution.q, whole.q[:row_count], atol=1e-6)
 
 
 def test_blocks_of_large_states_have_few_rows():
@@ -188,6 +188,6 @@ def test_process_with_little_memory_ends_with_a_message(integrator, remaining):
             print("error:", problem)
     """
     command = [sys.executable, "-c", textwrap.dedent(program)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert done.stdout.strip().splitlines()[-1].startswith(("kind: limited", "error: "))
+    process = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert process.returncode == 0, process.stderr[-2000:]
+    assert process.stdout.strip().splitlines()[-1].startswith(("kind: limited", "error: "))

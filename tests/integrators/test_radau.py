@@ -162,9 +162,9 @@ def test_iteration_weights_include_velocities(velocities):
 def test_rounding_bounds_the_iteration_in_short_steps(interpreted):
     run = one_step(oscillator(50.0), 1e-3)
     run.velocity_weights[:], run.velocity_rounding_weights[:] = 7.0, 1e10
-    for h, bound in ((1e-3, 7.0), (1e-11, 0.1)):
+    for h, expected in ((1e-3, 7.0), (1e-11, 0.1)):
         solve_stages(run, h, True)
-        assert_allclose(run.iteration_weights[1:], bound, rtol=1e-14)
+        assert_allclose(run.iteration_weights[1:], expected, rtol=1e-14)
 
 
 def test_tolerances_are_at_least_position_rounding():
@@ -236,10 +236,10 @@ def test_step_is_repeated_exactly_after_new_pivots(of_pair, interpreted, monkeyp
 
 def test_singular_matrix_rejects_only_its_step(interpreted, monkeypatch):
     _, usual, _ = eight_steps(pendulum)
-    left = iter(range(3))
+    failures = iter(range(3))
 
     def factorize(linear, nonzeros):
-        if next(left, None) is not None:
+        if next(failures, None) is not None:
             linear.singular = 1
         return SINGULAR if linear.singular else loop_functions.factorize(linear, nonzeros)
 

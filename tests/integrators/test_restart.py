@@ -175,19 +175,19 @@ def test_checkpoint_without_end_state_is_rejected(tmp_path):
 def test_checkpoint_with_a_flipped_bit_is_rejected_or_equal(tmp_path):
     path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
     whole, original = path.read_bytes(), Checkpoint.read(path)
-    refused = 0
+    rejections = 0
     for k in range(0, 8 * len(whole), 11):
-        changed = bytearray(whole)
-        changed[k // 8] ^= 1 << k % 8
-        path.write_bytes(changed)
+        damaged = bytearray(whole)
+        damaged[k // 8] ^= 1 << k % 8
+        path.write_bytes(damaged)
         try:
             checkpoint = Checkpoint.read(path)
         except bd.BeamdaeError:
-            refused += 1
+            rejections += 1
         else:
             assert checkpoint == original
     # The remaining bytes are white space.
-    assert refused > 0.5 * len(whole)
+    assert rejections > 0.5 * len(whole)
 
 
 def test_truncated_checkpoint_is_rejected(tmp_path):
@@ -220,10 +220,10 @@ def test_end_of_a_failed_or_pilot_run_causes_a_warning(tmp_path):
         return [-3.0 * a.position / (a.position @ a.position) ** 1.5, 0.0 * a.position]
 
     mech.add(bd.ForceLaw("pull", ends, pull))
-    failed = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-3), 2.0)
-    assert failed.status.kind == "failed"
+    failed_run = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-3), 2.0)
+    assert failed_run.status.kind == "failed"
     stopped_pilot = bd.simulate(pendulum(), bd.Radau(), 2.0, progress=halted)
-    for first, model in ((failed, mech), (stopped_pilot, pendulum())):
+    for first, model in ((failed_run, mech), (stopped_pilot, pendulum())):
         path = first.checkpoint(tmp_path / "end.json")
         for start in (first, path):
             end = first.trajectory.end + 1e-3
@@ -232,7 +232,7 @@ def test_end_of_a_failed_or_pilot_run_causes_a_warning(tmp_path):
             assert "unreliable state" in later.warnings[0]
             # A run from an unreliable state is not reported as successful.
             both = first.followed_by(later)
-            assert both.status.kind == ("failed" if first is failed else "ok")
+            assert both.status.kind == ("failed" if first is failed_run else "ok")
     with pytest.warns(bd.BeamdaeWarning, match="max_steps"):
         limited = bd.simulate(pendulum(), bd.Radau(max_steps=30), 2.0)
     assert bd.simulate(pendulum(), bd.Radau(), 2.0, start=limited).warnings == ()
@@ -248,14 +248,14 @@ def test_runs_that_do_not_connect_are_not_joined():
 
 def test_other_parameters_are_rejected_or_reported(tmp_path):
     @bd.model(t_end=1.0)
-    def thrown(gravity=-9.81):
+    def falling_model(gravity=-9.81):
         return falling(gravity=gravity)
 
     @bd.model(t_end=1.0)
     def thrown_on_the_moon(gravity=-1.62):
         return falling(gravity=gravity)
 
-    first = bd.simulate(thrown, bd.Radau(), 0.5)
+    first = bd.simulate(falling_model, bd.Radau(), 0.5)
     path = first.checkpoint(tmp_path / "end.json")
     other = r"run with other parameters, gravity was -9\.81"
     with pytest.raises(bd.BeamdaeError, match=f"thrown_on_the_moon: start is the end of a {other}"):
@@ -266,7 +266,7 @@ def test_other_parameters_are_rejected_or_reported(tmp_path):
     assert "run with other parameters" in later.metadata()["warnings"][0]
 
 
-def driven(law, mass=1.0):
+def driven_ball(law, mass=1.0):
     """A mechanism without named parameters."""
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", mass, at=(0.0, 0.0)))
@@ -277,19 +277,19 @@ def driven(law, mass=1.0):
 @pytest.mark.parametrize(
     "other",
     [
-        driven(lambda t: np.cos(t)),
-        driven(lambda t: 1.0000001 * np.sin(t)),
-        driven(lambda t: np.sin(t), mass=2.0),
-        driven(bd.piecewise((5.0, lambda t: np.sin(t)), 0.0)),
+        driven_ball(lambda t: np.cos(t)),
+        driven_ball(lambda t: 1.0000001 * np.sin(t)),
+        driven_ball(lambda t: np.sin(t), mass=2.0),
+        driven_ball(bd.piecewise((5.0, lambda t: np.sin(t)), 0.0)),
     ],
     ids=["formula", "number in a formula", "mass", "breakpoint"],
 )
 def test_other_formulas_and_numbers_are_rejected(tmp_path, other):
-    first = bd.simulate(driven(lambda t: np.sin(t)), bd.Radau(), 0.5)
+    first = bd.simulate(driven_ball(lambda t: np.sin(t)), bd.Radau(), 0.5)
     path = first.checkpoint(tmp_path / "end.json")
-    watched = driven(lambda t: np.sin(t))
+    watched = driven_ball(lambda t: np.sin(t))
     watched.observe("ball", watched.part("ball").point)
-    for same in (driven(lambda t: np.sin(t)), watched):
+    for same in (driven_ball(lambda t: np.sin(t)), watched):
         assert bd.simulate(same, bd.Radau(), 1.0, start=path).warnings == ()
     for start in (first, path):
         with pytest.raises(bd.BeamdaeError, match="a run with other numbers or formulas; use the"):

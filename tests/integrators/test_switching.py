@@ -8,7 +8,7 @@ from conformance import integrators
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.symbolic.statements import Named, Quantity
+from beamdae.symbolic.statements import Quantity, Variable
 
 # One of the two fixed-step integrators by default, the other one is slow.
 RUNS = integrators(1e-7, 2e-4, slow=("alpha stabilized",))
@@ -36,19 +36,19 @@ def test_released_bob_flies_freely(integrator):
     mech.observe("bob", bob.at(1.0, 0.0))
     mech.when("bob.x", 0.0, "down", bd.deactivate(string), "cut")
     solution = bd.simulate(mech, integrator, 1.5)
-    (cut,) = solution.event_records
+    (cut_record,) = solution.event_records
     # m l^2 + J = 2.1 kg m^2 has fallen by 1 m: speed and spin at the bottom.
     speed = np.sqrt(2.0 * 2.0 * 9.81 / 2.1)
-    t = solution.t[solution.t > cut.t] - cut.t
+    t = solution.t[solution.t > cut_record.t] - cut_record.t
     flown = {"bob.x [m]": -speed * t, "bob.y [m]": -1.0 - 0.5 * 9.81 * t**2}
     for column, expected in flown.items():
         # 100 rtol of 5 m; 2e-5 with fixed steps.
         assert_allclose(solution.columns[column][-len(t) :], expected, atol=1e-4)
     assert_allclose(solution.columns["bob.angle_dot [rad/s]"][-len(t) :], -speed, atol=1e-4)
-    assert np.all(solution.lam[solution.t > cut.t] == 0.0)
-    assert np.any(solution.lam[solution.t < cut.t] != 0.0)
+    assert np.all(solution.lam[solution.t > cut_record.t] == 0.0)
+    assert np.any(solution.lam[solution.t < cut_record.t] != 0.0)
     assert solution.quality.energy_imbalance < 1e-5
-    assert cut.energy_lost == pytest.approx(0.0, abs=1e-9)
+    assert cut_record.energy_lost == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -61,20 +61,20 @@ def test_locked_bar_stands_still(integrator):
     # A rate that jumps past its value crosses it.
     mech.when("bar.angle_dot", 0.5 * SPEED, "both", "record", "slow")
     solution = bd.simulate(mech, integrator, 1.0)
-    caught, slow = solution.event_records
-    assert (slow.t, slow.direction) == (caught.t, "down")
-    assert_allclose(caught.t, 0.5 / SPEED, rtol=1e-6)
-    after = solution.t > caught.t
+    catch, slow = solution.event_records
+    assert (slow.t, slow.direction) == (catch.t, "down")
+    assert_allclose(catch.t, 0.5 / SPEED, rtol=1e-6)
+    after = solution.t > catch.t
     assert_allclose(solution.columns["bar.angle [rad]"][after], 0.5, atol=1e-6)
     assert_allclose(solution.v[after], 0.0, atol=1e-9)
-    assert_allclose(caught.impulses["lock.angle"], INERTIA * SPEED, rtol=1e-5)
-    assert_allclose(caught.energy_lost, 0.5 * INERTIA * SPEED**2, rtol=1e-5)
+    assert_allclose(catch.impulses["lock.angle"], INERTIA * SPEED, rtol=1e-5)
+    assert_allclose(catch.energy_lost, 0.5 * INERTIA * SPEED**2, rtol=1e-5)
     dissipated = solution.ledger["energy.dissipated [J]"]
-    assert_allclose(dissipated.iloc[-1], caught.energy_lost, rtol=1e-9)
+    assert_allclose(dissipated.iloc[-1], catch.energy_lost, rtol=1e-9)
     assert solution.quality.energy_imbalance < 1e-6
-    assert_allclose(solution.events["energy lost [J]"], [caught.energy_lost, 0.0])
+    assert_allclose(solution.events["energy lost [J]"], [catch.energy_lost, 0.0])
     assert (
-        solution.metadata()["events"][0]["impulses"]["lock.angle"] == caught.impulses["lock.angle"]
+        solution.metadata()["events"][0]["impulses"]["lock.angle"] == catch.impulses["lock.angle"]
     )
 
 
@@ -89,16 +89,16 @@ def test_bar_caught_off_center_keeps_angular_momentum(integrator):
     # After one rotation it is where it was drawn.
     mech.when("bar.angle", 2.0 * np.pi, "up", bd.activate(peg), "caught")
     solution = bd.simulate(mech, integrator, 1.5)
-    (caught,) = solution.event_records
-    assert_allclose(caught.t, 1.0, rtol=1e-6)
+    (catch,) = solution.event_records
+    assert_allclose(catch.t, 1.0, rtol=1e-6)
     about = 0.4 + 2.0 * 0.25
     spin = 0.4 * 2.0 * np.pi / about
     assert_allclose(solution.columns["bar.angle_dot [rad/s]"][-1], spin, rtol=1e-6)
     assert_allclose(
-        caught.energy_lost, 0.5 * (0.4 * (2.0 * np.pi) ** 2 - about * spin**2), rtol=1e-6
+        catch.energy_lost, 0.5 * (0.4 * (2.0 * np.pi) ** 2 - about * spin**2), rtol=1e-6
     )
     # v+ of the center is -0.5 m times the spin: m times that is the impulse on the bar.
-    assert_allclose(abs(caught.impulses["peg.y"]), 2.0 * 0.5 * spin, rtol=1e-6)
+    assert_allclose(abs(catch.impulses["peg.y"]), 2.0 * 0.5 * spin, rtol=1e-6)
     assert solution.quality.energy_imbalance < 1e-6
 
 
@@ -156,7 +156,7 @@ def test_endless_switching_ends_the_run():
     right = mech.add(bd.Force("right", ball.point, (5.0, 0.0)))
     mech.deactivate(right)
     piece = ball.point.piece
-    line = Quantity((Named("line", "m"),), (piece,), lambda local: local.q[0] + local.v[0])
+    line = Quantity((Variable("line", "m"),), (piece,), lambda local: local.q[0] + local.v[0])
     mech.when(line, 0.0, "down", (bd.deactivate(left), bd.activate(right)), "below")
     mech.when(line, 0.0, "up", (bd.deactivate(right), bd.activate(left)), "above")
     with pytest.warns(bd.BeamdaeWarning, match="no end in sight, event"):
@@ -209,17 +209,17 @@ def test_simultaneous_events_all_happen():
 
 
 def test_checkpoint_stores_switched_parts(tmp_path):
-    def caught(integrator, t_end, **more):
+    def catch_bar(integrator, t_end, **more):
         mech, bar = spinning()
         lock = mech.add(bd.Driver("lock", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=0.5))
         mech.deactivate(lock)
         mech.when("bar.angle", 0.5, "up", bd.activate(lock), "caught")
         return bd.simulate(mech, integrator, t_end, **more)
 
-    first = caught(bd.Radau(), 0.5)
+    first = catch_bar(bd.Radau(), 0.5)
     path = first.checkpoint(tmp_path / "end.json")
     for start in (first, path):
-        later = caught(bd.Ida(), 1.0, start=start)
+        later = catch_bar(bd.Ida(), 1.0, start=start)
         assert later.event_records == ()
         assert_allclose(later.columns["bar.angle [rad]"], 0.5, atol=1e-9)
     both = first.followed_by(later)
@@ -273,9 +273,9 @@ def test_hinge_is_locked_at_any_angle_and_released(integrator):
     assert_allclose(angle[-1], still + 1.5, rtol=1e-6)
     assert_allclose(locked.impulses["brake.angle"], INERTIA * 5.0, rtol=1e-6)
     assert_allclose(locked.energy_lost, 0.5 * INERTIA * 25.0, rtol=1e-6)
-    held = solution.columns["brake.M [N m]"]
-    assert_allclose(held[(t > 1.0) & (t < 2.0)], -0.9, rtol=1e-6)
-    assert np.all(held[t > 2.0] == 0.0)
+    torque = solution.columns["brake.M [N m]"]
+    assert_allclose(torque[(t > 1.0) & (t < 2.0)], -0.9, rtol=1e-6)
+    assert np.all(torque[t > 2.0] == 0.0)
     assert solution.quality.energy_imbalance < 1e-6
     assert solution.quality.max_position_drift < 1e-9
 
@@ -323,10 +323,10 @@ def test_rotating_gripper_keeps_the_offset(joint, swapped):
     carrier = "box" if swapped else "hand"
     way = np.array([x["box.x"] - x["hand.x"], x["box.y"] - x["hand.y"]])
     c, s = np.cos(x[f"{carrier}.angle"]), np.sin(x[f"{carrier}.angle"])
-    seen = np.array([c * way[0] + s * way[1], c * way[1] - s * way[0]])
+    local_offset = np.array([c * way[0] + s * way[1], c * way[1] - s * way[0]])
     if joint is bd.Weld or not swapped:
         # A hinge keeps a point of its second body: here the center of the box.
-        assert_allclose(seen[:, after] - seen[:, after][:, :1], 0.0, atol=1e-7)
+        assert_allclose(local_offset[:, after] - local_offset[:, after][:, :1], 0.0, atol=1e-7)
     turn = x["box.angle"] - x["hand.angle"]
     assert (np.ptp(turn[after]) < 1e-7) == (joint is bd.Weld)
     momentum = 2.0 * x["hand.x_dot"] + 1.0 * x["box.x_dot"]
@@ -367,7 +367,7 @@ def test_checkpoint_stores_frozen_gaps(tmp_path):
 def test_failed_event_is_due_when_the_run_continues(tmp_path):
     """The lock is open in the first run; in the second one it keeps the gap."""
 
-    def caught(as_is, t_end, **more):
+    def catch_bar(as_is, t_end, **more):
         mech, bar = spinning()
         lock = mech.add(bd.Driver("lock", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=0.7))
         mech.deactivate(lock)
@@ -375,10 +375,10 @@ def test_failed_event_is_due_when_the_run_continues(tmp_path):
         return bd.simulate(mech, bd.Radau(), t_end, **more)
 
     with pytest.warns(bd.BeamdaeWarning, match="activate.*as_is=True"):
-        first = caught(False, 1.0)
+        first = catch_bar(False, 1.0)
     path = first.checkpoint(tmp_path / "end.json")
     for start in (first, path):
-        later = caught(True, 1.0, start=start)
+        later = catch_bar(True, 1.0, start=start)
         assert_allclose(later.columns["bar.angle [rad]"], 0.5, rtol=1e-6)
         (once,) = first.followed_by(later).event_records
         assert once.energy_lost > 0.5
@@ -436,9 +436,9 @@ def test_driver_follows_another_law_after_an_event(integrator):
     rate = 1.0 - (t - 1.1)
     assert_allclose(x["drive.power [W]"][braked], (-INERTIA * rate)[braked], atol=1e-5)
     # The law continues without a velocity jump; the last law stops the bar.
-    slower, held = solution.event_records
+    slower, stop_record = solution.event_records
     assert abs(slower.energy_lost) < 1e-9
-    assert_allclose(held.energy_lost, 0.5 * INERTIA * 0.25**2, rtol=1e-6)
+    assert_allclose(stop_record.energy_lost, 0.5 * INERTIA * 0.25**2, rtol=1e-6)
     assert solution.quality.energy_imbalance < 1e-6
     # Runs restart where pieces of the law meet.
     ends = [interval.t[-1] for interval in solution.trajectory.intervals]

@@ -243,9 +243,9 @@ def test_its_joint_must_be_part_of_the_mechanism():
 
 
 def test_ida_converges_for_friction_in_guides_of_fully_driven_bodies():
-    """Nothing but Newton's iteration tells these reactions, and the friction turns round in them.
+    """Only Newton's iteration determines these reactions, and the friction depends on them.
 
-    They came out 1e8 times too large, and three quarters of the energy out of nothing.
+    Regression: the reactions were 1e8 times too large, and three quarters of the energy was wrong.
     """
     mech = bd.Mechanism()
     center, pin = (0.0, 0.3), (0.0, 0.42)

@@ -46,7 +46,7 @@ def check_equilibrium(drawing: Drawing, rng: Random) -> None:
     state = find_equilibrium_state(drawing)
     e = state.equations
     residual = np.abs(state.force(q=state.q) + state.joint_forces)
-    # Relative to forces of coordinates of their own size.
+    # Relative to the forces that displacements of natural size cause.
     gross = np.abs(state.stiffness(q=state.q)) @ (np.abs(state.q) + e.position_scales)
     gross += np.abs(state.joint_forces)
     assert np.max(residual * e.position_scales) <= 1e-9 * np.max(gross * e.position_scales)

@@ -109,7 +109,7 @@ class MechanismState(NumericEquations):
     # Similar mechanisms ----------------------------------------------------------------------
 
     def rounding(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return accelerations and reactions due to coordinate errors of their own size."""
+        """Return accelerations and reactions due to coordinate errors of natural size."""
         e, rng = self.equations, np.random.default_rng(0)
         size = np.abs(self.q) + e.position_scales
         force = np.abs(self.stiffness(q=self.q, v=self.v, a=self.a)) @ size

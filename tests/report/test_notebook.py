@@ -117,13 +117,13 @@ def test_observables_added_after_a_run_equal_those_added_before(of):
 
 def test_invalid_observables_are_rejected(run):
     mech, beam = create_pendulum()
-    own = run.equations.mechanism.parts["beam"]
+    beam_of_run = run.equations.mechanism.parts["beam"]
     with pytest.raises(bd.BeamdaeError, match="'beam' is not a part of the mechanism"):
         run.observe("seen", beam.end)
     with pytest.raises(bd.BeamdaeError, match="only attachments and quantities"):
         run.observe("seen", "tip")
     with pytest.raises(bd.BeamdaeError, match=r"tip\.x \[m\]"):
-        run.observe("tip", own.start)
+        run.observe("tip", beam_of_run.start)
     solution = bd.simulate(mech, ALPHA, t_end=0.02)
     late = mech.add(bd.PointMass("late", 1.0, at=(3.0, 0.0)))
     with pytest.raises(bd.BeamdaeError, match="'late' is not a part of the mechanism that ran"):
