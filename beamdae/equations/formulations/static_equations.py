@@ -10,17 +10,14 @@ import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.sums import (
-    GRADIENT,
-    REACTION_STIFFNESS,
     InputLayout,
-    add_joint_matrices,
-    add_tangents,
+    add_saddle_point,
     assemble_residual,
     create_matrix_sum,
 )
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import BeamdaeError
-from beamdae.symbolic.force_kernel import STIFFNESS, Tangents
+from beamdae.symbolic.force_kernel import STIFFNESS
 from beamdae.symbolic.kernel_sums import (
     Sum,
     SumPlan,
@@ -48,15 +45,7 @@ def plan_static_sums(structure: Structure) -> StaticSums:
     # Velocities and accelerations share the zeros of the input.
     layout = InputLayout(q=0, v=n, a=n, lam=2 * n)
     residual = assemble_residual(structure, layout, (0,), stabilized=False).vector()
-    sums: Tangents = ((STIFFNESS,),)
-    for term, copies in add_tangents(total, structure, layout, sums):
-        total.add_matrix(copies, 0, term.operator, term.operator, (0, 0))
-        if term.rows is not None:
-            total.add_matrix(copies, len(sums), term.operator, term.rows, (0, n))
-    for joint, copies in add_joint_matrices(total, structure, layout, (0,), False):
-        total.add_matrix(copies, GRADIENT, joint.rows, joint.operator, (n, 0))
-        total.add_matrix(copies, GRADIENT, joint.rows, joint.operator, (0, n), transposed=True)
-        total.add_matrix(copies, REACTION_STIFFNESS, joint.operator, joint.operator, (0, 0))
+    add_saddle_point(total, structure, layout, ((STIFFNESS,),), with_reaction_stiffness=True)
     pattern, tangent = total.matrix((n + m, n + m))
     return StaticSums(residual, tangent, pattern)
 

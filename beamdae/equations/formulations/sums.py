@@ -234,6 +234,28 @@ def add_joint_matrices(
     return joint_copies
 
 
+def add_saddle_point(
+    total: SumBuilder,
+    structure: Structure,
+    layout: InputLayout,
+    sums: Tangents,
+    *,
+    with_reaction_stiffness: bool,
+) -> None:
+    """Add [[dF, G^T], [G, 0]] of one sum of tangents, optionally with d(G^T lam)/dq in dF."""
+    n = structure.n
+    for term, copies in add_tangents(total, structure, layout, sums):
+        total.add_matrix(copies, 0, term.operator, term.operator, (0, 0))
+        if term.rows is not None:
+            total.add_matrix(copies, len(sums), term.operator, term.rows, (0, n))
+    levels = (0,) if with_reaction_stiffness else ()
+    for joint, copies in add_joint_matrices(total, structure, layout, levels, False):
+        total.add_matrix(copies, GRADIENT, joint.rows, joint.operator, (n, 0))
+        total.add_matrix(copies, GRADIENT, joint.rows, joint.operator, (0, n), transposed=True)
+        if with_reaction_stiffness:
+            total.add_matrix(copies, REACTION_STIFFNESS, joint.operator, joint.operator, (0, 0))
+
+
 def create_matrix_sum() -> SumBuilder:
     """Return an empty sum of matrices."""
     return SumBuilder(len(MATRIX_SHARED))

@@ -16,7 +16,7 @@ from beamdae.equations.formulations.sums import (
     GRADIENT,
     InputLayout,
     add_joint_matrices,
-    add_tangents,
+    add_saddle_point,
     assemble_motion,
     create_matrix_sum,
 )
@@ -90,13 +90,7 @@ def plan_state_sums(structure: Structure) -> StateSums:
     gradient_pattern, gradients = jacobian.matrix((m, n))
     total = create_matrix_sum()
     sums: Tangents = ((STIFFNESS, DAMPING, MASS),)
-    for term, copies in add_tangents(total, structure, layout, sums):
-        total.add_matrix(copies, 0, term.operator, term.operator, (0, 0))
-        if term.rows is not None:
-            total.add_matrix(copies, len(sums), term.operator, term.rows, (0, n))
-    for joint, copies in add_joint_matrices(total, structure, layout, (), False):
-        total.add_matrix(copies, GRADIENT, joint.rows, joint.operator, (n, 0))
-        total.add_matrix(copies, GRADIENT, joint.rows, joint.operator, (0, n), transposed=True)
+    add_saddle_point(total, structure, layout, sums, with_reaction_stiffness=False)
     pattern, saddle = total.matrix((n + m, n + m))
     motion = assemble_motion(structure, layout).vector()
     return StateSums(
