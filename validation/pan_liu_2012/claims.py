@@ -57,11 +57,11 @@ def claim(
 ) -> Callable[[Callable[[Tables], Judgement]], Claim]:
     """Return a decorator that turns a function that judges a claim into the claim."""
 
-    def of(judge: Callable[[Tables], Judgement]) -> Claim:
+    def make_claim(judge: Callable[[Tables], Judgement]) -> Claim:
         name = judge.__name__.replace("_", " ")
         return Claim(name, text, where, paper, tested, threshold, judge)
 
-    return of
+    return make_claim
 
 
 def judge_condition(condition: object) -> str:

@@ -40,10 +40,11 @@ _NEXT_SENTENCE = re.compile(r"(?<![.\d])[.!?]\s+[A-Z]")
 _MAX_EXCEPTION_LENGTH = 500  # characters of an exception in a table
 _MAX_EXCERPT_LENGTH = 120  # characters of unexpected output in a complaint
 
-_EXIT_SUCCESS = 0
-_EXIT_FAILED = 1
-_EXIT_USAGE = 2
-_EXIT_INTERRUPTED = 130
+# Exit codes of beamdae.
+EXIT_SUCCESS = 0
+EXIT_FAILED = 1
+EXIT_USAGE = 2
+EXIT_INTERRUPTED = 130
 
 
 @dataclass(frozen=True)
@@ -165,14 +166,14 @@ def outcome_of_command(code: int, out: str, err: str) -> TrialOutcome:
     everything = f"{out}\n{err}"
     if "Traceback (most recent call last)" in everything:
         return TrialOutcome("raised", everything.strip().splitlines()[-1])
-    if code not in (_EXIT_SUCCESS, _EXIT_FAILED, _EXIT_USAGE, _EXIT_INTERRUPTED):
+    if code not in (EXIT_SUCCESS, EXIT_FAILED, EXIT_USAGE, EXIT_INTERRUPTED):
         return TrialOutcome("crashed", f"exit code {code}: {' '.join(err.split())[-200:]}")
     messages, other = _split_messages(err)
     text = "\n".join(messages)
-    if code == _EXIT_USAGE:
+    if code == EXIT_USAGE:
         return TrialOutcome("refused", text, other + out)
-    if code in (_EXIT_FAILED, _EXIT_INTERRUPTED):
-        return TrialOutcome("failed" if code == _EXIT_FAILED else "interrupted", text, other)
+    if code in (EXIT_FAILED, EXIT_INTERRUPTED):
+        return TrialOutcome("failed" if code == EXIT_FAILED else "interrupted", text, other)
     outcome = TrialOutcome("ran", "", other)
     return replace(outcome, ended="warned", text=text) if messages else outcome
 

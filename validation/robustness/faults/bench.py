@@ -19,6 +19,7 @@ from typing import Any
 from robustness.judge import find_complaint, outcome_of_command
 
 _MAX_TAIL_LENGTH = 200  # characters of standard error in a complaint
+_MAX_OUTPUT_TAIL_LENGTH = 100  # characters of standard output in a complaint
 _POLL_INTERVAL = 0.02  # s
 ROOT = Path(__file__).parents[3]
 
@@ -160,10 +161,15 @@ def copy_prepared(bench: Bench, prepare: Callable[[Bench], None]) -> None:
     shutil.copytree(_prepared_folder(prepare).name, bench.folder, dirs_exist_ok=True)
 
 
+def expect_code(result: CommandResult, *codes: int) -> None:
+    """Check the exit code."""
+    tail = result.error_tail or result.out[-_MAX_OUTPUT_TAIL_LENGTH:]
+    expect(result.code in codes, f"exit code {result.code}, {tail!r}")
+
+
 def expect_exit(result: CommandResult, *codes: int) -> CommandResult:
     """Return the result after checking its exit code and its messages."""
-    tail = result.error_tail or result.out[-100:]
-    expect(result.code in codes, f"exit code {result.code}, {tail!r}")
+    expect_code(result, *codes)
     # Standard output is not judged: a fault may occur after tables have been printed.
     complaint = find_complaint(outcome_of_command(result.code, "", result.err))
     expect(not complaint, f"{complaint}: {result.error_tail}")

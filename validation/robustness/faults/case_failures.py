@@ -13,17 +13,26 @@ from robustness.faults.bench import (
     Bench,
     UnsupportedMachineError,
     expect,
+    expect_code,
     expect_exit,
     expect_no_traceback,
     wait_for,
 )
-from robustness.faults.damaged_studies import RUN, read_cases, results_folder, run_few, write_study
+from robustness.faults.damaged_studies import (
+    RUN,
+    STUDY_TIME_LIMIT,
+    read_cases,
+    results_folder,
+    run_few,
+    write_study,
+)
+from robustness.judge import EXIT_INTERRUPTED
 
 
 def _expect_only_one_failure(bench: Bench, how: str) -> None:
     """Check that the case that dies fails with a reason, and that all others succeed."""
     write_study(bench, f"if mass == 2.0: {how}")
-    result = bench.run(*RUN, time_limit=100.0)
+    result = bench.run(*RUN, time_limit=STUDY_TIME_LIMIT)
     expect_exit(result, 0, 1)
     ended = read_cases(bench)
     dead = ended["mass"] == 2.0
@@ -65,7 +74,7 @@ def memory_limit(bench: Bench) -> None:
     """A case that exceeds the study's memory limit fails with that reason."""
     fill = "if mass == 2.0: globals()['kept'] = np.ones(150_000_000)"
     write_study(bench, fill, "time_limit=20.0, memory_limit=0.8")
-    expect_exit(bench.run(*RUN, time_limit=100.0), 0, 1)
+    expect_exit(bench.run(*RUN, time_limit=STUDY_TIME_LIMIT), 0, 1)
     ended = read_cases(bench)
     heavy = ended[(ended["mass"] == 2.0)]
     expect(
@@ -102,7 +111,7 @@ def _interrupt_study(bench: Bench, is_ready: Callable[[Path], object], signals: 
             os.killpg(process.pid, signal.SIGINT)
             time.sleep(0.4)
     result = expect_no_traceback(bench.finish(process, 30.0))
-    expect(result.code == 130, f"exit code {result.code}, {result.error_tail}")
+    expect_code(result, EXIT_INTERRUPTED)
     if signals == 1 and any(results_folder(bench).glob("outcomes/*.json")):
         expect("stopped" in result.err, f"no message about the interrupt: {result.error_tail}")
     restart = run_few(bench, 0)
@@ -119,9 +128,7 @@ def interrupt_at_the_start(bench: Bench) -> None:
         time.sleep(seconds)
         os.killpg(process.pid, signal.SIGINT)
         result = expect_no_traceback(bench.finish(process, 30.0))
-        expect(
-            result.code in (130, -signal.SIGINT), f"exit code {result.code}, {result.error_tail}"
-        )
+        expect_code(result, EXIT_INTERRUPTED, -signal.SIGINT)
 
 
 def interrupt_before_the_first_case(bench: Bench) -> None:
@@ -157,7 +164,7 @@ def study_killed(bench: Bench) -> None:
     process, mark = bench.start(bench.command(*RUN)), f"ROBUSTNESS={bench.folder.name}"
     wait_for(
         lambda: process.poll() is not None or any(results_folder(bench).glob("outcomes/*.json")),
-        100.0,
+        STUDY_TIME_LIMIT,
     )
     working = _count_processes(mark)
     process.kill()
@@ -172,7 +179,8 @@ def study_killed(bench: Bench) -> None:
         time.sleep(0.2)
     expect(not orphans, f"{orphans} processes continue without their study")
     restart = run_few(bench, 0)
-    expect(f"{kept} kept" in restart.err, f"not {kept} kept: {restart.error_tail}")
+    complaint = f"not {kept} stored before: {restart.error_tail}"
+    expect(f"{kept} stored before" in restart.err, complaint)
     expect((read_cases(bench)["status"] == "ok").all(), "not all cases ended")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from robustness.faults.bench import Bench, expect, expect_exit
 from robustness.faults.damaged_studies import (
     RUN,
+    STUDY_TIME_LIMIT,
     read_cases,
     read_trajectories,
     results_folder,
@@ -90,7 +91,7 @@ def global_of_another_file_changed(bench: Bench) -> None:
 def all_cases_fail(bench: Bench) -> None:
     """Each case has a row with its reason, and the exit code is 1."""
     write_study(bench, "if LENGTH: raise ValueError('no arm')")
-    expect_exit(bench.run(*RUN, time_limit=100.0), 1)
+    expect_exit(bench.run(*RUN, time_limit=STUDY_TIME_LIMIT), 1)
     ended = read_cases(bench)
     expect((ended["status"] == "failed").all(), "not all cases failed")
     expect(ended["reason"].str.contains("no arm").all(), "the reason is missing")
@@ -100,7 +101,7 @@ def all_cases_fail(bench: Bench) -> None:
 def one_group_fails(bench: Bench) -> None:
     """A group without success is reported, and the others are measured."""
     write_study(bench, "if mass == 2.0: raise ValueError('no arm')")
-    result = expect_exit(bench.run(*RUN, time_limit=100.0), 1)
+    result = expect_exit(bench.run(*RUN, time_limit=STUDY_TIME_LIMIT), 1)
     ended = read_cases(bench)
     expect((ended["status"][ended["mass"] == 1.0] == "ok").all(), "other cases did not end")
     expect("no arm" in result.err, "the reason is not reported")
@@ -119,14 +120,14 @@ def system_at_rest(bench: Bench) -> None:
     """Columns at rest have no relative errors; a message says so."""
     write_study(bench)
     _replacement(bench, "(0.0, -9.81)", "(0.0, 0.0)")()
-    expect_exit(bench.run(*RUN, time_limit=100.0), 0, 1)
+    expect_exit(bench.run(*RUN, time_limit=STUDY_TIME_LIMIT), 0, 1)
 
 
 def no_observables(bench: Bench) -> None:
     """Cases without observables cannot be compared; a message says so."""
     write_study(bench)
     _replacement(bench, "    mech.observe(", "    0 and mech.observe(")()
-    expect_exit(bench.run(*RUN, time_limit=100.0), 0, 1, 2)
+    expect_exit(bench.run(*RUN, time_limit=STUDY_TIME_LIMIT), 0, 1, 2)
 
 
 FAULTS = (

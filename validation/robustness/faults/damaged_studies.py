@@ -37,6 +37,7 @@ def few():
     return [bd.Case(swing, {"mass": mass}, method) for mass in (1.0, 2.0) for method in methods]
 """
 RUN = ("compare", "study.py", "--workers", "2")
+STUDY_TIME_LIMIT = 100.0  # s
 
 
 def write_study(bench: Bench, more: str = "pass", settings: str = "time_limit=20.0") -> None:
@@ -44,7 +45,7 @@ def write_study(bench: Bench, more: str = "pass", settings: str = "time_limit=20
     bench.write("study.py", text)
 
 
-def run_few(bench: Bench, *codes: int, time_limit: float = 100.0) -> CommandResult:
+def run_few(bench: Bench, *codes: int, time_limit: float = STUDY_TIME_LIMIT) -> CommandResult:
     return expect_exit(bench.run(*RUN, time_limit=time_limit), *codes)
 
 

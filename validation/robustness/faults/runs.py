@@ -15,9 +15,11 @@ from robustness.faults.bench import (
     CommandResult,
     drop_privileges,
     expect,
+    expect_code,
     expect_exit,
     expect_no_traceback,
 )
+from robustness.judge import EXIT_INTERRUPTED
 
 RUN = ("run", "model.py", "--output-step", "1")
 
@@ -54,15 +56,13 @@ def interrupt_during_import(bench: Bench) -> None:
     """Ctrl-C during imports shows no traceback."""
     for seconds in (0.1, 0.3, 0.5, 0.7, 0.9):
         result = _send_signal(bench, signal.SIGINT, seconds)
-        expect(
-            result.code in (130, -signal.SIGINT), f"exit code {result.code}, {result.error_tail}"
-        )
+        expect_code(result, EXIT_INTERRUPTED, -signal.SIGINT)
 
 
 def interrupt_during_the_run(bench: Bench) -> None:
     """Ctrl-C keeps computed rows, and the exit code is 130."""
     result = _send_signal(bench, signal.SIGINT, 5.0)
-    expect(result.code == 130, f"exit code {result.code}, {result.error_tail}")
+    expect_code(result, EXIT_INTERRUPTED)
     _expect_rows_kept(bench, "interrupted")
 
 
@@ -78,21 +78,21 @@ def interrupt_during_the_estimate(bench: Bench) -> None:
     expect(process.poll() is None, "the second run was over too soon")
     os.killpg(process.pid, signal.SIGINT)
     result = expect_no_traceback(bench.finish(process, 30.0))
-    expect(result.code == 130, f"exit code {result.code}, {result.error_tail}")
+    expect_code(result, EXIT_INTERRUPTED)
     _expect_rows_kept(bench, "ok")
 
 
 def interrupt_twice(bench: Bench) -> None:
     """Ctrl-C repeated shows no traceback."""
     result = _send_signal(bench, signal.SIGINT, 5.0, repetitions=4)
-    expect(result.code in (130, -signal.SIGINT), f"exit code {result.code}, {result.error_tail}")
+    expect_code(result, EXIT_INTERRUPTED, -signal.SIGINT)
 
 
 def termination_signal(bench: Bench) -> None:
     """SIGTERM ends a run immediately."""
     # The summary of computed rows takes a small part of the time of the run.
     result = _send_signal(bench, signal.SIGTERM, 2.5)
-    expect(result.code in (143, -signal.SIGTERM), f"exit code {result.code}, {result.error_tail}")
+    expect_code(result, 128 + signal.SIGTERM, -signal.SIGTERM)
     expect(result.seconds < 5.0, f"after {result.seconds:.1f} s")
 
 

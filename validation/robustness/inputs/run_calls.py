@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import beamdae as bd
-from beamdae.studies.execution.tasks import Limits
+from beamdae.studies.tasks import Limits
 from robustness.inputs.sandbox import (
     KNEE,
     OUTPUT_STEP,
