@@ -113,7 +113,7 @@ def _interrupt_study(bench: Bench, is_ready: Callable[[Path], object], signals: 
     result = expect_no_traceback(bench.finish(process, 30.0))
     expect_code(result, EXIT_INTERRUPTED)
     if signals == 1 and any(results_folder(bench).glob("outcomes/*.json")):
-        expect("stopped" in result.err, f"no message about the interrupt: {result.error_tail}")
+        expect("interrupted" in result.err, f"no message about the interrupt: {result.error_tail}")
     restart = run_few(bench, 0)
     expect(
         (read_cases(bench)["status"] == "ok").all(), f"not all cases ended: {restart.error_tail}"
