@@ -357,7 +357,7 @@ def _require_progress(history: StepHistory, t: float, end: float) -> None:
 
 def _output_times(times: Array, end: float, status: Status) -> Array:
     """Return the output times up to `end` [s], with `end` itself where an event stopped the run."""
-    reached = times[times <= end * (1.0 + SAME_TIME)]
-    if status.success and end > reached[-1] * (1.0 + SAME_TIME):
-        reached = np.append(reached, end)
-    return reached
+    times_until_end = times[times <= end * (1.0 + SAME_TIME)]
+    if status.success and end > times_until_end[-1] * (1.0 + SAME_TIME):
+        times_until_end = np.append(times_until_end, end)
+    return times_until_end

@@ -82,23 +82,23 @@ class StepHistory:
     def _write(self, rows: Array) -> None:
         # Checked here while the rows are in the cache.
         self._is_finite &= bool(np.isfinite(rows).all())
-        written = 0
-        while written < len(rows):
-            block, row = divmod(self._count + written, self._block_rows)
+        count = 0
+        while count < len(rows):
+            block, row = divmod(self._count + count, self._block_rows)
             if block == len(self._blocks):
                 self._require_memory()
                 self._blocks.append(np.empty((self._block_rows, self._column_ends[-1])))
-            size = min(len(rows) - written, self._block_rows - row)
-            self._blocks[block][row : row + size] = rows[written : written + size]
-            written += size
-        self._count += written
+            size = min(len(rows) - count, self._block_rows - row)
+            self._blocks[block][row : row + size] = rows[count : count + size]
+            count += size
+        self._count += count
 
     def _require_memory(self) -> None:
-        stored = sum(block.nbytes for block in self._blocks)
-        if stored > _UNCHECKED_BYTES and available_memory() < _RESULT_COPIES * stored:
+        stored_bytes = sum(block.nbytes for block in self._blocks)
+        if stored_bytes > _UNCHECKED_BYTES and available_memory() < _RESULT_COPIES * stored_bytes:
             raise OutOfMemoryError(
-                f"the {self._count} states stored take {format_gigabytes(stored)}, there is no "
-                "memory to store more and make a result of them; take longer steps or fewer "
+                f"the {self._count} stored states take {format_gigabytes(stored_bytes)}, and there "
+                "is no memory to store more and make a result of them; take longer steps or fewer "
                 "elements, or end the run sooner"
             )
 

@@ -367,7 +367,7 @@ def test_step_change_does_not_disturb_the_multipliers(monkeypatch):
 
 
 def keep_motion(run, h):
-    step_loop._copy_motion(run.current, run.accepted)
+    step_loop._copy_motion(run.current, run.accepted_motion)
     step_loop.set_step(run, h)
     return DONE
 

@@ -46,7 +46,7 @@ def test_full_memory_ends_a_run_and_keeps_its_steps(integrator, monkeypatch):
     monkeypatch.setattr(step_history, "_MAX_BLOCK_ROWS", 1024)
     solution = bd.simulate(pendulum(), integrator, 1.0)
     assert solution.status.kind == "limited"
-    assert "states stored take 9.8e-05 GB" in solution.status.sentence
+    assert "stored states take 9.8e-05 GB" in solution.status.sentence
     assert "take longer steps or fewer elements" in solution.status.sentence
     assert 300 < solution.statistics.steps < 1100
     # Equal to the run with enough memory, except for the shorter pilot run.

@@ -230,7 +230,7 @@ def test_step_is_repeated_exactly_after_new_pivots(of_pair, interpreted, monkeyp
     again, other, entered = eight_steps(pendulum)
     assert entered > 2
     assert_allclose(again, rows, rtol=0.0, atol=0.0)
-    for count in ("residuals", "jacobians", "failures", "rejected", "filled"):
+    for count in ("residuals", "jacobians", "failures", "rejections", "filled"):
         assert getattr(other, count) == getattr(run, count)
 
 
@@ -247,7 +247,7 @@ def test_singular_matrix_rejects_only_its_step(interpreted, monkeypatch):
     _, run, _ = eight_steps(pendulum)
     assert run.filled == 24
     assert run.real_solver.singular == run.complex_solver.singular == 0
-    assert run.rejected == usual.rejected + 2
+    assert run.rejections == usual.rejections + 2
     assert run.failures == usual.failures + 2
     assert run.t < usual.t
 

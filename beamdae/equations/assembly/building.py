@@ -278,19 +278,19 @@ class NumberStore:
     """Collects the numbers p of a model."""
 
     def __init__(self, initial_numbers: Array | None = None) -> None:
-        self._stored: list[Array] = [] if initial_numbers is None else [initial_numbers]
-        self._end = sum(map(len, self._stored))
+        self._arrays: list[Array] = [] if initial_numbers is None else [initial_numbers]
+        self._end = sum(map(len, self._arrays))
 
     @property
     def all(self) -> Array:
         """All numbers stored so far."""
-        return np.concatenate([np.zeros(0), *self._stored])
+        return np.concatenate([np.zeros(0), *self._arrays])
 
     def store(self, values: Array) -> slice:
         """Append values column by column; return their slice."""
         begin = self._end
-        self._stored.append(np.asarray(values, float).ravel(order="F"))
-        self._end += len(self._stored[-1])
+        self._arrays.append(np.asarray(values, float).ravel(order="F"))
+        self._end += len(self._arrays[-1])
         return slice(begin, self._end)
 
 

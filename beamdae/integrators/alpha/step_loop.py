@@ -85,11 +85,11 @@ def take_adaptive_steps(run: AdaptiveAlphaWorkspace) -> int:
         remaining = run.end - run.t
         h = clip_step(run.next_step, remaining)
         last = h == remaining
-        if abs(h - run.accepted.h) <= _SAME_STEP * h:
-            h = run.accepted.h
+        if abs(h - run.accepted_motion.h) <= _SAME_STEP * h:
+            h = run.accepted_motion.h
         if h != run.current.h:
             run.next_step = h
-            if run.accepted.h == 0.0:
+            if run.accepted_motion.h == 0.0:
                 return FIRST_STEP
             code = _change_step(run, h)
             if code != DONE:
@@ -103,14 +103,14 @@ def take_adaptive_steps(run: AdaptiveAlphaWorkspace) -> int:
             run.error = abs(run.defect) * h * h * _acceleration_change(run) / run.tolerance
             code = ERROR_TOO_LARGE
         if run.error <= 1.0:
-            _copy_motion(run.accepted, run.current)
+            _copy_motion(run.accepted_motion, run.current)
             _accept_step(run, h)
             _store_row(run)
             continue
         run.t = t
-        run.rejected += 1
+        run.rejections += 1
         _reject_step(run, h)
-        _copy_motion(run.current, run.accepted)
+        _copy_motion(run.current, run.accepted_motion)
         # Written so that a step that is not a number stops the run, too.
         if not run.next_step >= run.min_step:
             return code
@@ -125,7 +125,7 @@ def set_step(run: AlphaWorkspace, h: float) -> None:
     c[0] = run.gamma / (h * run.beta)
     c[1] = (1.0 - run.alpha_m) / ((1.0 - run.alpha_f) * c_f)
     c[2] = c_f
-    run.step_ratio = h / run.accepted.h if run.accepted.h > 0.0 else 0.0
+    run.step_ratio = h / run.accepted_motion.h if run.accepted_motion.h > 0.0 else 0.0
     run.current.h, run.rate = h, math.inf
 
 
@@ -141,19 +141,19 @@ def _change_step(run: AdaptiveAlphaWorkspace, h: float) -> int:
     Comput. Nonlinear Dyn. 3 (2008) 041007, let the parameters depend on the ratio of the steps
     instead.
     """
-    accepted, current, h_n = run.accepted, run.current, run.accepted.h
-    _copy_motion(current, accepted)
+    accepted_motion, current, h_n = run.accepted_motion, run.current, run.accepted_motion.h
+    _copy_motion(current, accepted_motion)
     if run.corrects_velocities == 1 and h != h_n:
         interval = JERK_INTERVAL * h
-        code = evaluate_normal_jerk(run.jerk, run.t, run.branch, accepted, interval)
+        code = evaluate_normal_jerk(run.jerk, run.t, run.branch, accepted_motion, interval)
         if code != DONE:
             run.jerk.linear.singular = 0
             current.h = 0.0
             return NEW_PIVOTS if code == NEW_PIVOTS else STEP_NOT_CHANGED
         jerk = run.jerk.unknowns[: current.q.size]
-        combine(current.v, (1.0, (h * h - h_n * h_n) * run.defect), (accepted.v, jerk))
+        combine(current.v, (1.0, (h * h - h_n * h_n) * run.defect), (accepted_motion.v, jerk))
     ratio = h / h_n
-    combine(current.a, (1.0 - ratio, ratio), (accepted.ddq, accepted.a))
+    combine(current.a, (1.0 - ratio, ratio), (accepted_motion.ddq, accepted_motion.a))
     set_step(run, h)
     return DONE
 
@@ -227,12 +227,12 @@ def _advance_step(run: AlphaWorkspace, t: float) -> int:
     combine(at.before, (1.0,), (current.q,))
     combine(run.a_n, (1.0,), (current.a,))
     fill(x[:n], 0.0)
-    scaled = (c[2] * extrapolation[0], c[2] * extrapolation[1])
-    combine(x[n:end], scaled, (current.lam, run.lam_n))
+    factors = (c[2] * extrapolation[0], c[2] * extrapolation[1])
+    combine(x[n:end], factors, (current.lam, run.lam_n))
     combine(run.lam_n, (1.0,), (current.lam,))
     fill(x[end:], 0.0)
-    bound = run.newton_tolerance * c[2] * max_norm(current.ddq, run.weights)
-    run.bound = max(bound, run.min_bound)
+    correction_limit = run.newton_tolerance * c[2] * max_norm(current.ddq, run.weights)
+    run.correction_limit = max(correction_limit, run.min_correction_limit)
     code = _solve_step(run, t)
     if code != DONE:
         return code
@@ -304,7 +304,7 @@ def _iterate_newton(run: AlphaWorkspace, t: float, may_renew: bool) -> int:
         if k > 0:
             run.rate = max(size / previous, MIN_RATE) if previous > 0.0 else 0.0
         rate = run.rate if k > 0 else max(run.rate, MIN_FIRST_RATE)
-        if rate < 1.0 and size * rate <= run.bound * (1.0 - rate):
+        if rate < 1.0 and size * rate <= run.correction_limit * (1.0 - rate):
             return DONE
         if may_renew and rate > SLOW_RATE:
             code = _factorize_step_matrix(run, t)

@@ -81,7 +81,7 @@ class AlphaStepper:
                 beta=member.beta,
                 defect=member.defect,
                 current=make_motion(),
-                accepted=make_motion(),
+                accepted_motion=make_motion(),
                 prediction=StepPrediction(
                     np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(3)
                 ),
@@ -96,7 +96,7 @@ class AlphaStepper:
                 weights=weights,
                 rows=np.zeros((STEPS_PER_CHECK, 1 + 3 * n + m)),
                 newton_tolerance=newton_tolerance,
-                min_bound=_INCREMENT_ROUNDING * max(1.0, size),
+                min_correction_limit=_INCREMENT_ROUNDING * max(1.0, size),
                 tolerance=tolerance,
                 max_step=max_step,
                 min_step=min_step,
@@ -127,7 +127,7 @@ class AlphaStepper:
         """Calls, factorizations and failures so far."""
         run = self._run
         return Statistics(
-            rejected_steps=run.rejected,
+            rejected_steps=run.rejections,
             residual_calls=run.residuals,
             jacobian_calls=run.jacobians,
             factorizations=run.linear.factorizations,
@@ -191,7 +191,7 @@ class FixedAlphaStepper(AlphaStepper):
         self._begin(start, end, branch, state)
         run = self._run
         run.step_count, run.total_steps = 0, count_equal_steps(end - start, self._step)
-        run.accepted.h = 0.0
+        run.accepted_motion.h = 0.0
         self._set_initial_motion((end - start) / run.total_steps)
 
 
@@ -247,7 +247,7 @@ class AdaptiveAlphaStepper(AlphaStepper):
         run = self._run
         run.next_step = min(self._first_step, run.max_step)
         run.steps_checked, run.max_error = 0, 0.0
-        run.accepted.h = run.current.h = 0.0
+        run.accepted_motion.h = run.current.h = 0.0
 
     def _further_matrices(self, run: Any) -> list[tuple[Any, FactorizedMatrix]]:
         return [(run.jerk.linear, self._jerk.matrix)]
@@ -258,7 +258,9 @@ class AdaptiveAlphaStepper(AlphaStepper):
             # The error of a singular start names the coordinate without inertia or the joints.
             time = np.array([run.t, run.branch])
             try:
-                self._alpha_start.solver.acceleration(time, run.accepted.q, run.accepted.v)
+                self._alpha_start.solver.acceleration(
+                    time, run.accepted_motion.q, run.accepted_motion.v
+                )
             except BeamdaeError as problem:
                 return str(problem)
         return (

@@ -40,8 +40,8 @@ class AlphaWorkspace:
         Parameters of the member of the family; see `family.AlphaParameters`.
     current
         The motion, converted to the length of the step to take.
-    accepted
-        The motion as the last accepted step left it.
+    accepted_motion
+        Motion after the last accepted step.
     prediction, a_predicted
         Predicted state of the step, and its algorithmic acceleration.
     ddq_n, a_n, lam_n
@@ -54,10 +54,10 @@ class AlphaWorkspace:
         One over the scales of the coordinates.
     rows, filled, most
         (t, q, v, ddq, lam) of the steps taken, the number of rows filled, and of rows requested.
-    newton_tolerance, min_bound
-        Bound on the error of increments: relative to the largest one, and its least value.
-    bound, rate
-        The bound of the step under way, and the rate of convergence of the last iteration.
+    newton_tolerance, min_correction_limit
+        Limit of the error of increments: relative to the largest one, and its least value.
+    correction_limit, rate
+        Limit of the current step, and the rate of convergence of the last iteration.
     t, branch, start_time, end
         Time reached, a time inside the interval, and its start and end [s].
     step_count, total_steps
@@ -79,7 +79,7 @@ class AlphaWorkspace:
     beta: float
     defect: float
     current: Motion
-    accepted: Motion
+    accepted_motion: Motion
     prediction: StepPrediction
     a_predicted: Array
     ddq_n: Array
@@ -92,14 +92,14 @@ class AlphaWorkspace:
     weights: Array
     rows: Array
     newton_tolerance: float
-    min_bound: float
+    min_correction_limit: float
     tolerance: float
     max_step: float
     min_step: float
     filled: int = 0
     step_ratio: float = 0.0
     most: int = 0
-    bound: float = 0.0
+    correction_limit: float = 0.0
     rate: float = math.inf
     t: float = 0.0
     branch: float = 0.0
@@ -114,4 +114,4 @@ class AlphaWorkspace:
     residuals: int = 0
     jacobians: int = 0
     failures: int = 0
-    rejected: int = 0
+    rejections: int = 0

@@ -209,11 +209,11 @@ class EventDetector:
         crossings.sort(key=lambda crossing: (crossing.t, crossing.ends_segment))
         end = next((crossing.t for crossing in crossings if crossing.ends_segment), float(t[-1]))
         for term, signs in zip(self.equations.events, signs_by_term, strict=True):
-            known = signs[(t <= end) & (signs != 0.0)]
-            if len(known):
-                self._sides[term.name].sign = float(known[-1])
-        reached = [crossing for crossing in crossings if crossing.t <= end]
-        event = self._record_crossings(reached, end, interval)
+            nonzero_signs = signs[(t <= end) & (signs != 0.0)]
+            if len(nonzero_signs):
+                self._sides[term.name].sign = float(nonzero_signs[-1])
+        crossings_until_end = [crossing for crossing in crossings if crossing.t <= end]
+        event = self._record_crossings(crossings_until_end, end, interval)
         if event is not None:
             segment.truncate(interval, end)
         return event

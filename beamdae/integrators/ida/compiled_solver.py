@@ -174,11 +174,11 @@ class CompiledIda:
         orders, limiting = self._run.orders, self._run.limiting_counts
         names, total = self._form.names, max(int(limiting.sum()), 1)
         descending = np.argsort(-limiting, kind="stable")
-        listed = [k for k in descending[:_LISTED_UNKNOWNS] if limiting[k]]
+        listed_unknowns = [k for k in descending[:_LISTED_UNKNOWNS] if limiting[k]]
         return {
             "error_test_failures": self._count_failures()["error_test_failures"],
             "orders": {str(k): int(count) for k, count in enumerate(orders) if count},
-            "limited_by": {names[k]: round(float(limiting[k]) / total, 3) for k in listed},
+            "limited_by": {names[k]: round(float(limiting[k]) / total, 3) for k in listed_unknowns},
         }
 
 

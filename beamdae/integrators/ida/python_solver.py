@@ -51,7 +51,7 @@ class SksundaeCallbacks:
     ----------
     newton
         Linear algebra of the Newton iteration.
-    accepted
+    accepted_steps
         Number of accepted steps.
     """
 
@@ -62,7 +62,7 @@ class SksundaeCallbacks:
         self.newton = NewtonState(
             form.buffers(), linear, raw_residual, matrix.nonzeros, **iteration
         )
-        self.accepted = 0
+        self.accepted_steps = 0
         self._t = np.nan
         self._residual_vector = np.zeros(form.size)
         # True once IDA is known to read values written into its vectors; until then the time and
@@ -132,7 +132,7 @@ class SksundaeCallbacks:
         """Calls, factorizations and failures so far."""
         newton = self.newton
         return Statistics(
-            rejected_steps=max(self._attempts - self.accepted, 0),
+            rejected_steps=max(self._attempts - self.accepted_steps, 0),
             residual_calls=newton.residuals,
             jacobian_calls=newton.jacobians,
             factorizations=newton.linear.factorizations,
@@ -197,7 +197,7 @@ class SksundaeIda:
             return np.zeros((0, 0))
         self._stop = next_stop_time(self._t, result.t, self._end)
         self._t = result.t
-        self._callbacks.accepted += 1
+        self._callbacks.accepted_steps += 1
         return np.concatenate([[result.t], *self._form.unpack(result.y, result.yp)])[None]
 
     @property

@@ -55,7 +55,7 @@ def take_radau_steps(run: RadauWorkspace) -> int:
             run.failures += 1
             run.factors_step = 0.0
             if renew:
-                run.rejected += 1
+                run.rejections += 1
                 run.failure_code = code
                 size.next_step = size.newton_limit = _FAILURE_FACTOR * h
                 size.is_retry = 1
@@ -66,7 +66,7 @@ def take_radau_steps(run: RadauWorkspace) -> int:
             _accept_step(run, h, error)
             _store_step(run, h, h == remaining)
             continue
-        run.rejected += 1
+        run.rejections += 1
         run.failure_code = ERROR_TOO_LARGE
         size.next_step = h * min(max(_step_factor(run, error), _MIN_FACTOR), _SAFETY)
         if error != error:

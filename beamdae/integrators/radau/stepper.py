@@ -179,7 +179,7 @@ class RadauStepper:
         """
         run = self._run
         return Statistics(
-            rejected_steps=run.rejected,
+            rejected_steps=run.rejections,
             residual_calls=run.residuals,
             jacobian_calls=run.jacobians,
             factorizations=run.real_solver.factorizations + run.complex_solver.factorizations,

@@ -134,5 +134,5 @@ class RadauWorkspace:
     residuals: int = 0
     jacobians: int = 0
     failures: int = 0
-    rejected: int = 0
+    rejections: int = 0
     failure_code: int = TOO_SMALL

@@ -135,8 +135,8 @@ def _place_side_by_side(images: list[Image]) -> Image:
     from PIL import Image
 
     wide = Image.new("RGB", (sum(x.width for x in images), images[0].height))
-    left = 0
+    x_offset = 0
     for image in images:
-        wide.paste(image, (left, 0))
-        left += image.width
+        wide.paste(image, (x_offset, 0))
+        x_offset += image.width
     return wide
