@@ -71,11 +71,11 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         )
     snapshot = copy(mechanism)
     snapshot.parts, snapshot.events = dict(mechanism.parts), list(mechanism.events)
-    coordinate_map = map_coordinates(mechanism)
-    configurations = build_configurations(snapshot, coordinate_map, equations_of_motion)
     parts = list(mechanism.parts.values())
     for part in parts:
         require_body_fits(part)
+    coordinate_map = map_coordinates(mechanism)
+    configurations = build_configurations(snapshot, coordinate_map, equations_of_motion)
     n = coordinate_map.n
     if n == 0:
         raise BeamdaeError("Mechanism: it needs at least one body that can move; add one.")
