@@ -111,7 +111,7 @@ def test_relative_displacement_of_disks_by_hand():
 
 @pytest.mark.parametrize("bodies", [2, pytest.param(4, marks=pytest.mark.slow)])
 def test_a_beam_cut_into_bodies_converges_to_one_beam_at_small_deformation(bodies):
-    """The strain measure holds for moderate displacements, so each choice of frames is another model.
+    """The strains hold for moderate displacements, so each choice of frames is another model.
 
     Deviation of the tip over its amplitude, 8 elements in all, torque 1 and 0.1 N m (amplitudes of
     0.2 and 0.02 % of the length): 8.9e-5 and 8.4e-6 for 2 bodies, 1.05e-4 and 9.9e-6 for 4.
