@@ -122,15 +122,15 @@ def _drive(
     limits = RunLimits(progress, settings.get("time_limit"), settings.get("max_steps"), run_began)
     if integrator.accuracy.name == "rtol" and limits.max_steps is None:
         limits.stall_detector = StallDetector(plan.intervals[-1][1])
-    run: _Run | None = None
+    run: _RunInProgress | None = None
     status, compile_time = REACHED_END, 0.0
 
     def prepare_run(
         plan: RunPlan, limits: RunLimits, method_on: Callable[[RunPlan], Method], label: str = ""
-    ) -> _Run:
+    ) -> _RunInProgress:
         nonlocal compile_time
         began = clock.perf_counter()
-        run = _Run(equations, plan, method_on, limits, label)
+        run = _RunInProgress(equations, plan, method_on, limits, label)
         compile_time += clock.perf_counter() - began
         return run
 
@@ -171,7 +171,7 @@ def _drive(
     )
 
 
-class _Run:
+class _RunInProgress:
     """A run in progress; if it is interrupted, the steps of its segments so far are valid."""
 
     def __init__(

@@ -386,9 +386,9 @@ def test_regression_compilation_for_the_pilot_run_is_setup_time(monkeypatch):
 
     real = time.perf_counter
     monkeypatch.setattr(drive_module.clock, "perf_counter", lambda: real() + added_time)
-    init = drive_module._Run.__init__
+    init = drive_module._RunInProgress.__init__
     monkeypatch.setattr(
-        drive_module._Run,
+        drive_module._RunInProgress,
         "__init__",
         lambda self, whole, plan, on, *more: init(self, whole, plan, slow_down(on), *more),
     )
