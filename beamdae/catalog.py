@@ -1,7 +1,7 @@
 """Catalog of the public names, one entry each.
 
 A new public part, integrator or function is one module and one entry here. The catalog is read by
-`beamdae.__init__` (lazy imports), `python -m beamdae.catalog` (the type stub `__init__.pyi`), the
+`beamdae.__init__` (lazy imports), `python beamdae/catalog.py` (the type stub `__init__.pyi`), the
 command line (names of integrators) and the pages of the reference.
 """
 

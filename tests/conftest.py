@@ -40,7 +40,8 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.slow(reason="starts a browser"))
         # Selected by a hash, so that each value of each parameter is tried in some test.
         elif (
-            variants[_test_name(item)] >= _MANY_VARIANTS
+            item.path.name != "test_docstrings.py"
+            and variants[_test_name(item)] >= _MANY_VARIANTS
             and crc32(item.nodeid.encode()) % _VARIANTS_PER_FAST_TEST
         ):
             item.add_marker(pytest.mark.slow(reason="one of many variants of a law"))

@@ -11,7 +11,7 @@ STUB = Path(bd.__file__).with_name("__init__.pyi")
 
 
 def test_type_stub_is_up_to_date():
-    assert STUB.read_text() == catalog.stub_text(), "run `python -m beamdae.catalog`"
+    assert STUB.read_text() == catalog.stub_text(), "run `python beamdae/catalog.py`"
 
 
 @pytest.mark.parametrize("public", catalog.NAMES.values(), ids=lambda public: public.name)

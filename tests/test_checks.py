@@ -257,7 +257,7 @@ def test_regression_upright_bars_are_redundant_not_singular():
 def test_minimum_norm_rejects_switched_parts():
     mech = linkage(3, redundant="minimum norm")
     mech.when("coupler.x", crosses=5.0, do=bd.deactivate(mech.part("head 2")))
-    with pytest.raises(bd.BeamdaeError, match="does not work with events that switch parts"):
+    with pytest.raises(bd.BeamdaeError, match="is not supported with events that switch parts"):
         mech.check()
 
 
@@ -344,3 +344,15 @@ def test_rigid_mobility_treats_a_beam_of_nodes_as_one_body():
         assert not clamped.problem
         assert clamped.free_motions == ()
         assert clamped.rigid_mobility == 0
+
+
+def test_regression_joint_of_the_ground_and_two_bodies_connects_both():
+    """A planetary gear on the ground left its wheel and its carrier unconnected."""
+    mech = bd.Mechanism()
+    wheel = mech.add(bd.RigidBody("wheel", 1.0, 0.1, (1.0, 0.0)))
+    arm = mech.add(bd.RigidBody("arm", 1.0, 0.1, (0.5, 0.0)))
+    mech.add(bd.Revolute("pin", arm.at(1.0, 0.0), wheel.at(1.0, 0.0)))
+    assert mech.check(predict=False).loose == (("wheel", "arm"),)
+    sun = mech.ground.at(0.0, 0.0)
+    mech.add(bd.Gear("gear", sun, wheel.at(1.0, 0.0), 0.5, carrier=arm.at(0.0, 0.0)))
+    assert mech.check(predict=False).loose == ()

@@ -82,7 +82,7 @@ RelativeTolerance = Annotated[
 FixedStep = Annotated[
     float | None,
     typer.Option(
-        help="Fixed step in seconds (generalized-alpha). Defaults to that of the integrator."
+        help="Step in seconds of fixed-step integrators. Defaults to the default of the integrator."
     ),
 ]
 EndTime = Annotated[
@@ -163,7 +163,7 @@ def create_integrator(command: str, name: str, options: Mapping[str, Any], file:
                 f"{', '.join(supporting)})."
             )
     integrator = integrators[name]
-    with translate_errors(f"{command}: --integrator {name}: its construction", file.path):
+    with translate_errors(f"{command}: --integrator {name}: the constructor", file.path):
         if isinstance(integrator, type):
             return integrator(**values)
         return replace(integrator, **values) if values else integrator
@@ -179,7 +179,7 @@ def parse_assignments(settings: list[str] | None, option: str = "--set") -> dict
     for setting in settings or []:
         key, equals, value = setting.partition("=")
         if not equals or not key.strip():
-            raise BeamdaeError(f"{option} {setting}: it must have the form name=value.")
+            raise BeamdaeError(f"{option} {setting}: the setting must have the form name=value.")
         values[key.strip()] = value.strip()
     return values
 
@@ -213,12 +213,18 @@ def require_writable(folder: Path, files: tuple[str, ...] = (), option: str = "-
         blocked = next((folder / name for name in files if (folder / name).is_dir()), None)
     except (OSError, ValueError) as problem:
         reason = getattr(problem, "strerror", None) or problem
-        raise BeamdaeError(f"{option} {folder}: it cannot be written, {reason}.") from None
+        raise BeamdaeError(f"{option} {folder}: the folder cannot be written: {reason}.") from None
     if not existing.is_dir():
-        raise BeamdaeError(f"{option} {folder}: it cannot be written, {existing} is not a folder.")
+        raise BeamdaeError(
+            f"{option} {folder}: the folder cannot be written because {existing} is not a folder."
+        )
     if not os.access(existing, os.W_OK | os.X_OK):
         raise BeamdaeError(
-            f"{option} {folder}: it cannot be written, {existing} does not allow new files."
+            f"{option} {folder}: the folder cannot be written because {existing} does "
+            "not allow new files."
         )
     if blocked is not None:
-        raise BeamdaeError(f"{option} {folder}: it cannot be written, {blocked} is a folder.")
+        raise BeamdaeError(
+            f"{option} {folder}: the files cannot be written because {blocked} is a "
+            "folder; remove this folder or choose another."
+        )

@@ -442,7 +442,7 @@ def test_time_scale_and_breakpoints_of_laws_are_used():
 
 @pytest.mark.parametrize("pole", [0.7, 0.7123])
 def test_a_pole_of_a_law_is_detected_at_samples_and_between(pole):
-    with pytest.raises(bd.BeamdaeError, match=f"^u: its law becomes infinite near t = {pole}"):
+    with pytest.raises(bd.BeamdaeError, match=f"^u: the law becomes infinite near t = {pole}"):
         bd.simulate(free_mass(lambda t: 1.0 / (t - pole)), bd.Ida(), 1.0)
 
 

@@ -54,7 +54,7 @@ def test_regression_a_circle_of_one_chord_is_rejected(section):
     ring = bd.Arc(radius=0.3, length=2.0 * np.pi * 0.3)
     with pytest.raises(
         bd.BeamdaeError,
-        match=r"^ring: elements=1 of 2 nodes are too few for its curve, nodes \S+ m apart stand "
+        match=r"^ring: elements=1 of 2 nodes are too few for the curve, nodes \S+ m apart stand "
         r"for 1\.88 m of it; take more elements",
     ):
         bd.Beam("ring", ring, section, elements=1, nodes=2)
@@ -68,7 +68,7 @@ def test_a_circle_of_a_few_nodes_is_accepted(nodes, elements):
 
 def test_three_quarters_of_a_circle_in_one_chord_are_rejected():
     arc = bd.Arc(radius=0.3, length=1.5 * np.pi * 0.3)
-    with pytest.raises(bd.BeamdaeError, match="are too few for its curve"):
+    with pytest.raises(bd.BeamdaeError, match="are too few for the curve"):
         Mesh(arc, 1, 2, "curved").require_resolved_curve("arc")
 
 
@@ -94,5 +94,5 @@ def test_a_negative_mass_is_rejected(mass):
     system = bd.ConstrainedSystem(
         t=t, q=q, v=v, mass=mass, force=[0.0, 1.0], q0=[0.0, 0.0], v0=[0.0, 0.0]
     )
-    with pytest.raises(bd.BeamdaeError, match="mass matrix is negative"):
+    with pytest.raises(bd.BeamdaeError, match="mass matrix has a negative eigenvalue"):
         bd.simulate(system, bd.GeneralizedAlpha(), 1.0)

@@ -64,7 +64,7 @@ def test_a_cantilever_starts_in_equilibrium_with_the_analytic_sag():
 def test_a_coordinate_without_equilibrium_is_named():
     mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
     mech.add(bd.RigidBody("stone", 1.0, 1.0))
-    with pytest.raises(bd.BeamdaeError, match=r"stone\.y: no equilibrium .* moves without end"):
+    with pytest.raises(bd.BeamdaeError, match=r"stone\.y: no equilibrium .* moves without limit"):
         bd.equations_of_motion(mech)
 
 

@@ -42,7 +42,7 @@ def check_poles(law, intervals=((0.0, 1.0),)):
 
 def test_poles_are_detected_at_any_time():
     for pole in np.random.default_rng(0).uniform(0.0, 1.0, 100):
-        with pytest.raises(bd.BeamdaeError, match="ball: its law becomes infinite near t = 0"):
+        with pytest.raises(bd.BeamdaeError, match="ball: the law becomes infinite near t = 0"):
             check_poles(bd.Law((lambda t, pole=pole: 3.0 + 1.0 / (t - pole),)))
 
 

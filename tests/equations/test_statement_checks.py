@@ -135,13 +135,13 @@ def test_a_foreign_body_without_a_field_is_rejected_by_assembly():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"columns": 1}, "push: its operator on 'second' has 4 columns, the body has 3 coord"),
-        ({"rows": 1}, "push: its operators have 4 rows for 1 x 3 local coordinates; the"),
+        ({"columns": 1}, "push: the operator on 'second' must have 3 columns, one per coordinate of the body, got 4"),
+        ({"rows": 1}, "push: the operators must have 1 x 3 rows, one per local coordinate, got 4"),
         (
             {"data": (3.0, 1.0)},
-            r"push: its data must be an array of shape \(1, num",
+            r"push: data must be an array of shape \(1, num",
         ),
-        ({"stated_name": "pull"}, "push: its statements must carry its name, got 'pull'"),
+        ({"stated_name": "pull"}, "push: statements must carry the name of the part, got 'pull'"),
     ],
 )
 def test_statements_that_do_not_fit_are_rejected(settings, message):
@@ -188,17 +188,17 @@ def stating(forces=lambda: [], constraints=lambda: []):
         (stating(lambda: None), r"forces\(\) must be a list of ForceStatement, got None"),
         (stating(force), r"forces\(\) must be a list of ForceStatement, got ForceStatement"),
         (stating(lambda: [force(ca.SX.zeros(2))]), r"its force must have shape \(3, 1\), got \(2,"),
-        (stating(lambda: [force([0, 0, 0])]), "its force must be a CasADi SX column, got list"),
+        (stating(lambda: [force([0, 0, 0])]), "force must be a CasADi SX column, got list"),
         (stating(lambda: [force(energies=ca.SX(1))]), r"its energies must have shape \(3, 1\)"),
         (stating(lambda: [force(powers=ca.SX.zeros(4))]), r"its powers must have shape \(2, 1\)"),
         (
             stating(lambda: [force(ca.SX.sym("stray", 3))]),
             "its force must not depend on stray_0, stray_1, stray_2",
         ),
-        (stating(lambda: [force(data=[1.0])]), r"its data must be an array of shape \(1, number"),
+        (stating(lambda: [force(data=[1.0])]), r"data must be an array of shape \(1, number"),
         (
             stating(lambda: [force(data=np.zeros(1))]),
-            r"its data must be an array of shape \(1, num",
+            r"data must be an array of shape \(1, num",
         ),
         (stating(lambda: [force(pieces=PIECE)]), "pieces must be a list of Piece, got Piece"),
         (
@@ -207,7 +207,7 @@ def stating(forces=lambda: [], constraints=lambda: []):
         ),
         (
             stating(constraints=lambda: [constraint(multipliers=("x",))]),
-            "multipliers must contain only Named, got 'x'",
+            "multipliers must contain only Variable, got 'x'",
         ),
         (
             stating(constraints=lambda: [constraint(LOCAL.q[:2])]),
@@ -221,7 +221,7 @@ def stating(forces=lambda: [], constraints=lambda: []):
         # The first branch of the law was used for the whole run.
         (
             stating(lambda: [force(bd.run_up(1.0, 0.1)(LOCAL.time) * ca.SX.ones(3))]),
-            "it follows a piecewise law; list the law in its property 'laws'",
+            "the part uses a piecewise law that its property 'laws' does not list",
         ),
     ],
 )
@@ -240,7 +240,7 @@ def test_regression_a_point_whose_motion_starts_elsewhere_is_rejected():
     body = mech.add(disk())
     wrong = replace(body.at(2.0, 0.0), point=(3.0, 0.0))
     mech.add(bd.Revolute("pin", mech.ground.at(3.0, 0.0), wrong))
-    with pytest.raises(bd.BeamdaeError, match=r"^disk at \(3, 0\): its motion starts 1 m away"):
+    with pytest.raises(bd.BeamdaeError, match=r"^disk at \(3, 0\): the kinematics start 1 m away"):
         bd.equations_of_motion(mech)
 
 
@@ -324,8 +324,8 @@ class Body(bd.Part):
             Confused(),
             r"confused: forces\(\) must contain only ForceStatement, got Constraint",
         ),
-        (Body(("x",)), "body: coordinates must contain only Named, got 'x'"),
-        (Body(lambda: ()), "body: coordinates must be a list of Named, got <function"),
+        (Body(("x",)), "body: coordinates must contain only Variable, got 'x'"),
+        (Body(lambda: ()), "body: coordinates must be a list of Variable, got <function"),
         (Body((Variable("x", "deg"),)), "body: angles must be in 'rad', got 'deg'"),
         (
             Body((Variable("x", " m"),)),

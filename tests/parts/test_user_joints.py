@@ -246,7 +246,7 @@ def test_incomplete_joints_are_rejected_with_what_they_lack():
 
     with pytest.raises(bd.BeamdaeError, match=r"^j: Gapless has no constraint; define gap"):
         bd.equations_of_motion(hanging(Gapless))
-    with pytest.raises(bd.BeamdaeError, match=r"^j: Nameless has no multipliers; define a Named"):
+    with pytest.raises(bd.BeamdaeError, match=r"^j: Nameless has no multipliers; define a Variable"):
         bd.equations_of_motion(hanging(Nameless))
     with pytest.raises(bd.BeamdaeError, match=r"^j: Nameless has no reactions; define a column"):
         _ = hanging(Nameless).part("j").reaction
@@ -257,7 +257,7 @@ def test_incomplete_joints_are_rejected_with_what_they_lack():
 @pytest.mark.parametrize(
     ("gap", "message"),
     [
-        (lambda t, a, b: [b.position[0]], "j: its constraint must be a CasADi SX column, got list"),
+        (lambda t, a, b: [b.position[0]], "j: constraint must be a CasADi SX column, got list"),
         (lambda t, a, b: b.position, r"j: its constraint must have shape \(1, 1\), got \(2, 1\)"),
         (lambda t, a, b: ca.SX.sym("z"), "j: its constraint must not depend on z"),
         (lambda t, a, b: b.velocity, r"j: its constraints\(\) failed, .* no attribute 'velocity'"),

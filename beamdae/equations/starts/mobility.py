@@ -48,6 +48,23 @@ def count_rigid_mobility(e: EquationsOfMotion, q: Array, constraint_rank: Constr
     return motions.shape[1] - rank
 
 
+def _find_parts_on_ground(e: EquationsOfMotion) -> set[int]:
+    """Return the numbers of parts that active joints of several bodies connect to the ground."""
+    mechanism = e.mechanism
+    if mechanism is None:
+        return set()
+    numbers = {part.name: k for k, part in enumerate(e.parts)}
+    return {
+        numbers[attachment.body.name]
+        for joint in mechanism.parts.values()
+        if joint.name not in mechanism.inactive
+        and any(attachment.body is mechanism.ground for attachment in joint.attachments)
+        and joint.constraints()
+        for attachment in joint.attachments
+        if attachment.body.name in numbers
+    }
+
+
 def find_loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
     """Return the groups of connected parts, by name, that no joint ties to the ground."""
     owner = np.zeros(e.n, int)
@@ -62,6 +79,7 @@ def find_loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
             ties += [(tied[0], other) for other in tied]
             if len(tied) == 1:
                 grounded.add(int(tied[0]))
+    grounded |= _find_parts_on_ground(e)
     block = plan_state_sums(e.structure).block
     columns = column_indices(block.pattern)
     ties += list(zip(owner[block.pattern.indices], owner[columns], strict=True))

@@ -81,12 +81,12 @@ class Joint(KinematicConstraint):
     >>> from dataclasses import dataclass
     >>> import beamdae as bd
     >>> import casadi as ca
-    >>> from beamdae.symbolic.statements import Named
+    >>> from beamdae.symbolic.statements import Variable
     >>> @dataclass(frozen=True, eq=False)
     ... class Pantograph(bd.Joint):
     ...     '''Point b moves as a magnified copy of point a, about the origin.'''
     ...     scale: float = 2.0
-    ...     multipliers = (Named("x", "N"), Named("y", "N"))
+    ...     multipliers = (Variable("x", "N"), Variable("y", "N"))
     ...     reactions = ("Fx", "Fy")
     ...     @property
     ...     def gap_parameters(self):

@@ -212,7 +212,7 @@ class KinematicConstraint(Part):
     def multipliers(self) -> tuple[Variable, ...]:
         """Name of each constraint and unit of its multiplier, "N" or "N m"."""
         raise BeamdaeError(
-            f"{self.name}: {type(self).__name__} has no multipliers; define a Named for each row "
+            f"{self.name}: {type(self).__name__} has no multipliers; define a Variable for each row "
             "of its gap."
         )
 
