@@ -25,7 +25,7 @@ from beamdae.errors import (
     unbox_scalar,
 )
 
-_MAX_NAME_BYTES = 120
+MAX_NAME_BYTES = 120
 # Windows reserves these file names, with any suffix.
 _RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{x}{k}" for x in ("COM", "LPT") for k in range(10))}
 _INVALID_CHARACTERS = frozenset('/\\:*?"<>|')
@@ -225,10 +225,10 @@ def require_file_name(part: str, value: Any) -> str:
     if not isinstance(value, str):
         raise BeamdaeError(f"{part}: its name must be a string, got {short_repr(value)}.")
     length = len(value.encode(errors="replace"))
-    fits = 0 < length <= _MAX_NAME_BYTES and value[0] not in ". " and value[-1] not in ". "
+    fits = 0 < length <= MAX_NAME_BYTES and value[0] not in ". " and value[-1] not in ". "
     if not (fits and value.isprintable() and not _INVALID_CHARACTERS & set(value)):
         raise BeamdaeError(
-            f"{part}: its name must be a valid folder name: 1 to {_MAX_NAME_BYTES} bytes of "
+            f"{part}: its name must be a valid folder name: 1 to {MAX_NAME_BYTES} bytes of "
             f"letters, digits, _ - + = , and inner dots and spaces, got {short_repr(value)}."
         )
     if value.partition(".")[0].strip().upper() in _RESERVED:

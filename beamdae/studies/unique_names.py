@@ -6,7 +6,8 @@ import re
 import unicodedata
 from collections.abc import Callable, Iterable
 
-_MAX_NAME_BYTES = 120  # file systems allow 255; whole paths have limits as well
+from beamdae.model_functions import MAX_NAME_BYTES
+
 # Letters and digits of any script, and characters that no file system or shell interprets.
 _INVALID_CHARACTERS = re.compile(r"[^\w=.+]+")
 
@@ -41,8 +42,8 @@ def _number_names(
 
 
 def _create_file_name(group: str, label: str) -> str:
-    method = _shorten(_replace_invalid(label), _MAX_NAME_BYTES // 2)
-    return f"{_shorten(_replace_invalid(group), _MAX_NAME_BYTES - len(method.encode()))}-{method}"
+    method = _shorten(_replace_invalid(label), MAX_NAME_BYTES // 2)
+    return f"{_shorten(_replace_invalid(group), MAX_NAME_BYTES - len(method.encode()))}-{method}"
 
 
 def _replace_invalid(text: str) -> str:
