@@ -85,7 +85,6 @@ from .parts.laws import table as table
 from .parts.mechanism import Mechanism as Mechanism
 from .parts.observables import relative_displacement as relative_displacement
 from .parts.part import Part as Part
-from .report.page.motion_player import Animation as Animation
 from .report.pictures.drawing import draw as draw
 from .report.pictures.mode_shapes import animate_mode as animate_mode
 from .report.pictures.mode_shapes import draw_campbell as draw_campbell
@@ -93,6 +92,7 @@ from .report.pictures.mode_shapes import draw_modes as draw_modes
 from .report.pictures.run_animation import animate as animate
 from .report.pictures.time_plots import plot as plot
 from .results.diagnostics.beam_ranges import BeamRange as BeamRange
+from .results.displays import Animation as Animation
 from .results.displays import Plot as Plot
 from .results.equilibrium import CriticalPoint as CriticalPoint
 from .results.equilibrium import Equilibrium as Equilibrium

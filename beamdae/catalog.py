@@ -1,8 +1,8 @@
-"""Catalog of the public names, one entry each.
+"""Catalog of the public names, with one entry per name.
 
-A new public part, integrator or function is one module and one entry here. The catalog is read by
-`beamdae.__init__` (lazy imports), `python beamdae/catalog.py` (the type stub `__init__.pyi`), the
-command line (names of integrators) and the pages of the reference.
+To add a public part, integrator or function, write a module and add an entry here. The catalog is
+read by `beamdae.__init__` (lazy imports), `python beamdae/catalog.py` (the type stub
+`__init__.pyi`), the command line (names of integrators) and the pages of the reference.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ class Public:
     module
         Dotted path of the module that defines it.
     sample
-        Keyword arguments of a working call in a `beamdae.testing.SampleMechanism`. Tests of parts,
-        of error messages and of robustness start from this call.
+        Keyword arguments of a valid call in a `beamdae.testing.SampleMechanism`. Tests of parts,
+        error messages and robustness start from this call.
     command
         Name of an integrator on the command line, as in `--integrator ida`.
     """
@@ -581,7 +581,7 @@ GROUPS = (
             Public("plot", "beamdae.report.pictures.time_plots"),
             Public("Plot", "beamdae.results.displays"),
             Public("animate", "beamdae.report.pictures.run_animation"),
-            Public("Animation", "beamdae.report.page.motion_player"),
+            Public("Animation", "beamdae.results.displays"),
         ),
     ),
     Group(
@@ -665,7 +665,7 @@ INTEGRATORS = {public.command: public for public in NAMES.values() if public.com
 
 
 def attributes_by_module() -> dict[str, list[str]]:
-    """Return the public names of each module, which is named relative to `beamdae`."""
+    """Return the public names of each module, by the module name relative to `beamdae`."""
     names: dict[str, list[str]] = {}
     for public in NAMES.values():
         names.setdefault(public.module.removeprefix("beamdae."), []).append(public.name)
@@ -673,7 +673,7 @@ def attributes_by_module() -> dict[str, list[str]]:
 
 
 def stub_text() -> str:
-    """Return the text of `beamdae/__init__.pyi`, from which type checkers learn the names."""
+    """Return the text of the type stub `beamdae/__init__.pyi`."""
     lines = sorted(
         f"from .{module} import {name} as {name}"
         for module, names in attributes_by_module().items()
