@@ -1,8 +1,8 @@
-"""Access of methods in lower layers to functions of higher ones, imported at the call.
+"""Deferred imports, by which methods of lower layers call functions of higher layers.
 
-Methods such as `Mechanism.draw` and `Solution.plot` are conveniences for users: the functions
-behind them belong to higher layers, which the lower ones never import. This module is the only way
-up. It imports by name on first use, as pandas loads its plotting backend.
+Methods such as `Mechanism.draw` and `Solution.plot` are provided for convenience; they call
+functions of higher layers, which lower layers must not import. They import these functions by name
+at the call, through this module only, as pandas loads its plotting backend.
 """
 
 from __future__ import annotations

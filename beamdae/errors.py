@@ -35,9 +35,9 @@ class BeamdaeWarning(UserWarning):
 
 
 class KernelWarning(UserWarning):
-    """Machine code that cannot be compiled or cached: runs are slower, results agree to rounding.
+    """A kernel that cannot be compiled or cached: runs are slower, results agree to rounding.
 
-    It is not a `BeamdaeWarning`, because it does not concern a result.
+    It is not a `BeamdaeWarning`, because it does not affect the reliability of results.
     """
 
 
@@ -46,18 +46,21 @@ def short_repr(value: Any) -> str:
     try:
         text = repr(value)
     except Exception:
-        # For example integers with thousands of digits.
+        # For example, integers with thousands of digits.
         return f"a value of type {type(value).__name__}"
     return _shorten(text)
 
 
 def format_exception(exception: BaseException) -> str:
-    """Return type and message of an exception raised by user code, on one line."""
+    """Return the type and message of an exception raised by user code, on one line."""
     return ": ".join(filter(None, (type(exception).__name__, format_message(exception))))
 
 
 def format_message(exception: BaseException) -> str:
-    """Return the message of an exception raised by user code, on one line, CasADi's reworded."""
+    """Return the message of an exception raised by user code, on one line.
+
+    Messages of CasADi are replaced by a clearer one.
+    """
     trace = exception.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
@@ -77,7 +80,7 @@ def _shorten(text: str, max_length: int = _MAX_REPR_LENGTH) -> str:
 
 
 def is_valid_path(text: str) -> bool:
-    """Return whether a text is a valid path: not too long and without control characters."""
+    """Return True if a path is not too long and has no control characters."""
     return text.isprintable() and len(text) <= _MAX_PATH_LENGTH
 
 
@@ -100,7 +103,7 @@ def as_real(value: Any) -> float | None:
 
 
 def unbox_scalar(value: Any) -> Any:
-    """Return the Python scalar of a NumPy scalar or zero-dimensional array, other values as is."""
+    """Return a NumPy scalar or zero-dimensional array as a Python scalar, or `value` unchanged."""
     return value.item() if getattr(value, "ndim", None) == 0 else value
 
 
@@ -139,7 +142,7 @@ def require_non_negative(part: str, name: str, value: Any) -> float:
 
 
 def require_count(part: str, name: str, value: Any, least: int = 1, most: int | None = None) -> int:
-    """Return `value` as a whole number >= `least`, and <= `most` if that is given."""
+    """Return `value` as an integer in [`least`, `most`]; `most` = None sets no upper limit."""
     number = require_finite(part, name, value)
     if number != int(number) or number < least:
         raise BeamdaeError(
@@ -182,7 +185,7 @@ def require_pair(part: str, name: str, value: Any, what: str = "a pair (x, y)") 
 
 
 def require_point(part: str, name: str, value: Any) -> tuple[float, float]:
-    """Return `value` as a finite pair (x, y)."""
+    """Return `value` as a pair (x, y) of finite numbers."""
     x, y = require_pair(part, name, value)
     return require_finite(part, f"{name} x", x), require_finite(part, f"{name} y", y)
 
@@ -212,9 +215,9 @@ def set_fields(instance: Any, **values: Any) -> None:
 
 
 def require_name(kind: str, name: Any) -> str:
-    """Return `name` if it can name a part, a coordinate or an observable.
+    """Return `name` if it is a valid name of a part, a coordinate or an observable.
 
-    Names become column headers of tables, as "name.x [m]".
+    Names become part of column headers such as "name.x [m]".
     """
     if not isinstance(name, str) or not name.strip():
         raise BeamdaeError(f"{kind}: the name must be a non-empty string, got {short_repr(name)}.")

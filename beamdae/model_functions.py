@@ -1,4 +1,4 @@
-"""Model functions: keyword defaults are the parameters, a call builds a mechanism."""
+"""Model functions, whose keyword defaults are parameters and whose calls build mechanisms."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Origin(NamedTuple):
 
 
 class HasOrigin:
-    """Base class of what models build; `origin` is set by the model."""
+    """Base class of mechanisms and systems; a model sets `origin` on those it builds."""
 
     origin: Origin | None = None
 
@@ -49,9 +49,9 @@ class HasOrigin:
 class Model:
     """Function with named parameters that builds a mechanism or a constrained system.
 
-    Made by the decorator `model`. Calling it builds the mechanism: `pendulum(elements=16)` replaces
-    one default, and unknown names or values of the wrong type are errors. Studies, sweeps and the
-    command line set parameters by name.
+    Created by the decorator `model`. Calling it builds the mechanism: `pendulum(elements=16)`
+    replaces one default, and unknown names or values of the wrong type are errors. Studies, sweeps
+    and the command line set parameters by name.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Model:
     parameters
         Default values by name; the type of a default is the type of its parameter.
     data
-        Names of files the results depend on, see `model`.
+        Names of files on which the results depend; see `model`.
 
     Raises
     ------
@@ -117,7 +117,7 @@ class Model:
         Raises
         ------
         BeamdaeError
-            If one of them is in neither.
+            If a file is in neither folder.
         """
         files = []
         for name in self.data:
@@ -125,8 +125,9 @@ class Model:
             existing = [path for path in candidates if os.path.isfile(path)]
             if not existing:
                 raise BeamdaeError(
-                    f"{self.name}: data names a file {short_repr(name)} that does not exist; put "
-                    f"it in {self.home} or in the working directory."
+                    f"{self.name}: data names the file {short_repr(name)}, which does "
+                    f"not exist; put this file in {self.home} or in the working "
+                    "directory."
                 )
             files += existing
         return files
@@ -145,22 +146,22 @@ class Model:
             mechanism = self.build(**parameters)
         if mechanism is None or isinstance(mechanism, Model):
             what = "None" if mechanism is None else f"the model {mechanism.name}"
-            raise BeamdaeError(f"{self.name}: the function must return the mechanism, got {what}.")
+            raise BeamdaeError(f"{self.name}: the function must return a Mechanism, got {what}.")
         if isinstance(mechanism, HasOrigin):
             set_fields(mechanism, origin=Origin(self.name, parameters, self.t_end))
         return mechanism
 
     @property
     def origin(self) -> Origin:
-        """Origin of what it builds with its defaults."""
+        """Origin of the mechanism that the model builds with default parameters."""
         return Origin(self.name, self.parameters, self.t_end)
 
     def check(self, **settings: Any) -> Any:
-        """Check the model without a run, see `beamdae.check`."""
+        """Check the model without a run; see `beamdae.check`."""
         return public("check")(self, **settings)
 
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:
-        """Return all parameters: `values`, checked and converted, over the defaults.
+        """Return all parameters: the defaults, updated with checked and converted `values`.
 
         Raises
         ------
@@ -171,8 +172,9 @@ class Model:
             if name not in self.parameters:
                 parameter_names = ", ".join(self.parameters) or "none"
                 raise BeamdaeError(
-                    f"{self.name}: no parameter {short_repr(name)}"
-                    f"{suggest(name, self.parameters)}, the parameters are {parameter_names}."
+                    f"{self.name}: there is no parameter "
+                    f"{short_repr(name)}{suggest(name, self.parameters)}; the "
+                    f"parameters are {parameter_names}."
                 )
         checked = {name: self._convert(name, value) for name, value in values.items()}
         return self.parameters | checked
@@ -205,7 +207,7 @@ class Model:
                 f"{self.name}: {name} must be true or false, got {short_repr(text)}."
             )
         if kind not in (int, float, tuple, list, dict):
-            # A default of None accepts the string; other types are rejected by `_convert`.
+            # A default of None accepts the string; `_convert` rejects other types.
             return text
         try:
             return kind(text) if kind in (int, float) else ast.literal_eval(text)
@@ -214,26 +216,28 @@ class Model:
 
 
 def require_file_name(part: str, value: Any) -> str:
-    """Return `value` if files and folders may have this name on any system.
+    """Return `value` if it is a valid file and folder name on all operating systems.
 
     Raises
     ------
     BeamdaeError
-        If it is empty, contains separators or control characters, begins with a dot or a space,
-        ends with one, is reserved (CON, NUL, COM1), or is longer than 120 bytes.
+        If `value` is empty, contains separators or control characters, begins or ends with a dot or
+        a space, is reserved (CON, NUL, COM1), or is longer than 120 bytes.
     """
     if not isinstance(value, str):
-        raise BeamdaeError(f"{part}: its name must be a string, got {short_repr(value)}.")
+        raise BeamdaeError(f"{part}: the name must be a string, got {short_repr(value)}.")
     length = len(value.encode(errors="replace"))
     fits = 0 < length <= MAX_NAME_BYTES and value[0] not in ". " and value[-1] not in ". "
     if not (fits and value.isprintable() and not _INVALID_CHARACTERS & set(value)):
         raise BeamdaeError(
-            f"{part}: its name must be a valid folder name: 1 to {MAX_NAME_BYTES} bytes of "
-            f"letters, digits, _ - + = , and inner dots and spaces, got {short_repr(value)}."
+            f"{part}: the name must be a valid folder name, 1 to {MAX_NAME_BYTES} "
+            "bytes of letters, digits, _ - + = , and inner dots and spaces, got "
+            f"{short_repr(value)}."
         )
     if value.partition(".")[0].strip().upper() in _RESERVED:
         raise BeamdaeError(
-            f"{part}: its name must be a valid folder name, but Windows reserves {value}."
+            f"{part}: the name must be a valid folder name, but Windows reserves "
+            f"{value}; choose another name."
         )
     return value
 
@@ -244,19 +248,19 @@ def _require_function(build: Any) -> None:
 
 
 def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., Any]], Model]:
-    """Decorate a function that builds a mechanism, which makes it a `Model`.
+    """Return a decorator that turns a function that builds a mechanism into a `Model`.
 
-    Every parameter of the function needs a default value. The defaults are the parameters of the
-    model, and their types are the types of these.
+    Every parameter of the function needs a default value. The defaults define the parameters of the
+    model and their types.
 
     Parameters
     ----------
     t_end
         Default end time of a run [s], positive.
     data
-        Names of files the results depend on, in the folder of the model file or in the working
-        directory. Files opened by Python are tracked without it; list those that libraries open,
-        such as HDF5 and SQLite files.
+        Names of files on which the results depend, in the folder of the model file or in the
+        working directory. Files opened by Python are tracked automatically; list files that
+        libraries open, such as HDF5 and SQLite files.
 
     Returns
     -------
@@ -287,8 +291,8 @@ def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., 
         for parameter in inspect.signature(function).parameters.values():
             if parameter.default is parameter.empty or parameter.kind is parameter.POSITIONAL_ONLY:
                 raise BeamdaeError(
-                    f"{function.__name__}: the parameter {parameter.name!r} needs a default value "
-                    "and must not be positional-only."
+                    f"{function.__name__}: the parameter {parameter.name!r} must have "
+                    "a default value and must not be positional-only."
                 )
             parameters[parameter.name] = unbox_scalar(parameter.default)
         decorated = Model(function, t_end, parameters, data)
@@ -302,8 +306,8 @@ def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., 
 def extend_import_path(folder: Path) -> Iterator[None]:
     """Make the modules in a folder importable, and unload them at the end.
 
-    Unloading keeps them apart from modules of the same names beside another model file, and makes
-    pickling send their objects to other processes by value.
+    Unloading avoids conflicts with modules of the same name next to another model file, and makes
+    pickling send objects of these modules to other processes by value.
     """
     if str(folder) in sys.path:
         yield

@@ -1,4 +1,4 @@
-"""A small mechanism to which every part of the catalog can be added, for tests."""
+"""Small mechanism for tests, to which every part of the catalog can be added."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from beamdae.parts.mechanism import Mechanism
 
 
 class SampleMechanism:
-    """A disk and a curved beam, both unconstrained; parts are added when they are first used.
+    """Mechanism with an unconstrained disk and beam, each added when it is first accessed.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class SampleMechanism:
 
     @cached_property
     def hinge(self) -> Joint:
-        """Hinge of the disk at the origin."""
+        """Hinge between the ground and the disk at the origin."""
         ends = self.ground.at(0.0, 0.0), self.disk.at(0.0, 0.0)
         return self.mechanism.add(Revolute("hinge", *ends))
 

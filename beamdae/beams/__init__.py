@@ -1,5 +1,5 @@
-"""Beams: sections, meshes on curves, kinematics of their points, loads and damping of beams.
+"""Beams: sections, meshes on curves, kinematics, loads and damping.
 
 May import: parts, curves, symbolic. Independent of equations and time stepping.
-Next: a kinematics subclasses `Kinematics` and `Element` in its own folder (see `floating_frame`).
+To extend: add a formulation as a folder with subclasses of `Kinematics` and `Element`.
 """

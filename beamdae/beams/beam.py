@@ -1,6 +1,6 @@
-"""Curved beam as a body: a curve, a section, a mesh and a kinematics.
+"""Curved beam as a body, defined by a curve, a section, a mesh and a formulation.
 
-Also holds the checks of a beam's settings and the warnings about its curvature.
+The module also contains the checks of the settings and the warnings about curvature.
 """
 
 from __future__ import annotations
@@ -57,20 +57,21 @@ _KINEMATICS_BY_FORMULATION: dict[str, type[FloatingFrame] | type[GeometricallyEx
 _MAX_TURN_PER_CURVED_ELEMENT = {4: 1.6, 3: 1.2, 2: 0.2}  # [rad]
 _MAX_TURN_PER_STRAIGHT_ELEMENT = 0.2  # [rad]
 
-# Winkler & Bach's bending stiffness of a curved rectangle is EI (1 + 0.15 (h/R)^2); its stress at
-# the inner surface differs from that of a straight beam by h / (3 R).
+# Winkler & Bach: the bending stiffness of a curved rectangle is EI (1 + 0.15 (h/R)^2); the stress
+# at its inner surface differs from the stress of a straight beam by h / (3 R).
 _WINKLER_BACH_STIFFNESS = 0.15
 _WINKLER_BACH_STRESS = 3.0
 # Curvature times height at which the bending stiffness has an error of 1 % (the stress 8 %).
 _MAX_CURVATURE_TIMES_HEIGHT = 0.26
 
-# Radius of gyration over length. Below the minimum, bending is lost in the rounding of stretching.
+# Radius of gyration over length. Below the minimum, the bending terms are lost in rounding errors
+# of the axial terms.
 _MIN_GYRATION_RATIO = 1e-12
 _MAX_GYRATION_RATIO = 1e2
 _GYRATION_SAMPLES = 3  # sections at which a varying section is checked
 
-# Lower bound of the memory of a run per element and node interval, for any integrator [bytes].
-# Measured: 95 to 150 kB, in long chains of beams and in a single one of 10 000 elements.
+# Lower bound of the memory of a run per element and node interval, for all integrators [bytes].
+# Measured: 95 to 150 kB, in long chains of beams and in a single beam of 10 000 elements.
 _BYTES_PER_ELEMENT_INTERVAL = 9e4
 
 _OUTLINE_POINTS = 33
@@ -80,16 +81,16 @@ class Beam(Part):
     """Planar, shear-flexible, geometrically nonlinear curved beam.
 
     The default formulation is the floating frame of Pan & Liu, Theor. Appl. Mech. Lett. 2 (2012)
-    063006, doi:10.1063/2.1206306. With `formulation="exact"` it is the geometrically exact one of
-    Reissner, J. Appl. Math. Phys. 23 (1972) 795, and Simo, Comput. Methods Appl. Mech. Eng. 49
-    (1985) 55.
+    063006, doi:10.1063/2.1206306. With `formulation="exact"` it is the geometrically exact
+    formulation of Reissner, J. Appl. Math. Phys. 23 (1972) 795, and Simo, Comput. Methods Appl.
+    Mech. Eng. 49 (1985) 55.
 
     Parameters
     ----------
     name
         Unique name.
     curve
-        Reference curve of the axis by arc length (Line, Arc, Parabola, Curve, Segment).
+        Reference curve of the axis (Line, Arc, Parabola, Curve, Segment).
     section
         Cross-section. For a section that varies along the beam, a function of arc length s [m] that
         returns a `Section`, evaluated at the quadrature points, or a `taper`.
@@ -101,43 +102,43 @@ class Beam(Part):
         - "green" (default): Green's quadratic terms ((u' - v/R)^2 + (v' + u/R)^2)/2 in the axial
           strain.
         - "nonlinear": the paper's quadratic terms (eq. 5), (u'^2 + v'^2)/2 without the curvature.
-          On straight beams the same as "green".
+          Equivalent to "green" for straight beams.
         - "linear": no quadratic terms.
         - "exact": Reissner's strains, valid for any rotation relative to the frame.
     elements_shape
-        "curved" (default, the paper's) or "straight": the polygon through the curve.
+        "curved" (default, as in the paper) or "straight" (polygon through the curve).
     continuity
         Displacements that neighboring elements of the floating frame share at their common node, in
         addition to the section rotation: "cartesian" (default), the displacement vector, or
-        "local", its components along and across the axis (the paper's, curved elements only). With
-        "local", the small angle at which the axes of the elements meet is neglected, which limits
-        convergence to order 2 instead of 4 and more (measured, see validation/).
+        "local", its components along and across the axis (as in the paper, curved elements only).
+        With "local", the small angle at which the axes of the elements meet is neglected, which
+        limits convergence to order 2 instead of 4 and more (measured, see validation/).
     nodes
-        Nodes of an element: 4 (default, cubic, the paper's), 3 or 2 (linear, always straight).
+        Nodes per element: 4 (default, cubic, as in the paper), 3 or 2 (linear, always straight).
     quadrature
         Gauss points of the stiffness terms: "reduced" (default), nodes - 1, or "full", nodes.
         Reduced quadrature needs about half as many elements for the same error (measured, see
         validation/). With full quadrature, 2-node elements and curved 3-node elements lock.
     frame
         Position of the floating frame: "chord", from end to end (default unless the ends are closer
-        than a tenth of the length), or "tangent", on the start section (the paper's; default for
-        rings). The strains hold for moderate rotations relative to the frame. In a chord frame a
-        beam bends several times as far for the same error (measured, see validation/; with
-        "nonlinear" strains and a curve that turns by more than a right angle, the tangent frame
-        does), and integrators need up to half as many steps. `Solution.validity` reports the
-        rotations of a run. If they are too large, use `welded_beams` or strain="exact". An exact
-        beam has no floating frame; there, `frame` is the reference frame of `deformation`.
+        than a tenth of the length), or "tangent", on the start section (as in the paper; default
+        for rings). The strains hold for moderate rotations relative to the frame. In a chord frame,
+        a beam can bend several times as far for the same error, and integrators need as few as half
+        the steps (measured, see validation/). With "nonlinear" strains and a curve whose tangent
+        rotates by more than 90 degrees, the tangent frame is more accurate. `Solution.validity`
+        reports the rotations of a run. If they are too large, use `welded_beams` or strain="exact".
+        An exact beam has no floating frame: `frame` is then the reference frame of `deformation`.
     velocity, angular_velocity
-        Initial velocity of the floating frame [m/s] and its angular velocity [rad/s]; made
-        consistent with the joints.
+        Initial velocity [m/s] and angular velocity [rad/s] of the floating frame; made consistent
+        with the joints.
     kinematics
-        Custom kinematics in place of those of `formulation`: a function of (name, mesh, section)
-        that returns a `Kinematics`, such as a subclass of it.
+        Custom kinematics in place of `formulation`: a function of (name, mesh, section) that
+        returns a `Kinematics`, such as a subclass of `Kinematics`.
     free_curve
-        Stress-free shape of a beam that is bent in the drawing: it starts under the moment
-        M = EI (1/R_free - 1/R). The position of this curve is irrelevant. Its length may differ by
-        1 %, which gives an initial axial strain. Strains, section forces and the strain energy are
-        measured from the stress-free shape.
+        Stress-free shape of a beam that is bent in the reference configuration, where it carries
+        the moment M = EI (1/R_free - 1/R). The position of this curve is irrelevant. Its length may
+        differ by up to 1 %, which causes an initial axial strain. Strains, section forces and the
+        strain energy are measured from the stress-free shape.
     formulation
         - "floating frame" (default): small strains and moderate rotations relative to a frame that
           moves with the beam.
@@ -222,7 +223,7 @@ class Beam(Part):
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Errors of the elements relative to the curve, and of the curve relative to its points."""
+        """Geometric errors of the elements and of the curve, by name."""
         return {
             "largest relative error of arc length": self.mesh.length_error,
             "largest error of curvature times length": self.kinematics.curvature_error,
@@ -237,7 +238,7 @@ class Beam(Part):
 
     @property
     def initial_position(self) -> Array:
-        """Coordinates in the reference drawing, shape (n,)."""
+        """Coordinates in the reference configuration, shape (n,)."""
         return self.kinematics.initial_position
 
     @property
@@ -251,7 +252,7 @@ class Beam(Part):
         return self.curve.point(np.linspace(0.0, self.length, _OUTLINE_POINTS))
 
     def forces(self, gravity: Array) -> list[ForceStatement]:
-        """Return inertia, elasticity, material damping and weight under `gravity` (2,)."""
+        """Return the inertia, elasticity, material damping and weight under `gravity` (2,)."""
         kernel, piece = self.kinematics.element.kernel(), Piece(self, self.kinematics.operator)
         return [ForceStatement(self.name, kernel, (piece,), self.kinematics.data(gravity))]
 
@@ -284,7 +285,7 @@ class Beam(Part):
 
     @property
     def floating_frame(self) -> Attachment:
-        """Floating frame, to be observed."""
+        """Floating frame as an attachment that can be observed."""
         return self._create_attachment(self.kinematics.floating_frame)
 
     def _create_attachment(self, point: MaterialPoint, s: float | None = None) -> Attachment:
@@ -302,15 +303,15 @@ class Beam(Part):
         return s
 
     def deformation(self, s: float, axes: str = "inertial") -> Quantity:
-        """Return the displacement of the axis relative to the undeformed beam in its frame.
+        """Return the displacement of the axis relative to the undeformed beam in the beam's frame.
 
         Parameters
         ----------
         s
             Arc length [m].
         axes
-            Axes of the components: "inertial", those of the floating frame ("frame") or of the
-            local tangent frame at `s` ("local").
+            Axes of the components: "inertial", "frame" (the floating frame) or "local" (the tangent
+            frame at `s`).
 
         Returns
         -------
@@ -343,7 +344,7 @@ class Beam(Part):
     def stress(self, s: float, offset: float | str) -> Quantity:
         """Return the longitudinal stress E eps11 [Pa] of a fiber, including material damping.
 
-        Parameters as in `strain`.
+        For the parameters, see `strain`.
         """
         x = self._section_at(s)
         numbers = (x.fiber_offset(self.name, offset), x.material.E, x.damping)
@@ -386,7 +387,7 @@ def _create_kinematics(
     section: Any,
     settings: Mapping[str, Any],
 ) -> Kinematics:
-    """Return the kinematics of a formulation, or the custom one that `make` returns.
+    """Return the kinematics of a formulation, or the custom kinematics that `make` returns.
 
     Raises
     ------
@@ -398,8 +399,8 @@ def _create_kinematics(
         unused = [*settings, *(["formulation"] if formulation != _DEFAULT_FORMULATION else [])]
         if unused:
             raise BeamdaeError(
-                f"{part}: {' and '.join(unused)} belong to beamdae's formulations; leave them out "
-                "with a custom kinematics."
+                f"{part}: {' and '.join(unused)} must be omitted with a custom "
+                "kinematics; these settings apply to the formulations of beamdae."
             )
         return create_custom_kinematics(part, make, mesh, section)
     kinematics = _KINEMATICS_BY_FORMULATION[formulation]
@@ -407,8 +408,9 @@ def _create_kinematics(
     unsupported = [name for name in settings if name not in supported]
     if unsupported:
         raise BeamdaeError(
-            f"{part}: {' and '.join(unsupported)} belong to "
-            f"formulation={_DEFAULT_FORMULATION!r}; leave them out with {formulation!r}."
+            f"{part}: {' and '.join(unsupported)} must be omitted with "
+            f"formulation={formulation!r}; only formulation={_DEFAULT_FORMULATION!r} "
+            "supports these settings."
         )
     return kinematics(part, mesh, section, **settings)
 
@@ -440,17 +442,19 @@ def _warn_about_curvature(part: str, mesh: Mesh, section: Section | VaryingSecti
     if turn_per_element > max_turn:
         sufficient = int(np.ceil(mesh.elements * turn_per_element / max_turn))
         message = (
-            f"{part}: its curve turns by {turn_per_element:.2g} rad within an element, more than "
-            f"the {max_turn:g} rad at which deflections have an error of 1 %; take "
-            f"elements={sufficient} or more."
+            f"{part}: the curve turns by {turn_per_element:.2g} rad within an element, "
+            f"and deflections have an error of more than 1 % above {max_turn:g} rad; "
+            f"use elements={sufficient} or more."
         )
         warnings.warn(message, BeamdaeWarning, stacklevel=3)
     for ratio in height_ratios:
         if ratio > _MAX_CURVATURE_TIMES_HEIGHT:
             message = (
-                f"{part}: its section is {ratio:.2g} times as high as the radius of its curve; the "
-                f"bending stiffness of a beam is off by {_WINKLER_BACH_STIFFNESS * ratio**2:.1%} "
-                f"and the stress at the inner surface by {ratio / _WINKLER_BACH_STRESS:.0%}."
+                f"{part}: the section height is {ratio:.2g} times the radius of "
+                "curvature, so beam theory has an error of "
+                f"{_WINKLER_BACH_STIFFNESS * ratio**2:.1%} in the bending stiffness "
+                f"and {ratio / _WINKLER_BACH_STRESS:.0%} in the stress at the inner "
+                "surface."
             )
             warnings.warn(message, BeamdaeWarning, stacklevel=3)
 
@@ -461,9 +465,10 @@ def _require_valid_slenderness(part: str, section: Section | VaryingSection, len
         gyration = float(np.sqrt(x.second_moment / x.area))
         if not _MIN_GYRATION_RATIO <= gyration / length <= _MAX_GYRATION_RATIO:
             raise BeamdaeError(
-                f"{part}: second_moment {x.second_moment:g} m^4 and area {x.area:g} m^2 give a "
-                f"radius of gyration of {gyration:.3g} m; it must be {_MIN_GYRATION_RATIO:g} to "
-                f"{_MAX_GYRATION_RATIO:g} times the length of {length:g} m."
+                f"{part}: second_moment {x.second_moment:g} m^4 and area {x.area:g} "
+                f"m^2 give a radius of gyration of {gyration:.3g} m; this radius must "
+                f"be {_MIN_GYRATION_RATIO:g} to {_MAX_GYRATION_RATIO:g} times the "
+                f"length of {length:g} m."
             )
 
 
@@ -473,5 +478,5 @@ def _require_mesh_memory(part: str, mesh: Mesh) -> None:
     needed_bytes, available = bytes_per_element * mesh.elements, available_memory()
     if needed_bytes <= available:
         return
-    remedy = f"take at most elements={int(available / bytes_per_element)}"
-    require_memory(part, f"a run of elements={mesh.elements}", needed_bytes, remedy)
+    remedy = f"use at most elements={int(available / bytes_per_element)}"
+    require_memory(part, f"a run with elements={mesh.elements}", needed_bytes, remedy)

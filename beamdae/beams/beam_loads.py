@@ -38,13 +38,13 @@ from beamdae.symbolic.formula import (
 )
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local
 
-# Longest time that a moving force may take to pass the beam [s], so that times of laws are finite.
+# Maximum time that a moving force may take to pass the beam [s]; keeps the times of laws finite.
 _MAX_PASSAGE_TIME = 1e30
 
 
 @dataclass(frozen=True)
 class _LineLoad:
-    """Load per length on a section, by laws of time, in the axes `axes`.
+    """Load per length on a section, given by laws of time in the axes `axes`.
 
     Numbers: quadrature weight, inclination of the section, arc length.
     """
@@ -67,7 +67,7 @@ class _LineLoad:
 
 @dataclass(frozen=True)
 class _FormulaLineLoad(_LineLoad):
-    """Load per length on a section by a user's function of (s, x, y, t)."""
+    """Load per length on a section, given by a user function of (s, x, y, t)."""
 
     part: str
     law: Callable[..., Any]
@@ -87,7 +87,7 @@ def _evaluate_law(part: str, law: Callable[..., Any], *arguments: SX) -> SX:
 
 @dataclass(frozen=True, eq=False)
 class DistributedForce(Part):
-    """Force per arc length of the undeformed axis [N/m], along a whole beam.
+    """Distributed force along a whole beam, per arc length of the undeformed axis [N/m].
 
     Parameters
     ----------
@@ -97,11 +97,11 @@ class DistributedForce(Part):
         The beam.
     law
         Components of the load [N/m]: a pair of laws of time (numbers, functions of t or `Law`s), or
-        one formula `law(s, x, y, t)` that returns such a pair, where s [m] is the arc length,
+        a formula `law(s, x, y, t)` that returns the two components, where s [m] is the arc length,
         (x, y) [m] the position of the deformed axis in the inertial frame and t [s] the time.
     axes
         "inertial" (default) for a dead load, or "section" for a follower load with components
-        along the section's direction and its left normal: a pressure p from the right is (0, p).
+        along the axis and its left normal: a pressure p from the right is (0, p).
 
     Raises
     ------
@@ -145,11 +145,11 @@ class DistributedForce(Part):
 
     @property
     def load_distribution(self) -> str:
-        """A force per length."""
+        """Distribution "line": the load is a force per length."""
         return "line"
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return the load at the quadrature points of the inertia terms."""
+        """Return the loads at the quadrature points of the inertia terms."""
         mesh = self.beam.mesh
         kind = (
             _FormulaLineLoad(self.axes, self.name, self.law)
@@ -180,14 +180,14 @@ class DistributedForce(Part):
     ) -> tuple[ForceKernel, np.ndarray]:
         """Return the kernel and data of one point.
 
-        Points under a user's formula share a kernel within this part only, in `kernels`.
+        With a user formula, the points share kernels only within this part, through `kernels`.
         """
         expression, numbers = FormulaExpression.of(kind, functions)
         if expression.is_shareable and not callable(self.law):
             return build_formula_kernel(kind, functions, size)
         if expression not in kernels:
-            # Without a formula of the kinematics each point has its own kernel; equal ones are
-            # found by comparison.
+            # Without a `Formula` for the kinematics, each point has a separate kernel; equal
+            # kernels are identified by comparison.
             reused = isinstance(functions[0], Formula)
             kernels[expression] = replace(expression(Local(size, len(numbers))), reused=reused)
         return kernels[expression], numbers[:, None]
@@ -195,10 +195,11 @@ class DistributedForce(Part):
 
 @dataclass(frozen=True)
 class _NodalForce:
-    """Force on one node of an element while a force passes at the local coordinate a + b t.
+    """Nodal force of an element while a moving force is at the local coordinate a + b t.
 
-    It follows the Lagrange polynomial of the node. Numbers: the force over the product of the
-    node's distances from the other nodes, a, b, and the local coordinates of the other nodes.
+    The force is distributed by the Lagrange polynomial of the node. Numbers: the force divided by
+    the product of the distances from the node to the other nodes, a, b, and the local coordinates
+    of the other nodes.
     """
 
     nodes: int
@@ -219,9 +220,9 @@ def _zero_force(t: Any, numbers: Any) -> Any:
 class MovingForce(Part):
     """Constant force in the inertial frame that moves along a beam at constant speed.
 
-    At time t it acts at the arc length start + speed t, and vanishes beyond the ends of the beam.
-    The shape functions of the element distribute it to the nodes. Integrators stop and restart
-    where it passes from one element to the next.
+    At time t, the force acts at the arc length start + speed * t; beyond the ends of the beam, it
+    is zero. The shape functions of the element distribute it to the nodes. Integrators stop and
+    restart when it passes from one element to the next.
 
     Parameters
     ----------
@@ -230,9 +231,9 @@ class MovingForce(Part):
     beam
         The beam.
     force
-        (Fx, Fy) [N].
+        Components (Fx, Fy) in the inertial frame [N].
     speed
-        Rate of the arc length [m/s]; negative from the end to the start, not zero.
+        Rate of the arc length [m/s], not zero; negative for motion from the end to the start.
     start
         Arc length at t = 0 [m]; may lie beyond the ends of the beam.
 
@@ -267,11 +268,14 @@ class MovingForce(Part):
             start=require_finite(self.name, "start", self.start),
         )
         if self.speed == 0.0:
-            raise BeamdaeError(f"{self.name}: speed must not be zero; use a Force on beam.at(s).")
+            raise BeamdaeError(
+                f"{self.name}: speed must not be zero; for a load at rest, use a Force on "
+                "beam.at(s)."
+            )
         if (abs(self.start) + self.beam.length) / abs(self.speed) > _MAX_PASSAGE_TIME:
             raise BeamdaeError(
-                f"{self.name}: speed must pass the beam within {_MAX_PASSAGE_TIME:g} s, "
-                f"got {self.speed:g}."
+                f"{self.name}: at speed = {self.speed:g} m/s the load needs more than "
+                f"{_MAX_PASSAGE_TIME:g} s to pass the beam; increase speed."
             )
 
     @cached_property
@@ -287,7 +291,7 @@ class MovingForce(Part):
         return laws
 
     def _nodal_law(self, node: int, elements: list[int], force: float) -> Law:
-        """Return the law of one force component on a node of these elements."""
+        """Return the law of one force component on a node that belongs to `elements`."""
         mesh = self.beam.mesh
         length = self.beam.length / mesh.elements
         xi = np.linspace(-1.0, 1.0, mesh.nodes)
@@ -307,7 +311,7 @@ class MovingForce(Part):
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """One law that stops integrators where the force passes from one element to the next."""
+        """One law that stops integrators when the force passes from one element to the next."""
         mesh = self.beam.mesh
         bounds = np.linspace(0.0, self.beam.length, mesh.elements + 1)
         times = np.sort((bounds - self.start) / self.speed)
@@ -317,7 +321,7 @@ class MovingForce(Part):
 
     @property
     def load_distribution(self) -> str:
-        """Shares of one force between the nodes."""
+        """Distribution "shares": the nodes share one force."""
         return "shares"
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:

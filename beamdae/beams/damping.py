@@ -24,15 +24,15 @@ class RayleighDamping(Part):
 
     The mass term acts on velocities in the inertial frame, -mass rho A r' per length and
     -mass rho I (theta' + phi') on the sections. It damps the rigid motion of the beam as well, like
-    a fluid of constant viscosity. A vibration about a frame at rest decays with exp(-mass t / 2).
+    a viscous fluid. Vibrations about a frame at rest decay in proportion to exp(-mass t / 2).
     The stiffness term acts on the rates of the nodal coordinates; K is the constant stiffness of
-    the undeformed beam (linear strains). A mode of angular frequency w gets the damping ratio
-    stiffness w / 2.
+    the undeformed beam (linear strains). A mode of angular frequency w has the damping ratio
+    stiffness * w / 2.
 
     For amplitudes that are small compared to the radius of gyration of the section, the stiffness
-    term is equivalent to `Section.damping` (Kelvin-Voigt). For thin beams that bend further use
-    `Section.damping`: K counts the shortening of a bent beam as axial strain, and this damping
-    grows with the square of the amplitude.
+    term is equivalent to `Section.damping` (Kelvin-Voigt). For larger amplitudes of thin beams, use
+    `Section.damping`: K treats the shortening of a bent beam as axial strain, so this damping
+    increases with the square of the amplitude.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ class AirDrag(Part):
 def _damping_statement(
     part: str, beam: Beam, kernel: ForceKernel, coefficients: list[float]
 ) -> ForceStatement:
-    """Return one copy of the kernel per element: its data are followed by the coefficients."""
+    """Return one copy of the kernel per element; the coefficients follow the element data."""
     elements = beam.kinematics.data(np.zeros(2))
     repeated = np.repeat(np.array(coefficients)[:, None], elements.shape[1], axis=1)
     piece = Piece(beam, beam.kinematics.operator)

@@ -1,7 +1,7 @@
 """Numerical data of beam elements: quadrature points, section properties and gravity.
 
-Element kernels contain no numbers. Each element passes one column of `data`: the values of its
-inertia points, those of its stiffness points, the section properties that all points share
+Element kernels contain no numbers. Each element passes one column of `data`: the values at its
+inertia points, the values at its stiffness points, the section properties that all points share
 (constant sections only), and gravity.
 """
 
@@ -23,7 +23,7 @@ from beamdae.symbolic.statements import SX
 
 Array = np.ndarray
 
-# Properties of a constant section in `ElementData.section`, and where each group of them is.
+# Properties of a constant section in `ElementData.section`, and the slice of each group.
 SECTION_VALUES = ("EA", "GA", "EI", "rhoA", "rhoI", "damping")
 _STIFFNESSES = slice(SECTION_VALUES.index("EA"), SECTION_VALUES.index("EI") + 1)
 _INERTIAS = slice(SECTION_VALUES.index("rhoA"), SECTION_VALUES.index("rhoI") + 1)
@@ -45,9 +45,9 @@ class ElementDataLayout:
     mass_points, stiffness_points
         Numbers of inertia points and of stiffness points.
     mass_point, stiffness_point
-        Names of the values that the formulation needs at each point, the weight first.
+        Names of the values that the formulation needs at each point, beginning with the weight.
     varying
-        True if the section varies, so that each point carries section properties.
+        True if the section varies, so that section properties are stored at each point.
     """
 
     mass_points: int
@@ -68,7 +68,7 @@ class ElementDataLayout:
 
     @property
     def size(self) -> int:
-        """Number of values of one element, gravity included."""
+        """Number of values of one element, including gravity."""
         section = 0 if self.varying else len(SECTION_VALUES)
         return self._mass_size + self._stiffness_size + section + _GRAVITY_SIZE
 
@@ -99,7 +99,7 @@ class ElementData:
     Attributes
     ----------
     varying
-        True if each point carries its own section properties.
+        True if the section properties are stored at each point.
     mass, stiffness
         Values of the inertia points and of the stiffness points, one column per point.
     section
@@ -146,8 +146,8 @@ def assemble_point_data(
 ) -> Array:
     """Return the values of all quadrature points, one column per element.
 
-    `mass` and `stiffness` hold one array for each value of `layout.mass_point` and
-    `layout.stiffness_point`, at the points of one element after the other.
+    `mass` and `stiffness` contain one array for each value of `layout.mass_point` and
+    `layout.stiffness_point`, at the points of all elements in order.
     """
     s = mesh.gauss_arc_lengths(layout.mass_points)
     mass = [*mass, *_sample_varying_section(section, s, INERTIA_VALUES)]
@@ -160,7 +160,7 @@ def assemble_point_data(
 def assemble_element_data(
     points: Array, section: Section | VaryingSection, gravity: Array
 ) -> Array:
-    """Return all data of the elements, one column each: points, constant section, gravity."""
+    """Return the data of each element as a column: points, constant section, gravity."""
     constant = attrgetter(*SECTION_VALUES)(section) if isinstance(section, Section) else ()
     values = np.array([*constant, *gravity])
     return np.concatenate([points, np.repeat(values[:, None], points.shape[1], axis=1)])
@@ -169,17 +169,17 @@ def assemble_element_data(
 def _sample_varying_section(
     section: Section | VaryingSection, s: Array, names: tuple[str, ...]
 ) -> list[Array]:
-    """Return one array for each property in `names`; none if the section is constant."""
+    """Return one array for each property in `names`, or an empty list for a constant section."""
     if isinstance(section, Section):
         return []
     return list(np.array([attrgetter(*names)(section.at(x)) for x in s.tolist()]).T)
 
 
 def compute_prestrains(curve: PlaneCurve, free: PlaneCurve | None, s: Array) -> list[Array]:
-    """Return the axial strain and kappa11 of the reference drawing at arc lengths `s` [m].
+    """Return the axial strain and kappa11 of the reference configuration at arc lengths `s` [m].
 
-    Strains count from the stress-free shape `free`; the list is empty without one. Cross-sections
-    are normal to the axis in both shapes.
+    Strains are relative to the stress-free shape `free`; the list is empty if `free` is None.
+    Cross-sections are normal to the axis in both shapes.
     """
     if free is None:
         return []
@@ -195,6 +195,7 @@ def require_free_curve(part: str, free: Any, curve: PlaneCurve) -> None:
     free = require_curve(f"{part}, free_curve", free)
     if not abs(curve.length - free.length) <= _MAX_INITIAL_STRAIN * free.length:
         raise BeamdaeError(
-            f"{part}: free_curve is {free.length:.6g} m long; its length must be within "
-            f"{_MAX_INITIAL_STRAIN:.0%} of the curve's {curve.length:.6g} m."
+            f"{part}: the length of free_curve must be within "
+            f"{_MAX_INITIAL_STRAIN:.0%} of the length of the curve, {curve.length:.6g} "
+            f"m, got {free.length:.6g} m."
         )

@@ -1,8 +1,8 @@
-"""Protocols of beam kinematics and elements, and the common part of both formulations.
+"""Base classes of beam kinematics and elements, and code shared by both formulations.
 
-A kinematics expresses the motion of a beam's points by its coordinates: in a floating frame
-(`floating_frame`), in the inertial frame (`exact`), or otherwise. Beams, damping, loads,
-observables and drawings use this interface only.
+A subclass of `Kinematics` expresses the motion of the points of a beam by coordinates: in a
+floating frame (`floating_frame`), in the inertial frame (`exact`), or otherwise. Beams, damping,
+loads, observables and drawings use only this interface.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ from beamdae.symbolic.statements import SX, ForceKernel, Local, RangeKernel, Var
 
 Array = np.ndarray
 
-# Shape functions below this are rounding errors of zero.
+# Smaller absolute values of shape functions are rounding errors of zero.
 _MIN_SHAPE_FUNCTION = 1e-12
 
 
 class InertiaPoint(NamedTuple):
-    """A quadrature point of the inertia terms.
+    """Quadrature point of the inertia terms.
 
     Attributes
     ----------
     weight
         Length of axis that the point represents [m].
     density
-        (rhoA, rhoA, rhoI), the inertias of the two velocities and the angular velocity.
+        (rhoA, rhoA, rhoI), the inertias for the two velocities and the angular velocity.
     velocity
-        Velocity of the axis (2,) [m/s], in any orthogonal axes.
+        Velocity of the axis (2,) [m/s], resolved in any orthogonal axes.
     angular_velocity
         Angular velocity of the section [rad/s].
     rotation
@@ -61,7 +61,7 @@ class InertiaPoint(NamedTuple):
 
 
 class StrainRatePoint(NamedTuple):
-    """A quadrature point of the stiffness terms.
+    """Quadrature point of the stiffness terms.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class StrainRatePoint(NamedTuple):
 
 
 class Element(ABC):
-    """One element type in symbols; hashable, and all its numbers are inputs (`local.data`)."""
+    """Symbolic element type; hashable, with all numbers as inputs (`local.data`)."""
 
     @property
     @abstractmethod
@@ -96,33 +96,33 @@ class Element(ABC):
     def kernel(self) -> ForceKernel:
         """Return the virtual work of inertia, elasticity, material damping and weight.
 
-        Must return the same object at every call: elements of several beams that share it are
-        evaluated in one map.
+        Every call must return the same object: elements of all beams that share a kernel are
+        evaluated together.
         """
 
     @abstractmethod
     def inertia_points(self, local: Local) -> list[InertiaPoint]:
-        """Return the motion of the inertia points; `local.data` may end with further values."""
+        """Return the motion of the inertia points; `local.data` may end with additional values."""
 
     @abstractmethod
     def strain_rate_points(self, local: Local) -> list[StrainRatePoint]:
-        """Return the strain rates at the stiffness points; `local.data` as in inertia_points."""
+        """Return the strain rates at the stiffness points; `local.data` as in `inertia_points`."""
 
 
 class MaterialPoint(NamedTuple):
-    """A section of the beam.
+    """Section of a beam.
 
     Attributes
     ----------
     reference_position
-        Position (x, y) in the reference drawing [m].
+        Position (x, y) in the reference configuration [m].
     inclination
-        Angle of the section in the reference drawing [rad].
+        Angle of the section in the reference configuration [rad].
     operator
-        Sparse matrix that selects the local coordinates from those of the beam.
+        Sparse matrix that selects the local coordinates from the beam coordinates.
     motion
-        Maps local coordinates to (position in the inertial frame, rotation since the reference
-        drawing): a `Formula` or any function.
+        Function (a `Formula` or any callable) of the local coordinates that returns (position in
+        the inertial frame, rotation from the reference configuration).
     """
 
     reference_position: tuple[float, float]
@@ -137,9 +137,9 @@ class PointValues(NamedTuple):
     Attributes
     ----------
     operator
-        Sparse matrix that selects the local coordinates from those of the beam.
+        Sparse matrix that selects the local coordinates from the beam coordinates.
     values
-        Maps local coordinates to the values: a `Formula` or any function.
+        Function (a `Formula` or any callable) of the local coordinates that returns the values.
     """
 
     operator: sp.csr_array
@@ -156,10 +156,10 @@ class StrainValidity(NamedTuple):
     data
         Data of the kernel, one column per element.
     error
-        Coefficients (a, b) of the relative error a r + b r^2 at rotations of r [rad]; None for
+        Coefficients (a, b) of the relative error a r + b r^2 at a rotation r [rad]; None for
         exact strains.
     remedies
-        Settings that extend the range.
+        Settings that extend the valid range.
     """
 
     kernel: RangeKernel
@@ -169,10 +169,10 @@ class StrainValidity(NamedTuple):
 
 
 class Kinematics(ABC):
-    """Maps the coordinates of one beam to the motion and the strains of its points.
+    """Mapping from the coordinates of a beam to the motion and strains of its points.
 
-    The beam creates it as `kinematics(name, mesh, section, **settings)` with `mesh` in the axes of
-    the drawing. `section.at(s)` is the section at arc length s, for constant and varying sections.
+    A beam creates an instance by `kinematics(name, mesh, section, **settings)` with `mesh` in
+    inertial axes. `section.at(s)` returns the section at arc length s, also if it is constant.
     """
 
     name: str
@@ -191,19 +191,19 @@ class Kinematics(ABC):
     @property
     @abstractmethod
     def initial_position(self) -> Array:
-        """Coordinates in the reference drawing, shape (n,)."""
+        """Coordinates in the reference configuration, shape (n,)."""
 
     @abstractmethod
     def initial_velocity(self, velocity: tuple[float, float], angular_velocity: float) -> Array:
-        """Return the coordinates' rates (n,) of a rigid motion.
+        """Return the rates of the coordinates (n,) for a rigid motion.
 
-        `velocity` [m/s] is that of the start point, `angular_velocity` [rad/s] that of the beam.
+        `velocity` [m/s] refers to the start point, `angular_velocity` [rad/s] to the whole beam.
         """
 
     @property
     @abstractmethod
     def operator(self) -> sp.csr_array:
-        """Maps the beam's coordinates to those of all elements, shape (elements * size, n)."""
+        """Matrix that maps beam coordinates to element coordinates, (elements * size, n)."""
 
     @abstractmethod
     def data(self, gravity: Array) -> Array:
@@ -216,7 +216,7 @@ class Kinematics(ABC):
     def axis_point(self, s: float) -> MaterialPoint:
         """Return the section at arc length s [m], on the axis of its element.
 
-        Elements interpolate the curve. Inertia is integrated along their axes, while
+        Elements interpolate the curve. Inertia is integrated along the interpolated axes, while
         `material_point` lies on the curve.
         """
         return self.material_point(s)
@@ -227,47 +227,48 @@ class Kinematics(ABC):
 
     @property
     def curvature_error(self) -> float:
-        """Largest error of the elements' curvature, times the length of the beam."""
+        """Largest error of the element curvature, times the length of the beam."""
         return 0.0
 
     @property
     def strain_validity(self) -> StrainValidity | None:
         """Validity of the small-strain assumption; None if the strains hold for any deformation.
 
-        The kernel takes the coordinates of an element.
+        The kernel is a function of the element coordinates.
         """
         return None
 
     @property
     def floating_frame(self) -> MaterialPoint:
-        """The floating frame.
+        """Floating frame of the beam.
 
         Raises
         ------
         BeamdaeError
-            If the kinematics has none.
+            If the formulation has no floating frame.
         """
         raise self._missing_frame_error()
 
     def deformation(self, s: float, axes: str) -> PointValues:
-        """Return (u, v, phi) at arc length s [m] relative to the undeformed beam in its frame.
+        """Return (u, v, phi) at arc length s [m] relative to the undeformed beam in the frame.
 
-        `axes` of the components: "inertial", "frame" or "local" (the tangent frame at s).
+        `axes` selects the axes of the components: "inertial", "frame" or "local" (tangent frame).
         """
         raise self._missing_frame_error()
 
     def _missing_frame_error(self) -> BeamdaeError:
         return BeamdaeError(
-            f"{self.name}: {type(self).__name__} has no floating frame to measure a deformation "
-            "from; use bd.relative_displacement to measure it from another section."
+            f"{self.name}: {type(self).__name__} has no floating frame as a reference "
+            "for deformations; use bd.relative_displacement between two sections "
+            "instead."
         )
 
 
 @dataclass(frozen=True, eq=False)
 class FormulationKinematics(Kinematics):
-    """Settings, element data and material points that both of beamdae's formulations share.
+    """Settings, element data and material points shared by both built-in formulations.
 
-    The settings are documented at `Beam`.
+    `Beam` documents the settings.
     """
 
     name: str
@@ -289,7 +290,7 @@ class FormulationKinematics(Kinematics):
 
     @cached_property
     def frame_angle(self) -> float:
-        """Angle of the reference frame in the drawing [rad]."""
+        """Angle of the reference frame in the reference configuration [rad]."""
         return compute_frame_angle(self.name, self.mesh.curve, str(self.frame))
 
     @property
@@ -307,8 +308,8 @@ class FormulationKinematics(Kinematics):
         return assemble_element_data(self._point_data, self.section, gravity)
 
     def material_point(self, s: float) -> MaterialPoint:
-        """Return the section at arc length s [m], in the coordinates of the nodes it depends on."""
-        # Every joint, observable and drawing requests the ends.
+        """Return the section at arc length s [m] as a function of nodal coordinates."""
+        # Cached because joints, observables and drawings request the same sections.
         if s not in self._material_points:
             self._material_points[s] = self._create_section(s, on_axis=False)
         return self._material_points[s]
@@ -319,7 +320,7 @@ class FormulationKinematics(Kinematics):
 
     @abstractmethod
     def _create_section(self, s: float, on_axis: bool) -> MaterialPoint:
-        """Return the section on the interpolated axis, or on the reference curve."""
+        """Return the section on the interpolated axis (`on_axis`) or on the reference curve."""
 
 
 def nonzero_shape_functions(row: Array) -> Array:
@@ -330,7 +331,7 @@ def nonzero_shape_functions(row: Array) -> Array:
 def create_custom_kinematics(
     name: str, make: Callable[[str, Mesh, Any], Kinematics], mesh: Mesh, section: Any
 ) -> Kinematics:
-    """Return the kinematics that the user's function creates for the beam.
+    """Return the kinematics that a user function creates for the beam.
 
     Raises
     ------
@@ -345,7 +346,9 @@ def create_custom_kinematics(
     except BeamdaeError:
         raise
     except Exception as problem:
-        raise BeamdaeError(f"{requirement}; it failed, {format_exception(problem)}.") from problem
+        raise BeamdaeError(
+            f"{requirement}, but the call failed: {format_exception(problem)}."
+        ) from problem
     if not isinstance(kinematics, Kinematics):
         raise BeamdaeError(
             f"{requirement} that returns a Kinematics, got {short_repr(kinematics)}."

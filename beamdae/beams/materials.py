@@ -1,4 +1,4 @@
-"""Isotropic linear-elastic materials and a small table of them."""
+"""Isotropic linear-elastic materials, with a table of common ones."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Material:
     rho
         Density [kg/m^3].
     yield_stress
-        Yield stress [Pa], optional; needed by `SectionForces.safety`.
+        Yield stress [Pa]; optional, required by `SectionForces.safety`.
 
     Raises
     ------
@@ -88,8 +88,8 @@ class Material:
         "copper"              115     0.343 8940     ASM Handbook vol. 2, C11000, nu of pure copper
         ===================== ======= ===== ======== ==========================================
 
-        The unit of rho is kg/m^3. Alloys and tempers differ by some percent; create a `Material`
-        for measured values.
+        The unit of rho is kg/m^3. Values differ by a few percent between alloys and tempers; create
+        a `Material` from measured values if available.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Geometry of a beam's mesh: nodes on its curve and the axes of the elements between them."""
+"""Geometry of a beam mesh: nodes on the curve and element axes between the nodes."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
 
-_MIN_POLYGON_LENGTH = 0.5  # length of the polygon through an element's nodes over its arc length
-_LENGTH_GAUSS_POINTS = 8  # per element; resolves the error of the arc length
+_MIN_POLYGON_LENGTH = 0.5  # of the polygon through an element's nodes, relative to the arc length
+_LENGTH_GAUSS_POINTS = 8  # per element; enough to resolve the error of the arc length
 
 
 class AxisPoints(NamedTuple):
@@ -24,13 +24,13 @@ class AxisPoints(NamedTuple):
     Attributes
     ----------
     position
-        Shape (n, 2) [m].
+        Positions (n, 2) [m].
     angle
         Angle of the axis (n,) [rad].
     curvature
         Signed curvature (n,) [1/m].
     ds
-        ds/dxi (n,) [m].
+        Derivative ds/dxi of the arc length (n,) [m].
     """
 
     position: Array
@@ -41,7 +41,7 @@ class AxisPoints(NamedTuple):
 
 @dataclass(frozen=True)
 class Mesh:
-    """`elements` elements of equal arc length on a curve.
+    """Mesh of elements of equal arc length on a curve.
 
     Parameters
     ----------
@@ -50,13 +50,13 @@ class Mesh:
     elements
         Number of elements.
     nodes
-        Nodes of an element, equidistant in arc length.
+        Nodes per element, equidistant in arc length.
     shape
         "curved": each element interpolates the curve through its nodes (eq. 13); "straight":
         each element is the chord between its end nodes.
     origin, angle
-        Axes of the points and angles: a point of the drawing [m] and an inclination [rad]. Default
-        to the axes of the drawing.
+        Origin [m] and inclination [rad] of the axes to which points and angles refer. Default to
+        the inertial axes.
     """
 
     curve: PlaneCurve
@@ -67,7 +67,7 @@ class Mesh:
     angle: float = 0.0
 
     def in_axes(self, origin: tuple[float, float], angle: float) -> Mesh:
-        """Return the same mesh in other axes."""
+        """Return the mesh in other axes."""
         return replace(self, origin=origin, angle=angle)
 
     @property
@@ -87,7 +87,7 @@ class Mesh:
         return np.linspace(0.0, self.curve.length, self.node_count)
 
     def tangent_angle(self, s: Any) -> Array:
-        """Return the angle of the curve's tangent [rad] at arc lengths s [m]."""
+        """Return the tangent angle of the curve [rad] at arc lengths s [m]."""
         return self.curve.tangent_angle(s) - self.angle
 
     @cached_property
@@ -101,29 +101,29 @@ class Mesh:
         return points
 
     def require_resolved_curve(self, part: str) -> None:
-        """Reject elements whose nodes are much closer together than along the curve.
+        """Reject elements that are much shorter than the part of the curve they represent.
 
         Raises
         ------
         BeamdaeError
-            Naming the `part`, if the polygon through the nodes of an element is less than half as
-            long as the curve.
+            If the polygon through the nodes of an element is less than half as long as the curve.
+            The message names the `part`.
         """
         steps = np.diff(self.node_points, axis=1)
         arc_length = self.curve.length / self.elements
         shortest = float(np.min(np.hypot(steps[..., 0], steps[..., 1]).sum(axis=1)))
         if not shortest >= _MIN_POLYGON_LENGTH * arc_length:
             raise BeamdaeError(
-                f"{part}: elements={self.elements} of {self.nodes} nodes are too few for its "
-                f"curve, nodes {shortest:.3g} m apart stand for {arc_length:.3g} m of it; take "
-                "more elements."
+                f"{part}: elements={self.elements} with {self.nodes} nodes each are "
+                f"too few for the curve, where nodes {shortest:.3g} m apart bound an "
+                f"arc of {arc_length:.3g} m; use more elements."
             )
 
     def axis(self, element: Array, xi: Array) -> AxisPoints:
         """Return points on the interpolated axes (eqs. 2, 13, 14).
 
-        `element` and the local coordinates `xi` are of shape (n,). Angles are continuous along the
-        curve.
+        `element` and the local coordinates `xi` have the shape (n,). Angles are continuous along
+        the curve.
         """
         nodes = self.node_points[element]
         position, d1, d2 = (
@@ -137,9 +137,9 @@ class Mesh:
         return AxisPoints(position, angle, curvature, ds)
 
     def gauss(self, points: int) -> tuple[Array, AxisPoints]:
-        """Return the weights times ds/dxi and the axes at the Gauss points of all elements.
+        """Return the weights times ds/dxi and the axis points at the Gauss points of all elements.
 
-        Arrays are of shape (elements * points, ...), one element after the other.
+        Arrays have the shape (elements * points, ...), ordered by element.
         """
         xi, weights = gauss_points(points)
         element = np.repeat(np.arange(self.elements), points)
@@ -147,7 +147,7 @@ class Mesh:
         return np.tile(weights, self.elements) * axis.ds, axis
 
     def gauss_arc_lengths(self, points: int) -> Array:
-        """Return the arc lengths [m] of the Gauss points, one element after the other."""
+        """Return the arc lengths [m] of the Gauss points of all elements, ordered by element."""
         xi, _ = gauss_points(points)
         element = np.repeat(np.arange(self.elements), points)
         elements_passed = element + 0.5 * (np.tile(xi, self.elements) + 1.0)
@@ -162,14 +162,14 @@ class Mesh:
 
     @cached_property
     def length_error(self) -> float:
-        """Largest relative error of the arc length of an element."""
+        """Largest relative error of the element arc lengths."""
         weighted_ds, _ = self.gauss(_LENGTH_GAUSS_POINTS)
         exact = self.curve.length / self.elements
         lengths = weighted_ds.reshape(self.elements, _LENGTH_GAUSS_POINTS).sum(axis=1)
         return float(np.max(np.abs(lengths - exact)) / exact)
 
     def curvature_error(self, points: int) -> float:
-        """Return the largest error of the curvature at Gauss points, times the curve's length."""
+        """Return the largest curvature error at the Gauss points, times the length of the curve."""
         _, axis = self.gauss(points)
         error = np.abs(axis.curvature - self.curve.curvature(self.gauss_arc_lengths(points)))
         return float(error.max() * self.curve.length)

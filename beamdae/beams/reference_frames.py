@@ -7,9 +7,9 @@ import numpy as np
 from beamdae.curves.plane_curves import PlaneCurve
 from beamdae.errors import BeamdaeError, require_choice
 
-# Distances between the ends of a curve, relative to its length.
-_MIN_DEFAULT_CHORD = 0.1  # below it, "tangent" is the default frame
-_MIN_CHORD = 1e-6  # below it, the chord has no direction
+# Distances between the ends of a curve, relative to the length of the curve.
+_MIN_DEFAULT_CHORD = 0.1  # for smaller distances, "tangent" is the default frame
+_MIN_CHORD = 1e-6  # for smaller distances, the direction of the chord is undefined
 
 
 def chord_vector(curve: PlaneCurve) -> np.ndarray:
@@ -19,7 +19,7 @@ def chord_vector(curve: PlaneCurve) -> np.ndarray:
 
 
 def has_chord(curve: PlaneCurve) -> bool:
-    """Return True if the ends are far enough apart for a chord frame by default."""
+    """Return True if the ends are far enough apart for "chord" to be the default frame."""
     return bool(np.hypot(*chord_vector(curve)) >= _MIN_DEFAULT_CHORD * curve.length)
 
 
@@ -31,13 +31,13 @@ def resolve_frame(part: str, curve: PlaneCurve, frame: str | None) -> str:
 
 
 def compute_frame_angle(part: str, curve: PlaneCurve, frame: str) -> float:
-    """Return the angle of the frame in the reference drawing [rad]."""
+    """Return the angle of the frame in the reference configuration [rad]."""
     if frame == "tangent":
         return float(curve.tangent_angle(0.0))
     chord = chord_vector(curve)
     if np.hypot(*chord) < _MIN_CHORD * curve.length:
         raise BeamdaeError(
-            f"{part}: frame 'chord' needs a curve whose ends lie apart; use frame='tangent' for a "
-            "ring."
+            f"{part}: frame 'chord' requires a curve with separate ends; use "
+            "frame='tangent' for a closed curve."
         )
     return float(np.arctan2(chord[1], chord[0]))

@@ -44,19 +44,20 @@ class Section:
         Kelvin-Voigt retardation time [s]: each section force is stiffness * (strain + damping *
         strain rate).
     mass_per_length, rotary_inertia_per_length
-        rho A [kg/m] and rho I [kg m] if they do not follow from the material, as for stiffened or
-        loaded sections. Default to the values of the material and the shape.
+        rho A [kg/m] and rho I [kg m], for sections with stiffeners or nonstructural mass. Default
+        to the values of the material and the shape.
     height
         Height [m] in the plane of motion, half of it on either side of the axis. Required for
         strains at "top" and "bottom"; the class methods below set it.
     shear_peak
-        Largest shear stress, on the axis, over its mean Q / A; 3/2 for a rectangle. The class
-        methods below set it.
+        Largest shear stress (on the axis) relative to the mean Q / A; 3/2 for a rectangle. The
+        class methods below set it.
 
     Raises
     ------
     BeamdaeError
-        If a value is not positive (`damping`: negative), or a stiffness or inertia not finite.
+        If a value is not positive (or `damping` is negative), or if a stiffness or an inertia is
+        not finite.
 
     Examples
     --------
@@ -128,7 +129,7 @@ class Section:
         """Return a round pipe of outer `diameter` and `wall` thickness [m].
 
         k_G = 6 (1 + nu) (1 + m^2)^2 / ((7 + 6 nu) (1 + m^2)^2 + (20 + 12 nu) m^2) (Cowper 1966)
-        with m the inner diameter over the outer one.
+        with m the ratio of the inner to the outer diameter.
         """
         diameter = require_positive("Section.pipe", "diameter", diameter)
         wall = require_positive("Section.pipe", "wall", wall)
@@ -158,10 +159,10 @@ class Section:
         web: float,
         damping: float = 0.0,
     ) -> Section:
-        """Return an I-profile that bends about its strong axis: its web is in the plane of motion.
+        """Return an I-profile bent about its strong axis, with the web in the plane of motion.
 
-        The profile has no fillets. k_G is Cowper's (1966) for thin walls, which idealizes flanges
-        and web as lines; the flanges are height - flange apart.
+        The profile has no fillets. k_G is taken from Cowper (1966) for thin walls: flanges and web
+        are idealized as lines, with the flanges a distance height - flange apart.
 
         Parameters
         ----------
@@ -200,7 +201,7 @@ class Section:
         )
 
     def at(self, s: float) -> Section:
-        """Return the section itself, at any arc length: the interface of `VaryingSection`."""
+        """Return the section itself for any `s`, for compatibility with `VaryingSection`."""
         return self
 
     def fiber_offset(self, part: str, offset: float | str) -> float:
@@ -213,15 +214,15 @@ class Section:
             require_choice(part, "offset", offset, ("top", "bottom"))
             if self.height is None:
                 raise BeamdaeError(
-                    f"{part}: offset {offset!r} needs the height of the section; set height= of "
-                    "the Section."
+                    f"{part}: offset {offset!r} requires the height of the section; "
+                    "set height= of the Section."
                 )
             return 0.5 * self.height if offset == "top" else -0.5 * self.height
         offset = require_finite(part, "offset", offset)
         if self.height is not None and abs(offset) > 0.5 * self.height * (1.0 + 1e-9):
             raise BeamdaeError(
-                f"{part}: offset must lie within half the height of the section, "
-                f"{0.5 * self.height:g} m, got {offset:g}."
+                f"{part}: offset must lie within half the height of the section "
+                f"({0.5 * self.height:g} m), got {offset:g}."
             )
         return offset
 
@@ -257,13 +258,16 @@ class Section:
 
 def _require_less(part: str, name: str, value: float, what: str, limit: float) -> None:
     if not value < limit:
-        raise BeamdaeError(f"{part}: {name} must be less than {what}, {limit:g} m, got {value:g}.")
+        raise BeamdaeError(f"{part}: {name} must be less than {what} ({limit:g} m), got {value:g}.")
 
 
 def _shear_coefficient_of_thin_i(
     nu: float, width: float, height: float, flange: float, web: float
 ) -> float:
-    """Return k_G of a thin-walled I (Cowper 1966, table 1); `height` from flange to flange."""
+    """Return k_G of a thin-walled I-profile (Cowper 1966, table 1).
+
+    `height` is the distance between the center lines of the flanges.
+    """
     m, n2 = 2.0 * width * flange / (height * web), (width / height) ** 2
     return (
         10.0
@@ -284,19 +288,19 @@ def _shear_coefficient_of_thin_i(
 SectionLaw = Callable[[float], Section]
 
 _SECTION_ATTRIBUTES = {field.name for field in fields(Section)} | {"EA", "GA", "EI", "rhoA", "rhoI"}
-_SECTION_REQUIREMENT = "section must be a Section, or a function of s that gives one"
+_SECTION_REQUIREMENT = "section must be a Section or a function of s that returns a Section"
 
 
 @dataclass(frozen=True, eq=False)
 class VaryingSection:
-    """A section that varies along its beam.
+    """Section that varies along a beam.
 
     Attributes
     ----------
     part
         Name of the beam, for errors.
     law
-        Maps arc length s [m] to the `Section` there.
+        Function of arc length s [m] that returns the `Section` at s.
     """
 
     part: str
@@ -314,30 +318,30 @@ class VaryingSection:
         try:
             section = self.law(float(s))
         except BeamdaeError as problem:
-            raise BeamdaeError(f"{self.part}: at s = {s:g} m, {problem}") from None
+            raise BeamdaeError(f"{self.part}, section at s = {s:g} m: {problem}") from None
         except Exception as problem:
             raise BeamdaeError(
-                f"{requirement}; at s = {s:g} it failed, {format_exception(problem)}."
+                f"{requirement}, but the call failed at s = {s:g} m: {format_exception(problem)}."
             ) from problem
         if not isinstance(section, Section):
-            raise BeamdaeError(f"{requirement}; at s = {s:g} it gave {short_repr(section)}.")
+            raise BeamdaeError(f"{requirement}, got {short_repr(section)} at s = {s:g} m.")
         return section
 
     def __getattr__(self, name: str) -> Any:
         if name in _SECTION_ATTRIBUTES:
             raise BeamdaeError(
-                f"{self.part}: its section varies along the beam; use section.at(s).{name}."
+                f"{self.part}: the section varies along the beam; use section.at(s).{name}."
             )
         raise AttributeError(name)
 
     def law_from(self, start: float) -> SectionLaw:
-        """Return the section law of the rest of the beam, from arc length `start` [m] on."""
+        """Return the section law of the part of the beam that begins at arc length `start` [m]."""
         return lambda s: self.at(start + s)
 
 
 @dataclass(frozen=True)
 class Taper:
-    """A section whose dimensions vary linearly along a beam; created by `taper`."""
+    """Section whose dimensions vary linearly along a beam; created by `taper`."""
 
     shape: Callable[..., Section]
     material: Material
@@ -410,7 +414,7 @@ def _parse_dimension(name: str, value: Any) -> tuple[float, float]:
 
 
 def require_section(part: str, value: Any, length: float) -> Section | VaryingSection:
-    """Return `value` as the section of a beam of that length [m].
+    """Return `value` as the section of a beam with the given length [m].
 
     Raises
     ------

@@ -1,10 +1,10 @@
 """Points that slide along the deformed axis of a beam.
 
-Neighboring elements meet at small angles, but the second derivative of the constraint needs a track
-with two continuous derivatives. The track consists of quintics between the nodes of the beam; their
-slopes and curvatures at the nodes are central differences over five nodes. Two points beyond either
-end are extrapolated by the quartic through the last five nodes, or by the polynomial through all
-nodes if there are fewer.
+The axes of neighboring elements meet at small angles, but the second derivative of the constraint
+requires a track with two continuous derivatives. The track consists of quintics between the nodes
+of the beam; their slopes and curvatures at the nodes are central differences over five nodes. Two
+points beyond each end are extrapolated by the quartic through the last five nodes, or by the
+polynomial through all nodes if there are fewer.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ from beamdae.symbolic.statements import (
 
 Array = np.ndarray
 
-# Points on which one quintic depends.
+# Number of points on which a quintic depends.
 _STENCIL_POINTS = 6
-# Extrapolated points beyond either end.
+# Number of extrapolated points beyond each end.
 _EXTRA_POINTS = 2
-# Nodes from which they are extrapolated.
+# Maximum number of nodes used for the extrapolation.
 _MAX_EXTRAPOLATION_NODES = 5
 
 # Search for the arc length nearest to a point.
 _SEARCH_SAMPLES = 257
 _SEARCH_ITERATIONS = 10
 
-# The constraint has one kernel with all nodes of the beam. Measured: a step with 30 elements takes
-# 35 times as long as with 16, with 60 elements thousands of times.
+# All nodes of the beam are in one constraint kernel. Measured: a step with 30 elements takes 35
+# times as long as with 16 elements, a step with 60 elements thousands of times as long.
 _MAX_ELEMENTS = 32
 
 _SLIDER_OPERATOR = sp.eye_array(1, format="csr")
@@ -83,7 +83,7 @@ def _quintic_coefficients() -> Array:
 
 @cache
 def _extension_matrix(count: int) -> Array:
-    """Return the map from `count` points to these and two more at either end."""
+    """Return the matrix that extends `count` points by two points at each end."""
     last = min(count, _MAX_EXTRAPOLATION_NODES)
     nodes = np.arange(last)
     matrix = np.zeros((count + 2 * _EXTRA_POINTS, count))
@@ -99,7 +99,7 @@ def _extension_matrix(count: int) -> Array:
 
 
 def _point_weights(x: SX) -> list[SX]:
-    """Return the weights of six points at x from 0 to 1 between the middle two.
+    """Return the weights of six points at x, which is 0 to 1 between the middle two points.
 
     Outside this interval, the curve continues along its tangent.
     """
@@ -146,8 +146,8 @@ def nearest_arc_length(curve: PlaneCurve, position: tuple[float, float]) -> floa
 class _TrackConstraint:
     """Constraint kernel r_a - r_track(s) of a sliding point.
 
-    Local coordinates: those of the point, of the nodes of the track, and the arc length s. `sizes`
-    are the numbers of local coordinates of the point and of each node.
+    Local coordinates: coordinates of the point, coordinates of the nodes, and the arc length s.
+    `sizes` are the numbers of local coordinates of the point and of each node.
     """
 
     sizes: tuple[int, ...]
@@ -161,18 +161,19 @@ class _TrackConstraint:
 
 @dataclass(frozen=True)
 class _Reaction:
-    """Reaction on the body of the sliding point, or on the beam at that point.
+    """Reaction on the body of the sliding point, or on the beam at the contact point.
 
     Attributes
     ----------
     sizes
         As in `_TrackConstraint`.
     on_beam
-        True for the reaction on the beam.
+        True for the reaction on the beam, False for the reaction on the body of the point.
     axes
         "inertial", or "body": the axes of the body, or along and across the axis of the beam.
     has_angle
-        True if the body of the point has an orientation, and the reaction a moment (zero).
+        True if the body of the point has an orientation, so that the reaction includes a moment
+        (zero).
     """
 
     sizes: tuple[int, ...]
@@ -215,17 +216,19 @@ def _arc_length_and_rate(local: Local) -> SX:
 class SlidingOnBeam(Part):
     """Frictionless joint of a point that slides along a deformed beam: g = r_a - r_beam(s).
 
-    The joint adds the coordinate s [m], the arc length of the undeformed beam at the point. It has
-    no inertia and starts at the position of the point in the drawing. The reaction is normal to the
-    track, a smooth curve through the nodes of the beam with two continuous derivatives. Beyond the
-    ends of the beam, the track continues along its tangent; passing an end is an event.
+    The joint adds the coordinate s [m], the arc length of the undeformed beam at the point. This
+    coordinate has no inertia; its initial value follows from the reference configuration. The
+    reaction is normal to the track, a smooth curve through the nodes of the beam with two
+    continuous derivatives. Beyond the ends of the beam, the track continues along its tangent;
+    passing an end is an event.
 
     Parameters
     ----------
     name
         Unique name.
     a
-        Attachment of a body, a particle or another beam; it must lie on the beam in the drawing.
+        Attachment of a body, a particle or another beam; it must lie on the beam in the reference
+        configuration.
     beam
         The beam, of at most 32 elements.
     ends
@@ -260,19 +263,21 @@ class SlidingOnBeam(Part):
         require_beam(self.name, self.beam)
         if self.a.body is self.beam:
             raise BeamdaeError(
-                f"{self.name}: the point must belong to another body than the beam, got {self.a}."
+                f"{self.name}: the point must belong to a body other than the beam, got {self.a}."
             )
         if self.beam.mesh.elements > _MAX_ELEMENTS:
             raise BeamdaeError(
                 f"{self.name}: the beam must have at most {_MAX_ELEMENTS} elements, "
-                f"{self.beam.name} has {self.beam.mesh.elements}; use fewer cubic elements."
+                f"but {self.beam.name} has {self.beam.mesh.elements}; use fewer "
+                "elements, for example cubic ones."
             )
         section = self.beam.at(self._initial_arc_length)
         gap = float(np.hypot(*np.subtract(section.point, self.a.point)))
         if gap > meeting_tolerance(self.a, section):
             raise BeamdaeError(
-                f"{self.name}: the point must lie on the beam in the reference drawing, but "
-                f"{self.a} is {gap:.6g} m off the axis of {self.beam.name}."
+                f"{self.name}: the point must lie on the beam in the reference "
+                f"configuration, but {self.a} is {gap:.6g} m off the axis of "
+                f"{self.beam.name}."
             )
 
     @cached_property
@@ -286,17 +291,17 @@ class SlidingOnBeam(Part):
 
     @property
     def initial_position(self) -> Array:
-        """Arc length of the point in the drawing, shape (1,)."""
+        """Arc length of the point in the reference configuration, shape (1,)."""
         return np.array([self._initial_arc_length])
 
     @property
     def initial_velocity(self) -> Array:
-        """Zero, shape (1,); the consistent start computes it from the velocity of the point."""
+        """Zero, shape (1,); the consistent initial value follows from the velocity of the point."""
         return np.zeros(1)
 
     @property
     def outline(self) -> Array:
-        """Points (k, 2) of the beam in the reference drawing [m]."""
+        """Points (k, 2) of the beam in the reference configuration [m]."""
         return self.beam.outline
 
     @property
@@ -322,7 +327,7 @@ class SlidingOnBeam(Part):
             "a" (default), or "beam", at the position of the point.
         axes
             "inertial" (default), or "body": axes that rotate with the body of `a`; for the beam,
-            along its axis and to the left of it.
+            along the axis and its left normal.
 
         Returns
         -------
@@ -340,7 +345,7 @@ class SlidingOnBeam(Part):
 
     @property
     def events(self) -> tuple[Event, ...]:
-        """Events of passing the ends of the beam."""
+        """Events that occur when the point passes an end of the beam."""
         values, _ = FormulaExpression.of(_slider_arc_length, ())
         s = Quantity((Variable("", "m"),), (Piece(self, _SLIDER_OPERATOR),), values)
         ends = {"start": 0.0, "end": self.beam.length}
@@ -370,7 +375,7 @@ class SlidingOnBeam(Part):
 
     @property
     def load_distribution(self) -> str:
-        """Shares of the reaction between the nodes."""
+        """Distribution "shares": the nodes share the reaction."""
         return "shares"
 
     def constraints(self) -> list[ConstraintStatement]:

@@ -1,6 +1,6 @@
 """Elastic work, strains and section forces, shared by all beam formulations.
 
-The functions that take `numbers` are kinds of a `Formula`: see `symbolic.formula`.
+Functions with an argument `numbers` are kinds of a `Formula`; see `symbolic.formula`.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ STRAIN_SIZE = 3
 def elastic_work(
     points: Sequence[tuple[SX, SX]], data: ElementData, damped: bool, q: Any, v: Any
 ) -> tuple[SX, SX, SX]:
-    """Return the generalized forces of D (eps + damping eps'), strain energy, dissipated power.
+    """Return the generalized elastic and viscous forces, strain energy and dissipated power.
 
-    Eq. (21) of Pan & Liu (2012), D = diag(EA, GA, EI).
+    The section forces are D (eps + damping eps') with D = diag(EA, GA, EI), eq. (21) of Pan & Liu
+    (2012).
 
     Parameters
     ----------
@@ -35,7 +36,7 @@ def elastic_work(
     data
         Stiffnesses and retardation times of the points.
     damped
-        False leaves out the material damping.
+        If False, material damping is omitted.
     q, v
         Coordinates on which the strains depend, and their rates.
     """
@@ -59,7 +60,7 @@ def slice_column(numbers: Any, first: int, count: int) -> Any:
 
 
 class _StrainElement(Protocol):
-    """An element type whose strains `InterpolatedStrains` interpolates."""
+    """Element type whose strains `InterpolatedStrains` can interpolate."""
 
     @property
     def layout(self) -> ElementDataLayout: ...
@@ -71,8 +72,8 @@ class _StrainElement(Protocol):
 class InterpolatedStrains:
     """Strains at a section, interpolated between the stiffness points of its element.
 
-    Numbers: the interpolation weight of each point; then, value by value, those of
-    `layout.stiffness_point` at all points, without the quadrature weight.
+    Numbers: the interpolation weight of each point; then each value of `layout.stiffness_point`
+    except the quadrature weight, at all points.
     """
 
     element: _StrainElement
@@ -90,20 +91,20 @@ class InterpolatedStrains:
 
 
 def fiber_strain(local: Local, strains: Callable[[Local], SX], offset: Callable[[], Any]) -> SX:
-    """Return the longitudinal strain of a fiber off the axis (eq. 5); numbers: offset."""
+    """Return the longitudinal strain of a fiber off the axis (eq. 5). Numbers: offset."""
     strain = strains(local)
     return strain[AXIAL] + offset()[0] * strain[BENDING]
 
 
 def fiber_stress(local: Local, strains: Callable[[Local], SX], numbers: Callable[[], Any]) -> SX:
-    """Return the longitudinal stress of a fiber off the axis; numbers: offset, E, damping."""
+    """Return the longitudinal stress of a fiber off the axis. Numbers: offset, E, damping."""
     offset, modulus, damping = (numbers()[k] for k in range(3))
     strain = fiber_strain(local, strains, lambda: (offset,))
     return modulus * (strain + damping * local.dot(strain))
 
 
 def section_forces(local: Local, strains: Callable[[Local], SX], numbers: Callable[[], Any]) -> SX:
-    """Return (N, Q, M) on the axis (eqs. 5-7); numbers: EA, GA, EI, damping."""
+    """Return (N, Q, M) on the axis (eqs. 5-7). Numbers: EA, GA, EI, damping."""
     *stiffness, damping = (numbers()[k] for k in range(STRAIN_SIZE + 1))
     strain = strains(local)
     viscous = damping * local.dot(strain)
@@ -111,5 +112,5 @@ def section_forces(local: Local, strains: Callable[[Local], SX], numbers: Callab
 
 
 def identity(local: Local, values: Callable[[Local], SX]) -> SX:
-    """Return the values unchanged: the kind of a quantity that needs no further formula."""
+    """Return the values unchanged; used for quantities that need no further formula."""
     return values(local)

@@ -1,4 +1,4 @@
-"""Structures of several beams: frames of straight beams, and a curved beam cut into several."""
+"""Structures of several beams: frames of straight beams, and divided curved beams."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from beamdae.parts.attachments import Attachment
 from beamdae.parts.joints.joint import Weld
 from beamdae.parts.mechanism import Mechanism
 
-_MEMBER_FORMAT = "a pair of names of points, or these and a section"
+_MEMBER_FORMAT = "a pair of point names, optionally followed by a section"
 _MAX_BODIES = 10_000
 # Gap between the ends of a closed curve, relative to its length; joints reject larger gaps.
 _MAX_CLOSING_GAP = 1e-6
@@ -37,9 +37,9 @@ class Frame(NamedTuple):
     Attributes
     ----------
     beams
-        Beams by the pair of names of their points, in the order of the member.
+        Beams by the names of their two points, in the order given in the member.
     corners
-        Attachment at each point, for joints, loads and observations.
+        Attachment at each point, for joints, loads and observables.
     """
 
     beams: Mapping[tuple[str, str], Beam]
@@ -62,7 +62,7 @@ def frame(
     Parameters
     ----------
     mechanism
-        The Mechanism to add to.
+        The `Mechanism` to which the beams are added.
     name
         Prefix of the names.
     points
@@ -70,7 +70,7 @@ def frame(
     members
         The beams: pairs of names of points, or triples of two names and a section.
     section
-        Section of the members that are given without one.
+        Section of the members that do not specify one.
     settings
         Further arguments of each `Beam`.
 
@@ -107,10 +107,12 @@ def frame(
     }
     beams: dict[tuple[str, str], Beam] = {}
     ends: dict[str, list[Attachment]] = {key: [] for key in positions}
-    for member in require_sequence(name, "members", members, "a list of pairs of names of points"):
+    for member in require_sequence(name, "members", members, "a list of pairs of point names"):
         a, b, member_section = _parse_member(name, member, positions, section)
         if (a, b) in beams or (b, a) in beams:
-            raise BeamdaeError(f"{name}: the member {a}-{b} comes twice.")
+            raise BeamdaeError(
+                f"{name}: the member {a}-{b} is listed twice; list each member once."
+            )
         line = Line(positions[a], positions[b])
         beam = mechanism.add(Beam(f"{name} {a}-{b}", line, member_section, **settings))
         beams[a, b] = beam
@@ -140,12 +142,15 @@ def _parse_member(
     for key in (a, b):
         if not isinstance(key, str) or key not in positions:
             raise BeamdaeError(
-                f"{name}: no point {short_repr(key)} of the member {short_repr(member)}"
-                f"{suggest(key, positions)}."
+                f"{name}: the member {short_repr(member)} names an unknown point "
+                f"{short_repr(key)}{suggest(key, positions)}; add the point to points."
             )
     member_section = own_section[0] if own_section else section
     if member_section is None:
-        raise BeamdaeError(f"{name}: the member {a}-{b} needs a section.")
+        raise BeamdaeError(
+            f"{name}: the member {a}-{b} has no section; pass section= or a third entry of "
+            "the member."
+        )
     return a, b, member_section
 
 
@@ -158,24 +163,24 @@ def welded_beams(
     closed: bool = False,
     **settings: Any,
 ) -> list[Beam]:
-    """Add a beam as `bodies` beams of equal length, welded end to start.
+    """Add a beam divided into `bodies` beams of equal length that are welded end to start.
 
     The strains of eqs. (5) and (6) hold for moderate displacements relative to the floating frame.
-    A beam cut into n bodies can bend n times as far for the same deformation in each frame.
+    A beam divided into n bodies can bend n times as far for the same deformation in each frame.
 
     Parameters
     ----------
     mechanism
-        The Mechanism to add to.
+        The `Mechanism` to which the beams are added.
     name
-        Name of a single beam; several are named "name 1", "name 2", ...
+        Name of the beam; if there are several, they are named "name 1", "name 2", ...
     curve, section
         Curve and section of the whole beam, as in `Beam`.
     bodies
         Number of beams, at most 10 000.
     closed
-        True welds the end of the last beam to the start of the first, for a curve whose ends meet.
-        By default a ring is slit at its start.
+        If True, the end of the last beam is welded to the start of the first, for a curve whose
+        ends meet. If False (default), the ends of a ring are not connected.
     settings
         Further arguments of each `Beam`. `elements` is the number of elements of each beam,
         `free_curve` the stress-free shape of the whole beam.
@@ -233,10 +238,11 @@ def welded_beams(
 def _require_closed_curve(name: str, curve: PlaneCurve, bodies: int) -> None:
     """Reject a curve whose ends do not meet, and a single body."""
     if bodies < 2:
-        raise BeamdaeError(f"{name}: closed=True needs at least 2 bodies, got {bodies}.")
+        raise BeamdaeError(f"{name}: closed=True requires at least 2 bodies, got {bodies}.")
     ends = np.array([0.0, curve.length])
     gap = float(np.hypot(*np.diff(curve.point(ends), axis=0)[0]))
     if gap > _MAX_CLOSING_GAP * curve.length:
         raise BeamdaeError(
-            f"{name}: closed=True needs a curve whose ends meet; they lie {gap:.3g} m apart."
+            f"{name}: closed=True requires a curve whose ends meet, but the ends are "
+            f"{gap:.3g} m apart."
         )

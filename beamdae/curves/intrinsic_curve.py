@@ -22,7 +22,7 @@ from beamdae.errors import (
 
 Array = np.ndarray
 
-_MAX_TURN_PER_INTERVAL = 0.5  # [rad]; the splines do not resolve sharper turns
+_MAX_TURN_PER_INTERVAL = 0.5  # [rad]; the splines cannot resolve sharper bends
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ class IntrinsicCurve:
     Raises
     ------
     BeamdaeError
-        If the law fails, is not finite, or turns the curve by more than 0.5 rad within 1/400 of its
-        length.
+        If the law fails, is not finite, or the tangent rotates by more than 0.5 rad within 1/400 of
+        the length.
 
     Examples
     --------
@@ -74,8 +74,9 @@ class IntrinsicCurve:
         turn = float(np.max(np.abs(np.diff(self.tangent_angle(self._grid)))))
         if not turn < _MAX_TURN_PER_INTERVAL:
             raise BeamdaeError(
-                "IntrinsicCurve: the tangent must turn gradually, but with this law it turns by "
-                f"{turn:.3g} rad within 1/{ARC_LENGTH_INTERVALS} of its length."
+                "IntrinsicCurve: the tangent must turn gradually, but this law turns "
+                f"the tangent by {turn:.3g} rad within 1/{ARC_LENGTH_INTERVALS} of the "
+                "length."
             )
 
     @cached_property
@@ -87,8 +88,9 @@ class IntrinsicCurve:
             value = self.law(s)
         except Exception as problem:
             raise BeamdaeError(
-                f"IntrinsicCurve: law must return a number for every s in [0, {self.length:g}]; at "
-                f"s = {s:.6g} it failed, {format_exception(problem)}."
+                "IntrinsicCurve: law must return a number for every s in [0, "
+                f"{self.length:g}], but the call failed at s = {s:.6g}: "
+                f"{format_exception(problem)}."
             ) from problem
         return require_finite("IntrinsicCurve", f"the curvature at s = {s:.6g}", value)
 
@@ -104,7 +106,7 @@ class IntrinsicCurve:
 
     @cached_property
     def _grid_points(self) -> Array:
-        """Points (n, 2) at the grid."""
+        """Points (n, 2) of the curve at the grid."""
         steps = self._integrate_tangent(self._grid[:-1], self._grid[1:])
         return np.concatenate([[self.start], self.start + np.cumsum(steps, axis=0)])
 

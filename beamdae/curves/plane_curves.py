@@ -1,4 +1,4 @@
-"""Plane curves by arc length: point, tangent angle and signed curvature."""
+"""Plane curves parametrized by arc length: point, tangent angle and signed curvature."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ _MAX_ANGLE = 1e6
 ARC_LENGTH_TOLERANCE = 1e-9  # relative to the length; rounding of points and ends
 _CIRCLE_TOLERANCE = 1e-12  # relative to the circumference; rounding of a full circle
 
-# Quadrature of curves without a closed arc length: intervals, Gauss points and weights in each.
+# Quadrature of curves without a closed-form arc length: intervals, and Gauss points and weights per
+# interval.
 ARC_LENGTH_INTERVALS = 400
 ARC_LENGTH_GAUSS = np.polynomial.legendre.leggauss(8)
 
@@ -56,7 +57,7 @@ class PlaneCurve(Protocol):
 
 def require_curve(part: str, curve: Any) -> PlaneCurve:
     """Return `curve` if it is a plane curve of positive length, or raise BeamdaeError."""
-    # A curve class, not an instance, has these methods as well.
+    # A curve class has these methods as well, but is not an instance.
     if isinstance(curve, type) or not isinstance(curve, PlaneCurve):
         raise BeamdaeError(
             f"{part}: curve must be a Line, Arc, Parabola, Curve or Segment, got "
@@ -123,7 +124,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Arc:
-    """Circular arc, of at most one full circle.
+    """Circular arc of at most one full circle.
 
     Parameters
     ----------
@@ -167,8 +168,8 @@ class Arc:
             raise BeamdaeError("Arc: radius must not be zero.")
         if abs(self.angle) > _MAX_ANGLE:
             raise BeamdaeError(
-                f"Arc: angle must lie within {_MAX_ANGLE:g} rad, beyond which rounding distorts "
-                f"the curve, got {self.angle:g}."
+                f"Arc: angle must lie within {_MAX_ANGLE:g} rad, because rounding "
+                f"errors distort longer arcs, got {self.angle:g}."
             )
         circle = 2.0 * np.pi * abs(self.radius)
         if self.length > circle * (1.0 + _CIRCLE_TOLERANCE):
@@ -195,7 +196,7 @@ class Arc:
 
 @dataclass(frozen=True)
 class Segment:
-    """Part of a curve, such as for one of several beams that are welded together.
+    """Part of a curve, for example for one of several beams welded together.
 
     Parameters
     ----------
@@ -241,7 +242,7 @@ class Segment:
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Facts about the whole curve."""
+        """Values that `beamdae check` reports for the whole curve, by name."""
         return getattr(self.curve, "facts", {})
 
     def point(self, s: Any) -> Array:

@@ -1,4 +1,4 @@
-"""Plane curves without a closed arc length: parabolas, functions y = f(x), measured points."""
+"""Curves without a closed-form arc length: parabolas, functions y = f(x), measured points."""
 
 from __future__ import annotations
 
@@ -32,27 +32,27 @@ from beamdae.errors import (
 Array = np.ndarray
 
 _FUNCTION_SAMPLES = 601
-# Distance of the spline from a function between two samples, over their distance, that is accepted.
-# At a kink where the slope changes by 1 it is some hundredths.
+# Largest accepted distance of the spline from a function between two samples, relative to their
+# spacing. At a kink with a slope change of 1, it is a few hundredths.
 _MAX_INTERPOLATION_ERROR = 1e-3
 
 _MIN_POINTS = 4  # of a cubic spline
 
-# Newton corrections of the curve parameter of an arc length.
+# Number of Newton corrections of the curve parameter at an arc length.
 _PARAMETER_ITERATIONS = 3
-# Smallest over largest speed of the parameter; a cusp is below.
+# Smallest ratio of the minimum to the maximum parameter speed; at a cusp, the ratio is smaller.
 _MIN_SPEED_RATIO = 1e-8
 # Cosines of the angle between successive tangents, and successive steps between points, below which
 # the curve folds back.
 _MIN_TANGENT_COSINE = 0.5
 _MIN_STEP_COSINE = -0.5
 
-# Root mean square of the second differences of the curvature from point to point, over that of the
-# curvature: 0.03 to 0.8 for 40 to 8 points of smooth curves, 1 to 3.7 where the curvature is mostly
+# RMS of the second differences of the curvature from point to point, relative to the RMS of the
+# curvature: 0.03 to 0.8 for 40 to 8 points of smooth curves, 1 to 3.7 if the curvature is mostly
 # noise.
 _MAX_CURVATURE_JUMP = 1.0
 _STRAIGHT_CURVATURE = (
-    1e-6  # curvature times length below which a curve is straight but for rounding
+    1e-6  # curvature times length; smaller values are rounding errors of a straight curve
 )
 _MIN_INNER_KNOTS = 4  # needed to distinguish a curvature from its jumps
 _DISTANCE_SAMPLES = 2001
@@ -62,15 +62,15 @@ class _SplineCurve:
     """Arc length, tangent angle and curvature of a curve defined by a spline.
 
     `_spline` maps a parameter to (x, y). The arc length is integrated by Gauss quadrature on fine
-    intervals. The parameter of an arc length is interpolated in that table and corrected by
-    Newton's method.
+    intervals. The parameter at an arc length is interpolated in the resulting table and corrected
+    by Newton's method.
     """
 
     _spline: Any
 
     @cached_property
     def _arc_length_table(self) -> tuple[Array, Array]:
-        """Parameters and their arc lengths."""
+        """Spline parameters and the arc lengths at these parameters."""
         knots = np.unique(self._spline.t)
         uniform = np.linspace(knots[0], knots[-1], ARC_LENGTH_INTERVALS + 1)
         grid = np.unique(np.concatenate([uniform, knots]))
@@ -93,15 +93,15 @@ class _SplineCurve:
         if not np.all(np.isfinite(speed)) or speed.min() <= _MIN_SPEED_RATIO * speed.max():
             x, y = self._spline(grid[int(np.argmin(np.nan_to_num(speed)))])
             raise BeamdaeError(
-                f"{part}: the curve folds onto itself or has a cusp near ({x:.6g}, {y:.6g}); it "
-                "must run on in one direction."
+                f"{part}: the curve folds onto itself or has a cusp near ({x:.6g}, "
+                f"{y:.6g}); the curve must not reverse its direction."
             )
         cosine = np.einsum("ij,ij->i", tangent[:-1], tangent[1:]) / (speed[:-1] * speed[1:])
         if cosine.min() < _MIN_TANGENT_COSINE:
             x, y = self._spline(grid[int(np.argmin(cosine))])
             raise BeamdaeError(
-                f"{part}: the curve folds onto itself near ({x:.6g}, {y:.6g}); its tangent must "
-                "turn gradually."
+                f"{part}: the curve folds onto itself near ({x:.6g}, {y:.6g}); the "
+                "tangent must turn gradually."
             )
 
     def _parameter(self, s: Any) -> Array:
@@ -126,7 +126,7 @@ class _SplineCurve:
 
     @cached_property
     def _continuous_angles(self) -> Array:
-        """Angle of the tangent at the parameters of the table, without jumps by 2 pi."""
+        """Tangent angle at the parameters of the arc length table, without jumps by 2 pi."""
         tangent = self._spline(self._arc_length_table[0], 1)
         return np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
 
@@ -165,7 +165,7 @@ class Parabola(_SplineCurve):
     Raises
     ------
     BeamdaeError
-        If the span is not positive, or the vertex so sharp that the curve folds onto itself.
+        If the span is not positive, or the vertex is so sharp that the curve folds onto itself.
 
     Examples
     --------
@@ -205,15 +205,15 @@ class Curve(_SplineCurve):
     Parameters
     ----------
     function
-        Smooth function y = f(x) [m]; needs `x`.
+        Smooth function y = f(x) [m]; requires `x`.
     x
         Interval (x_start, x_end) [m]; the curve runs from the first to the second.
     points
-        At least 4 points, shape (n, 2) [m], joined by a cubic spline over the chord length.
+        At least 4 points, shape (n, 2) [m], joined by a cubic spline parametrized by chord length.
     noise
-        Standard deviation of x and of y of measured points [m]. The spline is then the smoothest
-        whose root mean square distance from the points equals the noise (Dierckx 1993). Without it
-        the curvature of a curve through measured points is mostly noise.
+        Standard deviation of x and of y of measured points [m]. If given, the curve is the
+        smoothest spline whose RMS error in each coordinate equals the noise (Dierckx 1993). Without
+        it, the curvature of a curve through measured points is mostly noise.
 
     Raises
     ------
@@ -240,16 +240,18 @@ class Curve(_SplineCurve):
 
     def __post_init__(self) -> None:
         if (self.function is None) == (self.points is None):
-            raise BeamdaeError("Curve: give either a function with its interval x, or points.")
+            raise BeamdaeError("Curve: pass either function and x, or points.")
         if self.noise is not None:
             set_fields(self, noise=require_positive("Curve", "noise", self.noise))
             if self.points is None:
-                raise BeamdaeError("Curve: noise applies to points; leave it out with a function.")
+                raise BeamdaeError(
+                    "Curve: noise applies only to points; omit noise with a function."
+                )
         if self.function is not None and not callable(self.function):
             raise BeamdaeError(
                 f"Curve: function must be a function of x, got {short_repr(self.function)}."
             )
-        # Overflows end in an error of `_require_regular`.
+        # `_require_regular` raises an error for overflows.
         with np.errstate(over="ignore", invalid="ignore"):
             self._require_regular("Curve")
             if self.function is not None:
@@ -259,7 +261,7 @@ class Curve(_SplineCurve):
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Distances of the points from the curve and its largest curvature; empty for functions."""
+        """Distances from the points to the curve and largest curvature; empty for functions."""
         return {} if self.points is None else measure_fit(self, np.array(self.points, float))
 
     @cached_property
@@ -269,7 +271,7 @@ class Curve(_SplineCurve):
     def _function_spline(self) -> Any:
         assert self.function is not None
         if self.x is None:
-            raise BeamdaeError("Curve: a function needs its interval x=(x_start, x_end).")
+            raise BeamdaeError("Curve: a function requires an interval; pass x=(x_start, x_end).")
         x_start, x_end = require_point("Curve", "x", self.x)
         if x_start == x_end:
             raise BeamdaeError(
@@ -281,7 +283,7 @@ class Curve(_SplineCurve):
         return _interpolating_spline(parameter, np.stack([x, y], axis=-1), 5)
 
     def _require_smooth_function(self) -> None:
-        """Reject a function that the spline does not follow between the samples."""
+        """Reject a function from which the spline deviates between the samples."""
         knots = np.linspace(0.0, 1.0, _FUNCTION_SAMPLES)
         midpoints = self._spline(0.5 * (knots[:-1] + knots[1:]))
         exact = [self._evaluate_function(x) for x in midpoints[:, 0].tolist()]
@@ -289,9 +291,9 @@ class Curve(_SplineCurve):
         worst = int(np.argmax(error))
         if error[worst] > _MAX_INTERPOLATION_ERROR * abs(midpoints[1, 0] - midpoints[0, 0]):
             raise BeamdaeError(
-                "Curve: the function must be smooth, but it has a kink, a jump, an almost vertical "
-                f"tangent or a very short wave near x = {midpoints[worst, 0]:.6g}; join beams that "
-                "meet in a kink by a Weld."
+                "Curve: the function must be smooth, but has a kink, a jump, an "
+                "almost vertical tangent or a very short wave near x = "
+                f"{midpoints[worst, 0]:.6g}; join beams that meet in a kink by a Weld."
             )
 
     def _evaluate_function(self, x: float) -> float:
@@ -300,17 +302,20 @@ class Curve(_SplineCurve):
             value = self.function(x)
         except Exception as problem:
             raise BeamdaeError(
-                f"Curve: the function must return a number for every x in {short_repr(self.x)}, "
-                f"but at x = {x:.6g} it failed: {format_exception(problem)}."
+                "Curve: the function must return a number for every x in "
+                f"{short_repr(self.x)}, but the call failed at x = {x:.6g}: "
+                f"{format_exception(problem)}."
             ) from problem
         y = as_real(value)
         if y is None:
             raise BeamdaeError(
-                f"Curve: the function must return a number, at x = {x:.6g} it is "
-                f"{short_repr(value)}."
+                f"Curve: the function must return a number, got {short_repr(value)} at x = {x:.6g}."
             )
         if not np.isfinite(y):
-            raise BeamdaeError(f"Curve: the function must be finite, at x = {x:.6g} it is not.")
+            raise BeamdaeError(
+                f"Curve: the function is {y} at x = {x:.6g}; the value must be finite for "
+                f"every x in {short_repr(self.x)}."
+            )
         return y
 
     def _point_spline(self) -> Any:
@@ -322,7 +327,9 @@ class Curve(_SplineCurve):
         distances = np.linalg.norm(np.diff(points, axis=0), axis=-1)
         if distances.min() == 0.0:
             x, y = points[int(np.argmin(distances))]
-            raise BeamdaeError(f"Curve: the point ({x:g}, {y:g}) comes twice in a row.")
+            raise BeamdaeError(
+                f"Curve: the point ({x:g}, {y:g}) is repeated; give each point once."
+            )
         parameter = np.concatenate([[0.0], np.cumsum(distances)])
         if self.noise is not None:
             return fit_smoothing_spline(parameter, points, self.noise)
@@ -337,13 +344,13 @@ class Curve(_SplineCurve):
         if cosine.min() < _MIN_STEP_COSINE:
             x, y = points[int(np.argmin(cosine)) + 1]
             raise BeamdaeError(
-                f"Curve: the curve folds onto itself at the point ({x:g}, {y:g}); it must run on "
-                "in one direction."
+                f"Curve: the curve folds onto itself at the point ({x:g}, {y:g}); list "
+                "the points in their order along the curve."
             )
 
 
 def _interpolating_spline(parameter: Array, points: Array, degree: int) -> Any:
-    """Return the spline of this degree through points (n, 2)."""
+    """Return the spline of the given degree through points (n, 2)."""
     # Imported here because it takes as long as a short run and few models need it.
     from scipy.interpolate import make_interp_spline
 
@@ -363,18 +370,18 @@ def fit_smoothing_spline(parameter: Array, points: Array, noise: float) -> Any:
 
     count = len(points)
     with warnings.catch_warnings():
-        # splprep warns if the noise is too small for its iterations; `Curve.facts` reports the
+        # splprep warns if it does not reach a small noise level; `Curve.facts` reports the
         # distances.
         warnings.simplefilter("ignore", RuntimeWarning)
         (knots, values, degree), _ = splprep(points.T, u=parameter, s=2.0 * count * noise**2, k=3)
     spline = BSpline(knots, np.stack(values, axis=-1), degree)
     if not np.all(np.isfinite(spline.c)):
-        raise BeamdaeError(f"Curve: noise {noise:g} m is too large for its points.")
+        raise BeamdaeError(f"Curve: noise = {noise:g} m is too large for the points; reduce noise.")
     return spline
 
 
 def measure_fit(curve: PlaneCurve, points: Array) -> Mapping[str, float]:
-    """Return distances of points from a curve [m], and its largest curvature [1/m]."""
+    """Return the distances from points to a curve [m], and the largest curvature [1/m]."""
     s = np.linspace(0.0, curve.length, _DISTANCE_SAMPLES)
     on_curve, tangent = curve.point(s), curve.tangent_angle(s)
     distances = np.array([_distance_to_curve(p, on_curve, tangent) for p in points])
@@ -386,7 +393,7 @@ def measure_fit(curve: PlaneCurve, points: Array) -> Mapping[str, float]:
 
 
 def _distance_to_curve(p: Array, on_curve: Array, tangent: Array) -> float:
-    """Return the distance of a point from the tangent at the nearest sample of the curve."""
+    """Return the distance from a point to the tangent at the nearest sample of the curve."""
     nearest = int(np.argmin(np.sum((on_curve - p) ** 2, axis=1)))
     dx, dy = p - on_curve[nearest]
     if nearest in (0, len(on_curve) - 1):
@@ -396,7 +403,7 @@ def _distance_to_curve(p: Array, on_curve: Array, tangent: Array) -> float:
 
 def warn_about_curvature_jumps(spline: Any, length: float) -> None:
     """Warn if the curvature of the spline through points is mostly noise."""
-    # The spline has no knots at the second and the last but one point, and is free at the ends.
+    # The spline has no knots at the second and the second-to-last point, and is free at the ends.
     knots = np.unique(spline.t)[1:-1]
     if len(knots) < _MIN_INNER_KNOTS:
         return
@@ -409,8 +416,9 @@ def warn_about_curvature_jumps(spline: Any, length: float) -> None:
     jump = float(np.sqrt(np.mean(np.diff(curvature, 2) ** 2))) / size
     if jump > _MAX_CURVATURE_JUMP:
         message = (
-            f"Curve: the curvature of the spline through its points jumps by {jump:.2g} times "
-            "its size from point to point, as for points that scatter or are too few; give noise= "
-            "[m], their standard deviation, or more points."
+            "Curve: the curvature of the spline through its points jumps by "
+            f"{jump:.2g} times the largest curvature between points, which indicates "
+            "scattered or too few points; give noise= [m], their standard deviation, "
+            "or more points."
         )
         warnings.warn(message, BeamdaeWarning, stacklevel=4)

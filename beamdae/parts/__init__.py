@@ -1,5 +1,5 @@
 """Parts of a mechanism: bodies, joints, forces, laws of time, observables and events.
 
-May import: curves, symbolic. Parts are stated in local symbols, without global coordinates.
-Next: a joint goes to `joints`, a force to `forces`, a body to `bodies`; each is one class.
+May import: curves, symbolic. Parts state their equations in local coordinates only.
+To extend: add a joint to `joints`, a force to `forces` or a body to `bodies`, each as one class.
 """

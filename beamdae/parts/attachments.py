@@ -24,26 +24,27 @@ from beamdae.symbolic.statements import SX, Piece
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Attachment:
-    """Material point of a body, given by its place in the reference drawing.
+    """Material point of a body, defined by its position in the reference configuration.
 
     Attributes
     ----------
     body
-        Part it belongs to.
+        Part to which the point belongs.
     point
-        Position (x, y) in the reference drawing [m].
+        Position (x, y) in the reference configuration [m].
     inclination
-        Angle of the section (or the body) there in the reference drawing [rad].
+        Angle of the section or body at the point in the reference configuration [rad].
     operator
-        Sparse matrix that selects its local coordinates from those of the body.
+        Sparse matrix that selects the local coordinates of the point from the coordinates of the
+        body.
     kinematics
         Function of the local coordinates that returns (position in the inertial frame [m], rotation
-        since the reference drawing [rad]). With a `Formula` joints, loads and observables of equal
-        points share one kernel.
+        from the reference configuration [rad]). If it is a `Formula`, joints, loads and observables
+        at points of the same kind share one kernel.
     has_angle
         False for a particle.
     s
-        Arc length of the section [m], on a beam.
+        Arc length of the section [m]; None unless the body is a beam.
     """
 
     body: Any
@@ -72,8 +73,8 @@ class Attachment:
             )
         if not callable(self.kinematics):
             raise BeamdaeError(
-                f"{name}: the kinematics of an attachment must be a function of its local "
-                f"coordinates, got {short_repr(self.kinematics)}."
+                f"{name}: the kinematics of an attachment must be a function of the "
+                f"local coordinates, got {short_repr(self.kinematics)}."
             )
 
     @property
@@ -83,20 +84,20 @@ class Attachment:
 
     @property
     def piece(self) -> Piece:
-        """Its local coordinates, as statements refer to them."""
+        """Local coordinates of the point, in the form that statements refer to."""
         return Piece(self.body, self.operator, self.s)
 
     @property
     def checked_kinematics(self) -> Callable[[SX], tuple[SX, SX]]:
-        """Kinematics with errors of a user's function reported by the name of the attachment."""
+        """Kinematics that report errors in user functions with the name of the attachment."""
         return self.kinematics if isinstance(self.kinematics, Formula) else self._evaluate
 
     def position(self, q: SX) -> SX:
-        """Return the position (x, y) in the inertial frame [m] from the local coordinates."""
+        """Return the position (x, y) in the inertial frame [m] at local coordinates `q`."""
         return self._evaluate(q)[0]
 
     def rotation(self, q: SX) -> SX:
-        """Return the rotation since the reference drawing [rad] from the local coordinates."""
+        """Return the rotation from the reference configuration [rad] at local coordinates `q`."""
         return self._evaluate(q)[1]
 
     def _evaluate(self, q: SX) -> tuple[SX, SX]:
@@ -104,8 +105,8 @@ class Attachment:
             position, rotation = self.kinematics(q)
         except Exception as problem:
             raise BeamdaeError(
-                f"{self}: its kinematics must return a position and a rotation, but it failed "
-                f"({format_exception(problem)})."
+                f"{self}: kinematics must return a position and a rotation, but the "
+                f"call failed: {format_exception(problem)}."
             ) from problem
         return position, rotation
 
@@ -125,13 +126,19 @@ def require_attachment(part: str, name: str, value: Any) -> Attachment:
 def require_angle(part: str, attachment: Attachment) -> None:
     """Raise an error if an attachment is a particle, which has no angle."""
     if not attachment.has_angle:
-        raise BeamdaeError(f"{part}: {attachment} is a particle and has no angle.")
+        raise BeamdaeError(
+            f"{part}: {attachment} is a particle without an angle; use a rigid body or a "
+            "beam section."
+        )
 
 
 def require_movable(part: str, attachment: Attachment) -> None:
-    """Raise an error if an attachment cannot move, so that a load on it has no effect."""
+    """Raise an error if an attachment cannot move: a load on it would have no effect."""
     if not attachment.size:
-        raise BeamdaeError(f"{part}: {attachment} does not move, it must act on a body that does.")
+        raise BeamdaeError(
+            f"{part}: {attachment} belongs to the ground; choose an attachment on a body "
+            "that can move."
+        )
 
 
 def rotate(angle: Any, vector: Any) -> SX:
@@ -141,7 +148,7 @@ def rotate(angle: Any, vector: Any) -> SX:
 
 
 def largest_distance(points: np.ndarray) -> float:
-    """Return the largest distance [m] between two of the points, shape (k, 2); 0 without points."""
+    """Return the largest distance [m] between any two of `points` (k, 2); 0 if there are none."""
     if not len(points):
         return 0.0
     # Points far from the center first: the search ends once no remaining pair can be farther apart.

@@ -1,4 +1,4 @@
-"""Actions of events: switch joints and forces, change the law of a driver, impact."""
+"""Actions of events: switching of joints and forces, change of a driver law, impact."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from beamdae.symbolic.statements import Quantity
 def activate(*parts: Part, as_is: bool = False) -> Switch:
     """Return an action that activates joints and forces, for `do` of an event.
 
-    A joint must be closed where it becomes active. With `as_is` it keeps the gap it has at the
-    event: a driver continues from the angle or travel reached, a link keeps its length, a guide its
-    offset, a gear its phase; a weld or a hinge keeps the point of `b` where it is on the body of
-    `a`. Then `reaction` is the force at the point of `b`, and `reaction_on("a")` does not include
-    its moment about the point of `a`.
+    A joint must be closed when it becomes active. With `as_is`, it instead keeps the gap it has at
+    the event: a driver continues from the angle or travel it has reached, a link keeps its length,
+    a guide its offset, a gear its phase; a weld or a hinge keeps the position of point `b` on the
+    body of `a`. In this case, `reaction` is the force at point `b`, and `reaction_on("a")` does not
+    include the moment of this force about point `a`.
 
     Parameters
     ----------
     *parts
         Joints and forces.
     as_is
-        Keep the gap of joints at the event.
+        If True, joints keep the gap they have at the event.
 
     Raises
     ------
     BeamdaeError
-        If `as_is` is true and a part has no gap.
+        If `as_is` is True and a part has no gap.
     """
     names = _part_names("activate", parts)
     if require_choice("activate", "as_is", as_is, (True, False)):
         for part in parts:
             if not isinstance(part, KinematicConstraint) or part.gap is None:
                 raise BeamdaeError(
-                    f"{part.name}: as_is=True is for joints with a gap between positions or "
-                    f"angles, got {short_repr(part)}."
+                    f"{part.name}: as_is=True requires a joint with a gap of positions "
+                    f"or angles, got {short_repr(part)}."
                 )
         return Switch(on=names, as_is=names)
     return Switch(on=names)
@@ -53,17 +53,17 @@ def deactivate(*parts: Part) -> Switch:
 
 
 def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
-    """Return an action that gives a driver another law, for `do` of an event.
+    """Return an action that changes the law of a driver, for `do` of an event.
 
     Parameters
     ----------
     driver
-        Driver; an inactive one becomes active.
+        Driver; if inactive, it becomes active.
     law
-        Angle [rad] or travel [m] since the event, a law of the time since the event [s]. It is
-        added to the value the driver has reached, whatever law(0) is; 0 holds the driver there. If
-        its rate at 0 differs from that of the motion, velocities jump, and the impulses are listed
-        in `Solution.events`.
+        Angle [rad] or travel [m] as a law of the time since the event [s]. The driver moves by
+        law(t) - law(0) from the value it has reached; a constant law stops it. If the initial rate
+        of the law differs from the rate of the motion, velocities jump, and `Solution.events` lists
+        the impulses.
 
     Examples
     --------
@@ -89,16 +89,16 @@ def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
 def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
     """Return an action that makes velocities jump as in an impact, for `do` of an event.
 
-    By Newton's law of restitution the rate of the gap after the impact is -`restitution` times the
-    rate before. Velocities and impulses P solve M (v+ - v-) = -G^T P, without friction; active
-    joints stay closed. The energy lost counts as dissipated, and the impulses are listed in
-    `Solution.events`.
+    By Newton's law of restitution, the rate of the gap after the impact is -`restitution` times the
+    rate before it. Velocities and impulses P solve M (v+ - v-) = -G^T P, without friction; active
+    joints stay closed. The energy lost counts as dissipated, and `Solution.events` lists the
+    impulses.
 
     Parameters
     ----------
     on
-        Gap that closes, a quantity of one column such as `surface.gap(point)`; an opening gap has
-        no impact. Or an inactive joint that acts as a stop: its gap rebounds from either side.
+        Gap that closes, a quantity of one column such as `surface.gap(point)`, or an inactive joint
+        that acts as a stop. A gap that opens has no impact; a joint rebounds from either side.
     restitution
         Coefficient of restitution, 0 (plastic) to 1 (elastic).
 

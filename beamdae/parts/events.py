@@ -1,4 +1,4 @@
-"""Events: a quantity crosses a value, and the actions that follow."""
+"""Events: crossings of a value by a quantity, and the actions they trigger."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from beamdae.errors import (
 from beamdae.parts.laws import Law
 from beamdae.symbolic.statements import Quantity
 
-# Sign of the rate of a quantity at the crossing; 0: any.
+# Sign of the rate of the quantity at the crossing; 0 accepts both signs.
 DIRECTIONS = {"up": 1, "down": -1, "both": 0}
 
 
@@ -27,11 +27,11 @@ class Switch:
     Attributes
     ----------
     on, off
-        Parts that become active, and inactive.
+        Parts that become active, and parts that become inactive.
     as_is
-        Joints among `on` that keep the gap they have at the event.
+        Joints in `on` that keep the gap they have at the event.
     laws
-        Joints among `on` with the law they follow from then on, of the time since the event [s].
+        Pairs of a joint in `on` and its new law, a function of the time since the event [s].
     """
 
     on: tuple[str, ...] = ()
@@ -63,7 +63,7 @@ def select_impacts(do: Any) -> tuple[Impact, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Event:
-    """Crossing of a value by a quantity, and the actions that follow.
+    """Crossing of a value by a quantity, and the actions it triggers.
 
     A quantity that touches the value and turns back, starts at it or stays at it does not cross it.
 
@@ -72,17 +72,17 @@ class Event:
     what
         Observed column, such as "tip.y", or a quantity of one column.
     crosses
-        Value [unit of the column].
+        Value to be crossed, in the unit of the column.
     direction
-        "up", "down" or "both".
+        Direction of the crossing: "up", "down" or "both".
     do
-        "stop" ends the run, "record" lists the event and continues. The actions
+        "stop" ends the run; "record" lists the event and continues. The actions
         `activate(part, ...)`, `deactivate(part, ...)`, `change_law(driver, law)` and `impact(gap)`,
-        or a list of them, change the mechanism. A joint that becomes active must be closed, unless
-        it is activated as it is; velocities jump to values it allows. The impulses are listed in
-        `Solution.events`, and the energy lost counts as dissipated.
+        or a list of actions, change the mechanism. A joint that becomes active must be closed,
+        unless it is activated with `as_is=True`; velocities jump to values that satisfy the joint.
+        `Solution.events` lists the impulses, and the energy lost counts as dissipated.
     name
-        Name in results; default: "<column> crosses <value>".
+        Name in the results. Defaults to "<column> crosses <value>".
     """
 
     what: Any
@@ -100,7 +100,7 @@ class Event:
             )
         crosses = require_finite(part, "crosses", self.crosses)
         if self.name is None and not isinstance(self.what, str):
-            raise BeamdaeError("event: an event of a quantity has no name; give name=.")
+            raise BeamdaeError("event: an event on a quantity has no default name; pass name=.")
         require_choice(part, "direction", self.direction, tuple(DIRECTIONS))
         do = (self.do,) if isinstance(self.do, Action) else self.do
         if isinstance(do, (list, tuple)) and do and all(isinstance(x, Action) for x in do):

@@ -1,4 +1,4 @@
-"""Gravity as a law of time: weights of parts under an acceleration that varies."""
+"""Time-dependent gravity: weights of parts under an acceleration that follows laws of time."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ Array = np.ndarray
 class GravityLaws:
     """Components of gravity over time.
 
-    The weight then counts as a load: a gravity that varies has no potential.
+    The weight counts as a load, because time-dependent gravity has no potential.
     """
 
     laws: tuple[Law, Law]
     name: str = "gravity"
-    # By identity of the original kernel, which is stored too so that no other takes its identity.
+    # Keyed by the id of the original kernel, which is stored too so that its id is not reused.
     _kernels: dict[Any, tuple[ForceKernel, ForceKernel]] = field(default_factory=dict)
 
     def statements(
         self, forces: Callable[[Array], Sequence[ForceStatement]]
     ) -> list[ForceStatement]:
-        """Return the forces of a part under the laws.
+        """Return the forces of a part under time-dependent gravity.
 
         Parameters
         ----------
         forces
-            Its forces as a function of a constant gravity, shape (2,) [m/s^2].
+            Function that returns the forces under a constant gravity, shape (2,) [m/s^2].
         """
         weightless, unit_x, unit_y = (
             forces(np.array(gravity)) for gravity in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
@@ -49,7 +49,7 @@ class GravityLaws:
     def _statement(
         self, weightless: ForceStatement, unit_x: ForceStatement, unit_y: ForceStatement
     ) -> ForceStatement:
-        """Return one statement under the laws; its data are linear in gravity."""
+        """Return one statement under time-dependent gravity; its data are linear in gravity."""
         slopes = unit_x.data - weightless.data, unit_y.data - weightless.data
         rows = np.flatnonzero(np.any(slopes[0], axis=1) | np.any(slopes[1], axis=1))
         if not rows.size:
@@ -64,14 +64,14 @@ class GravityLaws:
 
     @property
     def _formulas(self) -> list[tuple[Callable[[SX], SX], tuple[float, ...]]]:
-        """Each law with its numbers, which are empty if it is not a formula."""
+        """Function and numbers of each law; the numbers are empty unless it is a `Formula`."""
         formulas = [law.formula for law in self.laws]
         return [(x, tuple(x.numbers) if isinstance(x, Formula) else ()) for x in formulas]
 
     def _kernel(self, kernel: ForceKernel, rows: Array) -> ForceKernel:
-        """Return the kernel with the laws in place of the gravity in these rows of its data.
+        """Return the kernel with the laws in place of constant gravity in `rows` of its data.
 
-        Its data are those of the kernel without gravity, the slopes of `rows` by gx, the slopes by
+        The new data are the data without gravity, the derivatives of `rows` with respect to gx and
         gy, and the numbers of the laws.
         """
         old, n_rows = kernel.local, len(rows)

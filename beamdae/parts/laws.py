@@ -1,4 +1,4 @@
-"""Laws of time: smooth pieces between known breakpoints, and the checks of users' functions."""
+"""Laws of time: smooth pieces between breakpoints, and checks of user functions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from beamdae.errors import (
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.statements import SX
 
-# Operations that jump or kink, where an integrator would not stop.
+# Operations with jumps or kinks, at which an integrator would not stop.
 _NONSMOOTH_OPERATIONS = {
     getattr(ca, f"OP_{name}"): name.lower()
     for name in (
@@ -47,25 +47,25 @@ _NONSMOOTH_OPERATIONS = {
 }
 # Times after the start [s] at which the expression of a law is compared with its function.
 _SAMPLE_TIMES = (0.0, 0.37, 1.9, 11.3)
-# Largest difference there, relative to the largest value.
+# Largest difference at these times, relative to the largest value.
 _SAMPLE_TOLERANCE = 1e-6
-# Adaptive integrators take at least this many steps per time scale of a law: through a table, steps
-# are no longer than its shortest interval.
+# Adaptive integrators take at least this many steps per time scale of a law. The time scale of a
+# table makes steps no longer than its shortest interval.
 MIN_STEPS_PER_TIME_SCALE = 4.0
 _MIN_TABLE_ROWS = 3
 _BRANCHES_ON_TIME = (
-    "but it decides by the value of t (if, while, and, or, min, max); give its pieces to "
+    "without branches on t (if, while, and, or, min, max); give the pieces to "
     "bd.piecewise((end time, law), ..., last law)"
 )
 _NEEDS_NUMBER = (
-    "but it needs t as a number, as float, int, random numbers and the functions of math do; use "
-    "numpy functions such as np.sin, and bd.table for tables"
+    "without float, int, random numbers or functions of math; use numpy functions "
+    "such as np.sin, and bd.table for tables"
 )
 
 
 @dataclass(frozen=True)
 class Law:
-    """Function of time with breakpoints.
+    """Piecewise smooth function of time.
 
     Attributes
     ----------
@@ -93,8 +93,8 @@ class Law:
         )
         if len(self.pieces) != len(self.breakpoints) + 1:
             raise BeamdaeError(
-                f"Law: {len(self.pieces)} pieces need {len(self.pieces) - 1} breakpoints, "
-                f"got {len(self.breakpoints)}."
+                f"Law: {len(self.pieces)} pieces require {len(self.pieces) - 1} "
+                f"breakpoints, got {len(self.breakpoints)}."
             )
         if any(b <= a for a, b in pairwise(self.breakpoints)):
             raise BeamdaeError(f"Law: breakpoints must ascend, got {self.breakpoints}.")
@@ -130,10 +130,10 @@ def _select_piece(pieces: Sequence[Callable[[Any], Any]], breakpoints: Any, time
 
 
 def _evaluate_piece(piece: Callable[[Any], Any], t: SX) -> Any:
-    """Return a piece at the symbol t, as an SX if it is a number or an expression."""
+    """Return the value of a piece at the symbol t; numbers and expressions become SX."""
     with warnings.catch_warnings():
-        # CasADi 3.8 announces a change of numpy functions on its symbols; np.sin(t) and its
-        # like give the same scalar expression before and after it.
+        # CasADi 3.8 warns that NumPy functions of its symbols will change. Scalar expressions
+        # such as np.sin(t) stay the same.
         warnings.simplefilter("ignore", FutureWarning)
         value = piece(t)
     number = as_real(value)
@@ -146,14 +146,14 @@ def _evaluate_piece(piece: Callable[[Any], Any], t: SX) -> Any:
 
 @dataclass(frozen=True)
 class _PiecewiseKind:
-    """Kind of laws with pieces of these kinds; their numbers are the breakpoints, then the pieces'.
+    """Kind of a piecewise law. Numbers: the breakpoints, then the numbers of each piece.
 
     Attributes
     ----------
     kinds
-        Kinds of the pieces.
+        Kind of each piece.
     counts
-        Number of numbers of each piece.
+        Length of `numbers` of each piece.
     """
 
     kinds: tuple[Callable[..., Any], ...]
@@ -169,7 +169,7 @@ class _PiecewiseKind:
 
 @dataclass(frozen=True)
 class _ShiftedKind:
-    """Kind of laws that begin at a time, the first of their numbers."""
+    """Kind of a law shifted in time. Numbers: the start time, then the numbers of the law."""
 
     kind: Callable[..., Any]
 
@@ -178,7 +178,7 @@ class _ShiftedKind:
 
 
 def shift_law(law: Law, since: float) -> Law:
-    """Return a law of the time since `since` [s]."""
+    """Return the law as a function of the time elapsed since `since` [s]."""
 
     def shift_piece(piece: Callable[[Any], Any]) -> Callable[[Any], Any]:
         if isinstance(piece, Formula):
@@ -190,7 +190,7 @@ def shift_law(law: Law, since: float) -> Law:
 
 
 def as_law(part: str, value: Any, start: float = 0.0) -> Law:
-    """Return the law of a number or of a function of t.
+    """Return a number or a function of t as a `Law`.
 
     Parameters
     ----------
@@ -226,8 +226,8 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
         initial_value = float(function([start, start]))
     if not np.isfinite(initial_value):
         raise BeamdaeError(
-            f"{part}: {_law_label(law.pieces[0])} must be finite, at t = {start:g} it is "
-            f"{initial_value}."
+            f"{part}: {_law_label(law.pieces[0])} must be finite, got {initial_value} "
+            f"at t = {start:g} s."
         )
     require_finite(part, f"{_law_label(law.pieces[0])} at t = {start:g}", initial_value)
     return law
@@ -247,11 +247,11 @@ def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Law:
     Parameters
     ----------
     amplitude
-        In the unit of the quantity it drives.
+        Amplitude, in the unit of the driven quantity.
     frequency
-        [Hz].
+        Frequency [Hz].
     phase
-        [rad].
+        Phase [rad].
     """
     amplitude = require_finite("sine", "amplitude", amplitude)
     frequency = require_positive("sine", "frequency", frequency)
@@ -291,7 +291,7 @@ def run_up(speed: float, duration: float) -> Law:
 
 
 def piecewise(*pieces: Any) -> Law:
-    """Return a law of several pieces: (end time, law), (end time, law), ..., last law.
+    """Return a piecewise law from the arguments (end time, law), ..., last law.
 
     `piecewise((1.0, 5.0), 0.0)` is 5 until t = 1 s and 0 from then on. All pieces are functions of
     the same t.
@@ -299,10 +299,10 @@ def piecewise(*pieces: Any) -> Law:
     Raises
     ------
     BeamdaeError
-        If the end times do not ascend, or a piece has breakpoints itself.
+        If the end times do not ascend, or a piece is itself piecewise.
     """
     if not pieces:
-        raise BeamdaeError("piecewise: it has no pieces; give at least one law.")
+        raise BeamdaeError("piecewise: there are no pieces; give at least one law.")
     ends: list[float] = []
     laws: list[Law] = []
     for entry in pieces[:-1]:
@@ -316,8 +316,7 @@ def piecewise(*pieces: Any) -> Law:
         raise BeamdaeError(f"piecewise: end times must ascend, got {ends}.")
     if any(law.breakpoints for law in laws):
         raise BeamdaeError(
-            "piecewise: a piece must be smooth, but one is piecewise itself; list its pieces "
-            "instead."
+            "piecewise: a piece must not be piecewise; list the inner pieces instead."
         )
     scales = [law.time_scale for law in laws if law.time_scale is not None]
     scale = min(scales) if scales else None
@@ -332,7 +331,7 @@ def table(times: Any, values: Any) -> Law:
     times
         Ascending times [s], at least 3.
     values
-        Values there, as many.
+        Values at these times.
     """
     t, y = _require_numbers("times", times), _require_numbers("values", values)
     if t.shape != y.shape or len(t) < _MIN_TABLE_ROWS:
@@ -342,7 +341,7 @@ def table(times: Any, values: Any) -> Law:
         )
     shortest = float(np.min(np.diff(t)))
     if shortest <= 0.0:
-        raise BeamdaeError("table: times must ascend.")
+        raise BeamdaeError("table: times must ascend; sort the rows by time.")
     require_positive("table", "the shortest interval between times", shortest)
     # Imported here because the import takes as long as a short run, and few models have tables.
     from scipy.interpolate import CubicSpline
@@ -368,7 +367,7 @@ def _require_numbers(name: str, values: Any) -> np.ndarray:
 
 
 def _law_label(piece: Callable[[Any], Any]) -> str:
-    """Return "the law", with the name of its function if that has one."""
+    """Return "the law", followed by the name of the function if it has one."""
     name = getattr(piece, "__name__", "<lambda>")
     return "the law" if "<" in name else f"the law {name}"
 
@@ -389,10 +388,10 @@ def _require_formula_in_time(part: str, piece: Callable[[Any], Any], t: SX, star
             _evaluate_number(piece, start)
         except Exception as numeric_error:
             raise BeamdaeError(
-                f"{requirement} that returns a number, but it failed at t = {start:g} "
-                f"({format_exception(numeric_error)})."
+                f"{requirement} that returns a number, but the call failed at t = "
+                f"{start:g}: {format_exception(numeric_error)}."
             ) from numeric_error
-        # Text of CasADi for bool() of a symbol; the type of the exception is a general one.
+        # CasADi's message for bool() of a symbol; the type of the exception is not specific.
         branches = "truth value" in str(symbolic_error)
         raise BeamdaeError(
             f"{requirement}, {_BRANCHES_ON_TIME if branches else _NEEDS_NUMBER}."
@@ -404,7 +403,7 @@ def _require_formula_in_time(part: str, piece: Callable[[Any], Any], t: SX, star
     other_symbols = [x.name() for x in ca.symvar(value) if x.element_hash() != t.element_hash()]
     if other_symbols:
         raise BeamdaeError(
-            f"{part}: {_law_label(piece)} must depend on t alone, not on "
+            f"{part}: {_law_label(piece)} must depend only on t, not on "
             f"{', '.join(other_symbols[:3])}."
         )
 
@@ -412,12 +411,15 @@ def _require_formula_in_time(part: str, piece: Callable[[Any], Any], t: SX, star
 def _require_numeric_agreement(
     part: str, piece: Callable[[Any], Any], function: ca.Function, start: float
 ) -> None:
-    """Raise an error if expression and function differ: float(t) of a symbol is nan."""
+    """Raise an error if the expression and the function differ.
+
+    For example, float(t) of a symbol is nan.
+    """
     times = start + np.array(_SAMPLE_TIMES)
     try:
         expected = np.array([as_real(_evaluate_number(piece, t)) for t in times.tolist()], float)
     except Exception:
-        # The function accepts symbols only, or is not defined at so late a time.
+        # The function accepts only symbols, or is undefined at a sample time.
         return
     is_finite = np.isfinite(expected)
     values = np.array([float(function([t, t])) for t in times[is_finite]])
@@ -428,13 +430,14 @@ def _require_numeric_agreement(
 
 
 def _require_smooth(part: str, piece: Callable[[Any], Any], function: ca.Function) -> None:
-    """Raise an error if a piece jumps or kinks, where an integrator would not stop."""
+    """Raise an error if a piece has jumps or kinks, at which an integrator would not stop."""
     operations = {function.instruction_id(i) for i in range(function.n_instructions())}
     nonsmooth = [
         name for operation, name in _NONSMOOTH_OPERATIONS.items() if operation in operations
     ]
     if nonsmooth:
         raise BeamdaeError(
-            f"{part}: {_law_label(piece)} must be smooth, but it uses {', '.join(nonsmooth)}; "
-            "give its pieces to bd.piecewise, so that no step runs over a jump or kink."
+            f"{part}: {_law_label(piece)} must be smooth, but uses "
+            f"{', '.join(nonsmooth)}; give smooth pieces to bd.piecewise, so that no "
+            "step crosses a jump or kink."
         )

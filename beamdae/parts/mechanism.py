@@ -37,7 +37,7 @@ _ALLOWED = (
 
 
 def require_start(part: str, start: Any, more: str = "") -> Any:
-    """Return `start` if it is valid; `more` names further options in the message."""
+    """Return `start` if it is valid; `more` lists further options in the error message."""
     if isinstance(start, str) and start in (AS_DRAWN, EQUILIBRIUM):
         return start
     if isinstance(start, Mapping) and all(isinstance(name, str) for name in start):
@@ -59,12 +59,12 @@ class Mechanism(HasOrigin):
     Parameters
     ----------
     gravity
-        Acceleration of gravity (gx, gy) [m/s^2]: numbers, or laws of time. Under laws the weight
+        Acceleration of gravity (gx, gy) [m/s^2]: numbers, or laws of time. With laws, the weight
         counts as a load, because gravity then has no potential.
     start
-        "as drawn"; "equilibrium" under the loads at t = 0, at rest; or positions and velocities by
-        name, {"part.coordinate": value, "part.coordinate_dot": value}, from which the others follow
-        by the joints.
+        Initial state: "as drawn" (the reference configuration), "equilibrium" (at rest under the
+        loads at t = 0), or positions and velocities by name, {"part.coordinate": value,
+        "part.coordinate_dot": value}; all others follow from the joints.
     redundant
         Treatment of redundant constraints: "refuse" raises an error; "minimum norm" removes them
         from the equations and returns the reactions of smallest norm that balance the forces.
@@ -109,7 +109,7 @@ class Mechanism(HasOrigin):
         Raises
         ------
         BeamdaeError
-            If it is not a part, its name is taken or the body of an attachment has not been added.
+            If `part` is not a part, its name is taken, or a body it refers to has not been added.
         """
         if not isinstance(part, Part):
             raise BeamdaeError(
@@ -119,7 +119,7 @@ class Mechanism(HasOrigin):
         name = require_name(type(part).__name__, getattr(part, "name", None))
         if name in self.parts or name == self.ground.name:
             raise BeamdaeError(
-                f"Mechanism: the name {name!r} is taken; give each part another one."
+                f"Mechanism: the name {name!r} is in use; give each part a different name."
             )
         for body in part.bodies:
             self._require_member(name, body)
@@ -127,20 +127,26 @@ class Mechanism(HasOrigin):
         return part
 
     def observe(self, name: str, what: Attachment | Quantity) -> None:
-        """Add columns to the results: the motion of an attachment, or any other quantity.
+        """Add the motion of an attachment, or a quantity, to the columns of the results.
 
         The motion of an attachment has the columns name.x [m], name.y [m], name.angle [rad] and
         their rates.
         """
         require_name("Mechanism.observe", name)
-        # "t" is the column of the time, "energy" the prefix of those of the energy ledger.
+        # "t" is the time column, "energy" the prefix of the columns of the energy ledger.
         if name in self.observables or name == "t" or name.split(".")[0] == "energy":
-            raise BeamdaeError(f"Mechanism: the observable name {name!r} is taken.")
+            raise BeamdaeError(
+                f"Mechanism: the observable name {name!r} is in use or reserved; choose "
+                "another name."
+            )
         quantity = as_quantity(name, what)
         for piece in quantity.pieces:
             self._require_member(name, piece.owner)
         if quantity.joint is not None and quantity.joint not in self.parts:
-            raise BeamdaeError(f"{name}: the joint {quantity.joint!r} must be added first.")
+            raise BeamdaeError(
+                f"{name}: the joint {quantity.joint!r} is not part of this mechanism; add "
+                "the joint first."
+            )
         self.observables[name] = quantity
 
     def when(
@@ -151,7 +157,7 @@ class Mechanism(HasOrigin):
         do: Any = "stop",
         name: str | None = None,
     ) -> Event:
-        """Add an event, the crossing of a value by an observed column or a quantity; see `Event`.
+        """Add an event that occurs when a column or quantity crosses a value; see `Event`.
 
         Examples
         --------
@@ -182,17 +188,19 @@ class Mechanism(HasOrigin):
             self.inactive.add(part.name)
 
     def part(self, name: str) -> Part:
-        """Return the part of that name."""
+        """Return the part with this name."""
         if not isinstance(name, str) or name not in self.parts:
-            raise BeamdaeError(f"Mechanism: no part {short_repr(name)}{suggest(name, self.parts)}.")
+            raise BeamdaeError(
+                f"Mechanism: there is no part {short_repr(name)}{suggest(name, self.parts)}."
+            )
         return self.parts[name]
 
     def check(self, **settings: Any) -> Any:
-        """Return its size and the problems of the model, see `beamdae.check`."""
+        """Return the size and the problems of the mechanism; see `beamdae.check`."""
         return public("check")(self, **settings)
 
     def draw(self) -> Any:
-        """Draw it with names, joints, supports and loads, see `beamdae.draw`."""
+        """Draw the mechanism with names, joints, supports and loads; see `beamdae.draw`."""
         return public("draw")(self)
 
     @property
@@ -206,9 +214,10 @@ class Mechanism(HasOrigin):
             return
         if body.name == self.ground.name:
             raise BeamdaeError(
-                f"{part}: it refers to the ground of another mechanism; use mech.ground of this "
-                "one."
+                f"{part}: the part refers to the ground of another mechanism; use the "
+                "ground of this mechanism."
             )
         raise BeamdaeError(
-            f"{part}: it refers to {body.name!r}, which must be added to this mechanism first."
+            f"{part}: the part refers to {body.name!r}, which is not part of this "
+            f"mechanism; add {body.name!r} first."
         )

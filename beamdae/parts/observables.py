@@ -1,4 +1,4 @@
-"""Observables of attachments: their motion, and their motion relative to each other."""
+"""Observables of attachments: absolute motion and relative displacement."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from beamdae.symbolic.statements import SX, Local, Quantity, Variable
 
 
 def motion_quantity(attachment: Attachment) -> Quantity:
-    """Return position, angle and their rates of an attachment, in the inertial frame.
+    """Return the position, angle and rates of an attachment in the inertial frame.
 
-    There is no angle if the rotation is constant, as that of a particle.
+    The angle is omitted if the rotation is constant, as for a particle.
     """
     has_rotation = _has_rotation(attachment)
     columns = [Variable("x", "m"), Variable("y", "m"), *([Variable("angle", "rad")] * has_rotation)]
@@ -38,7 +38,7 @@ def motion_quantity(attachment: Attachment) -> Quantity:
 
 
 def as_quantity(name: str, what: Attachment | Quantity) -> Quantity:
-    """Return the motion of an attachment, or any other quantity as it is."""
+    """Return the motion of an attachment, or a `Quantity` unchanged."""
     quantity = motion_quantity(what) if isinstance(what, Attachment) else what
     if not isinstance(quantity, Quantity):
         raise BeamdaeError(
@@ -78,9 +78,10 @@ def _section_motion(local: Local, on: Any, inclination: Callable[[], Any]) -> SX
 
 @dataclass(frozen=True)
 class _RelativeDisplacement:
-    """Displacement of a point from the end of an arm fixed to another one.
+    """Displacement of a point relative to the end of an arm fixed to a reference point.
 
-    `size` is the number of local coordinates of the point; those of the other one follow.
+    `size` is the number of local coordinates of the displaced point; the local coordinates of the
+    reference point follow.
     """
 
     size: int
@@ -93,15 +94,15 @@ class _RelativeDisplacement:
 
 
 def relative_displacement(of: Attachment, on: Attachment) -> Quantity:
-    """Return the displacement of `of` relative to the body of `on`, as if that were rigid.
+    """Return the displacement of `of` relative to a rigid reference that moves with `on`.
 
-    With `on` at the root of a beam it is the deformation relative to the root, also across several
-    beams welded together.
+    With `on` at the root of a beam, this is the deformation relative to the root, even across
+    several beams welded together.
 
     Parameters
     ----------
     of
-        Point that is displaced.
+        Displaced point.
     on
         Point whose body or section is the reference.
 

@@ -1,4 +1,4 @@
-"""Base class of parts: coordinates, forces, constraints, events and drawing of each."""
+"""Base class of all parts: coordinates, forces, constraints, events and appearance."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Array = np.ndarray
 
 
 class Drawing(NamedTuple):
-    """Line style of a body in drawings, and the points its line passes through."""
+    """Line style of a body in drawings, and the points on its line."""
 
     kind: str
     places: list[Attachment]
@@ -31,18 +31,18 @@ class Drawing(NamedTuple):
 class Part:
     """Base class of bodies, joints, loads and dampers.
 
-    A subclass overrides the properties and methods that apply to it; all others are empty. Assembly
-    rejects a part that has neither coordinates, forces nor constraints, and a statement that does
-    not fit the bodies it refers to.
+    Subclasses override the properties and methods that apply to them; the defaults are empty.
+    Assembly rejects a part that has neither coordinates, forces nor constraints, and a statement
+    that does not fit the bodies it refers to.
 
     Attributes
     ----------
     name
         Unique name in the mechanism.
     is_load
-        True for loads: the load factor of an equilibrium scales them unless others are named.
+        True for loads, which the load factor of an equilibrium scales unless others are named.
     symbol
-        Name of its symbol in drawings. The default is a diamond at each attachment.
+        Name of the symbol of the part in drawings. Defaults to a diamond at each attachment.
     """
 
     name: str
@@ -52,12 +52,12 @@ class Part:
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:
-        """Attachments it refers to: those among its fields, also inside lists and dictionaries."""
+        """Attachments among the fields of the part, including nested lists and dictionaries."""
         return tuple(value for value in self._values if isinstance(value, Attachment))
 
     @property
     def bodies(self) -> tuple[Part, ...]:
-        """Parts it refers to: parts among its fields, and bodies of its attachments."""
+        """Parts among the fields of the part, and the bodies of its attachments."""
         parts = tuple(value for value in self._values if isinstance(value, Part))
         return parts + tuple(attachment.body for attachment in self.attachments)
 
@@ -74,35 +74,35 @@ class Part:
 
     @property
     def initial_position(self) -> Array:
-        """Coordinates in the reference drawing, shape (number of coordinates,)."""
+        """Coordinates in the reference configuration, shape (number of coordinates,)."""
         return np.zeros(0)
 
     @property
     def initial_velocity(self) -> Array:
-        """Rates of the coordinates at the start, before they are made consistent with joints."""
+        """Initial rates of the coordinates, before they are made consistent with the joints."""
         return np.zeros(0)
 
     @property
     def outline(self) -> Array:
-        """Points (k, 2) of the reference drawing that span its extent [m]."""
+        """Points that span the extent of the part in the reference configuration, (k, 2) [m]."""
         return np.zeros((0, 2))
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """Laws of time it depends on; integrators stop at their breakpoints."""
+        """Laws of time on which the part depends; integrators stop at their breakpoints."""
         return ()
 
     @property
     def inputs(self) -> tuple[Variable, ...]:
-        """Name and unit of each law as an input of linear models; empty if it has no inputs."""
+        """Name and unit of each law as an input of linearized models; empty without inputs."""
         return ()
 
     def with_constant_laws(self, values: Sequence[float]) -> Part:
-        """Return the same part with constant laws, one value for each of `inputs`."""
+        """Return a copy of the part with constant laws, one value for each of `inputs`."""
         raise NotImplementedError
 
     def forces(self, gravity: Array) -> Sequence[ForceStatement]:
-        """Return its forces: inertia, elasticity, damping, weight, loads.
+        """Return the forces of the part: inertia, elasticity, damping, weight, loads.
 
         Parameters
         ----------
@@ -112,31 +112,31 @@ class Part:
         return ()
 
     def constraints(self) -> Sequence[ConstraintStatement]:
-        """Return its constraints."""
+        """Return the constraints of the part."""
         return ()
 
     @property
     def load_distribution(self) -> str:
-        """Distribution of its forces along a beam, from which section forces are recovered.
+        """Distribution of the forces along a beam, used to recover section forces.
 
         "points": each force acts at its attachment. "line": the forces are a force per length,
-        integrated at the points at which inertia is. "shares": the forces are shares of a single
-        force that acts between their attachments.
+        integrated at the quadrature points of the inertia terms. "shares": the forces are shares
+        of a single force that acts between their attachments.
         """
         return "points"
 
     def ranges(self) -> Sequence[RangeStatement]:
-        """Return the measures that check after a run whether its strains stayed valid."""
+        """Return the measures that show whether the strains of a run are in their valid range."""
         return ()
 
     @property
     def events(self) -> Sequence[Event]:
-        """Events of the part, in addition to those of `Mechanism.when`."""
+        """Events of the part, in addition to the events added by `Mechanism.when`."""
         return ()
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Values that `beamdae check` reports of it before a run, by name."""
+        """Values that `beamdae check` reports for the part before a run, by name."""
         return {}
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing | None:
@@ -145,9 +145,9 @@ class Part:
         Parameters
         ----------
         attached
-            Its attachments that other parts refer to.
+            Attachments of the part that other parts refer to.
         points
-            Number of points of a curve.
+            Number of points along a curve.
         """
         return None
 

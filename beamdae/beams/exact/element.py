@@ -2,8 +2,8 @@
 
 E. Reissner, J. Appl. Math. Phys. (ZAMP) 23 (1972) 795; J. C. Simo, Comput. Methods Appl. Mech. Eng.
 49 (1985) 55. The kernel computes the virtual work of one element from the positions and section
-angles of its nodes. All numbers are inputs, so one kernel serves every element of a type in every
-beam.
+angles of its nodes. All numbers are inputs, so one kernel is shared by all elements of the same
+type.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ STIFFNESS_POINT_VALUES = ("weight", "dxi_ds", "angle_offset", "free_curvature")
 
 @dataclass(frozen=True)
 class ExactElement(Element):
-    """Properties that distinguish one element kernel from another.
+    """Geometrically exact element type, defined by the properties that its kernel depends on.
 
     Attributes
     ----------
     nodes
         Number of nodes; Lagrange shape functions of degree nodes - 1.
     quadrature
-        Gauss points of the stiffness terms.
+        Number of Gauss points of the stiffness terms.
     damped
         True if the section has Kelvin-Voigt damping.
     varying
@@ -55,7 +55,7 @@ class ExactElement(Element):
 
     @property
     def layout(self) -> ElementDataLayout:
-        """Layout of the data; inertia is exact for products of two shape functions."""
+        """Layout of the data; inertia quadrature is exact for products of two shape functions."""
         return ElementDataLayout(
             self.nodes, self.quadrature, MASS_POINT_VALUES, STIFFNESS_POINT_VALUES, self.varying
         )
@@ -73,8 +73,8 @@ class ExactElement(Element):
         """Return weight and (axial strain, shear strain, kappa11) of the stiffness points.
 
         The strains are r'.t - 1, r'.n and psi0' - psi' with the axes t = (cos psi, sin psi) and n
-        of the section; kappa11 has the sign of the paper's beam. They are zero in the reference
-        drawing and in any rigid motion of it.
+        of the section; kappa11 has the sign of Pan & Liu (2012). The strains are zero in the
+        reference configuration and under rigid motions.
 
         Parameters
         ----------

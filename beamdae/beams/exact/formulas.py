@@ -1,6 +1,6 @@
 """Formulas of geometrically exact beams: motion of sections and of the chord, deformation.
 
-Each is a kind of a `Formula`: see `symbolic.formula`.
+Each function or class is a kind of a `Formula`; see `symbolic.formula`.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ from beamdae.symbolic.statements import SX, Local
 class ExactSectionMotion:
     """Position and rotation of a section between the nodes of an element.
 
-    Numbers: angle of the section in the drawing, shape functions; with an offset also the vector
-    (x, y) in the drawing from the interpolated axis to the section, which rotates with the section.
-    Without an offset, as at nodes, the motion is linear in the coordinates.
+    Numbers: angle of the section in the reference configuration, shape functions; with an offset
+    also the vector (x, y) in the reference configuration from the interpolated axis to the section,
+    which rotates with the section. Without an offset, for example at nodes, the motion is linear
+    in the coordinates.
     """
 
     nodes: int
@@ -30,7 +31,7 @@ class ExactSectionMotion:
 
     @property
     def count(self) -> int:
-        """Number of numbers of the formula."""
+        """Length of `numbers`."""
         return 1 + self.nodes + 2 * self.has_offset
 
     def __call__(self, q: SX, numbers: Any) -> tuple[SX, SX]:
@@ -46,11 +47,11 @@ class ExactSectionMotion:
 
 
 def chord_motion(q: SX, numbers: Any) -> tuple[SX, SX]:
-    """Return the position of the first of two nodes and the rotation of the line to the second.
+    """Return the position of the first of two nodes and the rotation of the chord between them.
 
-    Numbers: angle of the first section in the drawing; vector (x, y) of the line there. The
-    rotation is continuous as long as the line is less than half a turn away from the direction in
-    which the first section carries it.
+    Numbers: angle of the first section and vector (x, y) of the chord, both in the reference
+    configuration. The rotation is continuous while the chord deviates by less than half a
+    revolution from a chord that rotates rigidly with the first section.
     """
     section_rotation = q[2] - numbers[0]
     along = rotate(-section_rotation, q[3:5] - q[:2])
@@ -63,9 +64,9 @@ def chord_motion(q: SX, numbers: Any) -> tuple[SX, SX]:
 class ExactDeformation:
     """(u, v, phi) of a section relative to a reference frame, in the axes `axes`.
 
-    Local coordinates: those of the frame, then those of the section. Numbers: of the frame's
-    motion; of the section's motion; vector (x, y) from the frame to the section in the drawing;
-    angles of the frame and of the section there.
+    Local coordinates: coordinates of the frame, then coordinates of the section. Numbers: numbers
+    of the frame motion, then of the section motion; vector (x, y) from the frame to the section and
+    the angles of frame and section, all in the reference configuration.
     """
 
     frame: Any

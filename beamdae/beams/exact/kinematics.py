@@ -28,8 +28,8 @@ from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
 
-# Distance of a section from the interpolated axis, relative to the length of the beam, up to which
-# it counts as on the axis.
+# Largest distance from the interpolated axis, relative to the length of the beam, at which a
+# section is considered to lie on the axis.
 _MAX_AXIS_OFFSET = 1e-13
 
 
@@ -37,17 +37,19 @@ _MAX_AXIS_OFFSET = 1e-13
 class GeometricallyExact(FormulationKinematics):
     """Positions and section angles of the nodes in the inertial frame, with Reissner's strains.
 
-    Coordinates: (x, y, psi) of each node, where psi is the angle of the section, equal to that of
-    the curve's tangent in the drawing. There is no floating frame: `frame` is the reference frame
-    of deformations. The settings are documented at `Beam`.
+    Coordinates: (x, y, psi) of each node, where psi is the angle of the section; in the reference
+    configuration, psi is the tangent angle of the curve. There is no floating frame: `frame` is the
+    reference frame of deformations. `Beam` documents the settings.
 
-    The axis of an element interpolates its nodes. In the drawing its tangent differs from the
-    interpolated section angles by the fourth order of the element length; the element data contain
-    this difference, so that the drawing and its rigid motions are free of strain.
+    The axis of an element interpolates its nodes. In the reference configuration, the angle of its
+    tangent differs from the interpolated section angles by a term of fourth order in the element
+    length. The element data contain this difference, so that the reference configuration and rigid
+    motions are free of strain.
 
-    Section forces of degree nodes - 2 as additional unknowns (mixed interpolation) would give the
-    equations of reduced quadrature. These do not lock: compliances of a quarter circle have errors
-    of 7e-7 with 8 elements at R/h = 4 as at 2500, where full quadrature has 7e-3 (validation/).
+    Section forces of degree nodes - 2 as additional unknowns (mixed interpolation) would result in
+    the same equations as reduced quadrature. These do not lock: with 8 elements, compliances of a
+    quarter circle have errors of 7e-7 both at R/h = 4 and at R/h = 2500, where the errors of full
+    quadrature are 7e-3 (validation/).
     """
 
     @cached_property
@@ -59,7 +61,7 @@ class GeometricallyExact(FormulationKinematics):
 
     @cached_property
     def _node_angles(self) -> Array:
-        """Section angles of the nodes in the drawing [rad]."""
+        """Section angles of the nodes in the reference configuration [rad]."""
         return np.asarray(self.mesh.tangent_angle(self.mesh.node_arc_lengths), float)
 
     @cached_property
@@ -74,14 +76,14 @@ class GeometricallyExact(FormulationKinematics):
 
     @cached_property
     def initial_position(self) -> Array:
-        """Coordinates in the reference drawing."""
+        """Coordinates in the reference configuration."""
         nodal = np.empty((self.mesh.node_count, NODE_SIZE))
         nodal[self.mesh.element_nodes, :2] = self.mesh.node_points
         nodal[:, 2] = self._node_angles
         return nodal.ravel()
 
     def initial_velocity(self, velocity: tuple[float, float], angular_velocity: float) -> Array:
-        """Return the coordinates' rates of a rigid motion."""
+        """Return the rates of the coordinates for a rigid motion."""
         positions = self.initial_position.reshape(-1, NODE_SIZE)[:, :2]
         x, y = (positions - positions[0]).T
         rates = np.empty((self.mesh.node_count, NODE_SIZE))
@@ -92,11 +94,11 @@ class GeometricallyExact(FormulationKinematics):
 
     @cached_property
     def operator(self) -> sp.csr_array:
-        """Maps the beam's coordinates to those of all elements, shape (elements * size, n)."""
+        """Matrix that maps beam coordinates to element coordinates, (elements * size, n)."""
         return self._select_nodes(self.mesh.element_nodes)
 
     def _select_nodes(self, nodes: Any) -> sp.csr_array:
-        """Return the operator that selects the coordinates of these nodes."""
+        """Return the matrix that selects the coordinates of the given nodes."""
         columns = (NODE_SIZE * np.ravel(nodes)[:, None] + np.arange(NODE_SIZE)).ravel()
         return build_selection(columns, NODE_SIZE * self.mesh.node_count)
 
@@ -111,7 +113,7 @@ class GeometricallyExact(FormulationKinematics):
         dxi_ds, dpsi_dxi = 1.0 / axis.ds, (nodal @ slopes.T).ravel()
         free_curvature = np.zeros(len(dpsi_dxi))
         if self.free_curve is not None:
-            # Strains are derivatives by the arc length of the stress-free shape.
+            # Strains are derivatives with respect to the arc length of the stress-free shape.
             s, curve = mesh.gauss_arc_lengths(points), mesh.curve
             ratio = self.free_curve.length / curve.length
             weight, dxi_ds = weight * ratio, dxi_ds / ratio
@@ -145,7 +147,7 @@ class GeometricallyExact(FormulationKinematics):
 
     @property
     def floating_frame(self) -> MaterialPoint:
-        """Reference frame of deformations: the start section, or the line from it to the end."""
+        """Reference frame of deformations: the start section or the chord."""
         start = self.material_point(0.0)
         if self.frame == "tangent":
             return start
@@ -155,7 +157,7 @@ class GeometricallyExact(FormulationKinematics):
         return MaterialPoint(start.reference_position, self.frame_angle, ends, motion)
 
     def deformation(self, s: float, axes: str) -> PointValues:
-        """Return (u, v, phi) at arc length s; axes "inertial", "frame" or "local"."""
+        """Return (u, v, phi) at arc length s in the axes "inertial", "frame" or "local"."""
         frame, section = self.floating_frame, self.material_point(s)
         frame_motion, section_motion = (cast("Formula", x.motion) for x in (frame, section))
         offset = np.subtract(section.reference_position, frame.reference_position)

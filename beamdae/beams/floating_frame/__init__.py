@@ -1,5 +1,5 @@
 """Floating-frame formulation of Pan & Liu (2012): kinematics, element and formulas.
 
-May import: the modules of `beams` above it in the pipeline (mesh, sections, kinematics, strains).
-Next: another strain measure is a case of `element.strain_points`.
+May import: the modules of `beams` that it builds on (mesh, sections, kinematics, strains).
+To extend: add another strain measure as a case of `element.strain_points`.
 """

@@ -1,8 +1,8 @@
 """Planar curved beam element of Pan & Liu (2012) as one symbolic kernel.
 
 The kernel computes the virtual work of one element from the coordinates of its floating frame and
-its nodes. All numbers (quadrature points, section properties, gravity) are inputs, so one kernel
-serves every element of a type, curved or straight, in every beam.
+its nodes. All numbers (quadrature points, section properties, gravity) are inputs, so one kernel is
+shared by all elements of the same type, curved or straight.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ NODE_SIZE = 3
 PHI = 2
 
 # Values of a point in the element data. X and Y are the components of s0 in the local frame of the
-# point; the prestrains follow the values of a stiffness point where the drawing is strained.
+# point. If the reference configuration is strained, each stiffness point also has the prestrains.
 MASS_POINT_VALUES = ("weight", "X", "Y", "cos_alpha", "sin_alpha")
 STIFFNESS_POINT_VALUES = ("weight", "curvature", "dxi_ds")
 PRESTRAIN_VALUES = ("axial", "bending")
@@ -36,24 +36,24 @@ PRESTRAIN_VALUES = ("axial", "bending")
 
 @dataclass(frozen=True)
 class FloatingFrameElement(Element):
-    """Properties that distinguish one element kernel from another.
+    """Element type of the floating frame, defined by the properties that its kernel depends on.
 
     Attributes
     ----------
     nodes
         Number of nodes; Lagrange shape functions of degree nodes - 1 (4 in the paper, eq. 12).
     quadrature
-        Gauss points of the stiffness terms.
+        Number of Gauss points of the stiffness terms.
     strain
         "nonlinear" (eq. 5), "green" (with the curvature in the quadratic terms as well), "linear"
         (without quadratic terms) or "exact" (Reissner's).
     damped
-        True if the section has Kelvin-Voigt damping; without it the tangent has a third fewer
-        operations.
+        True if the section has Kelvin-Voigt damping; without damping, the tangent matrix needs a
+        third fewer operations.
     varying
         True if the section varies along the beam.
     prestressed
-        True if the reference drawing is strained.
+        True if the reference configuration is strained.
     """
 
     nodes: int = 4
@@ -65,7 +65,7 @@ class FloatingFrameElement(Element):
 
     @property
     def mass_quadrature(self) -> int:
-        """Gauss points of the inertia terms: exact for products of two shape functions."""
+        """Number of Gauss points of the inertia terms, exact for products of shape functions."""
         return self.nodes
 
     @property
@@ -123,9 +123,9 @@ class FloatingFrameElement(Element):
 class AxisMotion:
     """Position, velocity and acceleration of the points of an axis (eqs. 8, 10 at eta = 0).
 
-    A point is given by its shape functions `row`, its undeformed position `reference` in its local
-    frame ec, and the rotation matrix `to_local` from the floating frame to ec. Velocities and
-    accelerations are components in ec, where plane rotations commute with interpolation.
+    A point is defined by the shape functions `row`, the undeformed position `reference` in the
+    local frame ec, and the rotation matrix `to_local` from the floating frame to ec. Velocities and
+    accelerations are resolved in ec, where plane rotations commute with interpolation.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ class AxisMotion:
 
     @cached_property
     def _transport_matrix(self) -> SX:
-        """Maps a position in the frame to its centripetal and tangential acceleration."""
+        """Matrix that maps a position in the frame to centripetal plus tangential acceleration."""
         return rotation_matrix(-(self.v[THETA] ** 2), self.a[THETA])
 
     @cached_property
@@ -181,7 +181,7 @@ class AxisMotion:
         return self.q[ORIGIN] + self.frame @ in_frame
 
     def rotation(self, row: np.ndarray) -> SX:
-        """Return phi, the rotation of the section relative to the undeformed one."""
+        """Return phi, the rotation of the section relative to the undeformed section."""
         return _section_rotations(self.q).T @ row
 
     def velocity(self, row: np.ndarray, reference: SX, to_local: SX) -> SX:
@@ -243,8 +243,8 @@ def strain_points(element: FloatingFrameElement, points: SX, nodal: SX) -> list[
     """Return weight and (axial strain, shear strain 2 eps12, kappa11) of the stiffness points.
 
     Eqs. (5) and (6), kappa11 = -phi'. With along = u' - v/R and across = v' + u/R, the derivative
-    of the position is (1 + along, across) in ec. The exact strains are its components in the axes
-    of the section, rotated by phi: (1 + along) cos phi + across sin phi - 1 and
+    of the position is (1 + along, across) in ec. The exact strains are the components of this
+    vector in the axes of the section, rotated by phi: (1 + along) cos phi + across sin phi - 1 and
     across cos phi - (1 + along) sin phi.
 
     Parameters
@@ -266,7 +266,7 @@ def strain_points(element: FloatingFrameElement, points: SX, nodal: SX) -> list[
         du, dv, dphi = (dxi_ds * _interpolate(slope, nodal, k) for k in range(NODE_SIZE))
         along, across = du - v * curvature, dv + u * curvature
         if element.strain == "exact":
-            # cos phi - 1 by the half angle, so that small strains keep their digits beside 1.
+            # cos phi - 1 from the half angle avoids cancellation for small strains.
             c, s = ca.cos(0.5 * phi), ca.sin(0.5 * phi)
             cosine_minus_1, sine = -2.0 * s * s, 2.0 * s * c
             axial = along + (along * cosine_minus_1 + across * sine) + cosine_minus_1
@@ -295,9 +295,9 @@ def _interpolate(row: np.ndarray, nodal: SX, component: int) -> SX:
 def floating_frame_kernel(element: FloatingFrameElement) -> ForceKernel:
     """Return the virtual work of one element: inertia (eqs. 10, 11, 15) and elasticity (21).
 
-    The inertial forces are density times the acceleration of material points, eq. (10). Departure
-    from the paper: the rotary inertia is the consistent one, 1/2 rho I (theta' + phi')^2, where
-    eq. (8) leads to 1/2 rho I (phi'^2 + phi^2 theta'^2).
+    The inertial forces are density times the acceleration of material points, eq. (10). Unlike in
+    the paper, the rotary inertia is consistent: the kinetic energy of rotation is
+    1/2 rho I (theta' + phi')^2, while eq. (8) leads to 1/2 rho I (phi'^2 + phi^2 theta'^2).
     """
     local = Local(element.size, element.n_data)
     data = element.layout.split(local.data)

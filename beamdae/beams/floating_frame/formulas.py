@@ -1,6 +1,6 @@
 """Formulas of beams in a floating frame: motion of sections and of the frame, deformation.
 
-Each is a kind of a `Formula`: see `symbolic.formula`.
+Each function or class is a kind of a `Formula`; see `symbolic.formula`.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from beamdae.symbolic.statements import SX, Local
 class SectionMotion:
     """Position and rotation of a section between the nodes of an element.
 
-    Numbers: undeformed position (x, y) in the frame, cosine and sine of the angle of the axis
-    there, angle of the frame in the drawing, shape functions.
+    Numbers: undeformed position (x, y) in the frame, cosine and sine of the axis angle at this
+    position, angle of the frame in the reference configuration, shape functions.
     """
 
     nodes: int
@@ -43,13 +43,13 @@ class SectionMotion:
 
 
 def frame_motion(q: SX, frame_angle: Any) -> tuple[SX, SX]:
-    """Return position and rotation of the frame; number: its angle in the drawing."""
+    """Return the position and rotation of the frame. Numbers: reference angle of the frame."""
     return q[ORIGIN], q[THETA] - frame_angle[0]
 
 
 @dataclass(frozen=True)
 class FloatingFrameDeformation:
-    """(u, v, phi) of a section in the axes `axes`; numbers: angle of its axis, shape functions."""
+    """(u, v, phi) of a section in the axes `axes`. Numbers: angle of the axis, shape functions."""
 
     nodes: int
     axes: str

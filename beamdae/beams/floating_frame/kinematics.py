@@ -37,7 +37,7 @@ from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
 
-# Points at which the tangent angle is sampled to measure how far a curve turns.
+# Number of samples of the tangent angle to measure the total rotation of a curve.
 _TURN_SAMPLES = 65
 
 
@@ -45,9 +45,9 @@ _TURN_SAMPLES = 65
 class FloatingFrame(FormulationKinematics):
     """Displacements and section rotations relative to a floating frame.
 
-    Coordinates: (x0, y0, theta) of the frame and the free ones of (u, v, phi) at the nodes, where
-    (u, v) is the displacement in the local tangent frame and phi the rotation of the section
-    relative to the undeformed one. The settings are documented at `Beam`.
+    Coordinates: (x0, y0, theta) of the frame and the free components of (u, v, phi) at the nodes,
+    where (u, v) is the displacement in the local tangent frame and phi the rotation of the section
+    relative to the undeformed section. `Beam` documents the settings.
     """
 
     strain: str = "green"
@@ -60,7 +60,7 @@ class FloatingFrame(FormulationKinematics):
         has_kinks = self.mesh.shape == "straight" or self.mesh.nodes == 2
         if has_kinks and self.continuity == "local":
             raise BeamdaeError(
-                f"{self.name}: straight elements meet at kinks; continuity must be 'cartesian'."
+                f"{self.name}: straight elements meet at kinks; set continuity='cartesian'."
             )
 
     @cached_property
@@ -77,7 +77,7 @@ class FloatingFrame(FormulationKinematics):
 
     @cached_property
     def origin(self) -> tuple[float, float]:
-        """Reference position of the frame's origin, the start point [m]."""
+        """Origin of the frame in the reference configuration, the start point [m]."""
         x, y = np.asarray(self.mesh.curve.point(0.0), float)
         return float(x), float(y)
 
@@ -88,7 +88,7 @@ class FloatingFrame(FormulationKinematics):
 
     @cached_property
     def coordinates(self) -> tuple[Variable, ...]:
-        """Coordinates of the frame, then the free nodal ones."""
+        """Coordinates of the frame, then the free nodal coordinates."""
         frame = (Variable("x0", "m"), Variable("y0", "m"), Variable("theta", "rad"))
         nodal = [
             Variable(f"{name}{i}", unit)
@@ -101,7 +101,7 @@ class FloatingFrame(FormulationKinematics):
 
     @property
     def initial_position(self) -> Array:
-        """Coordinates in the reference drawing."""
+        """Coordinates in the reference configuration."""
         return self._without_deformation([*self.origin, self.frame_angle])
 
     def initial_velocity(self, velocity: tuple[float, float], angular_velocity: float) -> Array:
@@ -113,12 +113,12 @@ class FloatingFrame(FormulationKinematics):
 
     @cached_property
     def operator(self) -> sp.csr_array:
-        """Maps the beam's coordinates to those of all elements, shape (elements * size, n).
+        """Matrix that maps beam coordinates to element coordinates, (elements * size, n).
 
         Nodal coordinates are (u, v, phi) in the tangent frame of the curve at the node. The axes of
-        two neighboring elements meet at a small angle, of the order of the cube of their length (of
-        their length for straight elements). With "cartesian" continuity, each element rotates the
-        nodal displacement into the direction of its own axis; with "local" continuity it uses the
+        neighboring elements meet at a small angle, of third order in the element length (first
+        order for straight elements). With "cartesian" continuity, each element rotates the nodal
+        displacement into the direction of the element axis; with "local" continuity, it uses the
         components unchanged.
         """
         mesh, element_type = self.mesh_in_frame, self.element
@@ -143,7 +143,7 @@ class FloatingFrame(FormulationKinematics):
         return operator
 
     def _kink_angles(self, element: Array, node: Array) -> Array:
-        """Return the angles from the curve's tangent at a node to the element's axis there."""
+        """Return the angles from the tangent of the curve to the element axis at each node."""
         if self.continuity == "local":
             return np.zeros(len(element))
         mesh = self.mesh_in_frame
@@ -152,9 +152,9 @@ class FloatingFrame(FormulationKinematics):
 
     @property
     def _nodal_to_free(self) -> tuple[Array, Array]:
-        """For each nodal coordinate, the index of the free one that moves it, and the factor.
+        """Index of the free coordinate and factor that determine each nodal coordinate.
 
-        Expresses the conditions of the floating frame; the factor of a fixed coordinate is zero.
+        They express the conditions of the floating frame; the factor of a fixed coordinate is zero.
         """
         size, free = NODE_SIZE * self.mesh.node_count, len(self.coordinates)
         fixed = NODE_SIZE if self.frame == "tangent" else 2
@@ -181,14 +181,14 @@ class FloatingFrame(FormulationKinematics):
         return assemble_point_data(mesh, layout, self.section, mass, stiffness)
 
     def _locate_section(self, s: float) -> tuple[int, Array, float]:
-        """Return the element at s, its shape functions and the angle of its axis in the frame."""
+        """Return the element at s, the shape functions and the angle of the axis in the frame."""
         element, xi = self.mesh.locate(s)
         row = shape_functions(self.mesh.nodes, np.array([xi]))[0]
         angle = float(self.mesh_in_frame.axis(np.array([element]), np.array([xi])).angle[0])
         return element, row, angle
 
     def _element_operator(self, element: int, nodes: Array | None = None) -> sp.csr_array:
-        """Return the rows of the operator of one element: the frame, and all or some nodes."""
+        """Return the rows of `operator` for one element: the frame, and all or some nodes."""
         size = self.element.size
         rows = np.arange(size)
         if nodes is not None:
@@ -221,7 +221,7 @@ class FloatingFrame(FormulationKinematics):
         lengths = np.full((1, self.mesh.elements), curve.length)
         samples = np.linspace(0.0, curve.length, _TURN_SAMPLES)
         turning = float(np.ptp(curve.tangent_angle(samples)))
-        # Measured: the curvature in the quadratic strains helps in a chord frame only.
+        # Measured: the curvature in the quadratic strains improves results only in a chord frame.
         remedies = {
             "frame='chord'": self.frame == "tangent" and has_chord(curve),
             "strain='green'": self.frame == "chord" and self.strain == "nonlinear" and turning > 0,
@@ -245,8 +245,8 @@ class FloatingFrame(FormulationKinematics):
     def strains(self, s: float) -> PointValues:
         """Return the strains at arc length s, eqs. (5) and (6).
 
-        They are interpolated between the stiffness quadrature points, where those of an element are
-        most accurate.
+        They are interpolated between the stiffness quadrature points, where the strains of an
+        element are most accurate.
         """
         element, xi = self.mesh.locate(s)
         points = self.stiffness_points
@@ -260,7 +260,7 @@ class FloatingFrame(FormulationKinematics):
         return PointValues(self._element_operator(element), values)
 
     def deformation(self, s: float, axes: str) -> PointValues:
-        """Return (u, v, phi) at arc length s; axes "inertial", "frame" or "local"."""
+        """Return (u, v, phi) at arc length s in the axes "inertial", "frame" or "local"."""
         element, row, angle = self._locate_section(s)
         formula = Formula(
             FloatingFrameDeformation(self.mesh.nodes, axes), tuple(map(float, (angle, *row)))

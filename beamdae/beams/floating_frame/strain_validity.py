@@ -1,9 +1,9 @@
 """Validity of the small-strain assumption in a floating frame.
 
 Eqs. (5) and (6) of Pan & Liu (2012) hold for moderate rotations relative to the frame. At a section
-rotation r, the shear strain has an error of r^3 / 6 and the curvature of the axis one in proportion
-to r^2 / 2. Without the curvature in the quadratic strains, the length of an axis whose tangent
-turns by the angle `turning` has errors in r turning^2.
+rotation r, the shear strain has an error of r^3 / 6, and the error of the axis curvature is
+proportional to r^2 / 2. Without the curvature in the quadratic strains, the length of an axis whose
+tangent rotates by the angle `turning` has errors proportional to r * turning^2.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ SX = ca.SX
 
 
 class _ErrorCoefficients(NamedTuple):
-    """Relative errors of the deformation over powers of the section rotation.
+    """Relative error of the deformation divided by powers of the section rotation.
 
     Attributes
     ----------
     quadratic
-        Over rotation^2 [1/rad^2].
+        Error divided by rotation^2 [1/rad^2].
     without_curvature
-        Over rotation times turning^2 [1/rad^3], without the curvature in the quadratic strains.
+        Error divided by rotation * turning^2 [1/rad^3], for quadratic strains without curvature.
     linear
-        Over rotation [1/rad], without quadratic strains.
+        Error divided by rotation [1/rad], for strains without quadratic terms.
     """
 
     quadratic: float
@@ -44,8 +44,8 @@ class _ErrorCoefficients(NamedTuple):
 
 
 # Fitted to cantilevers with exact solutions, the hub beam and the slider-crank
-# (validation/strain_validity/run.py). The error of a single beam is up to three times as large, and
-# in pure bending down to a thirtieth; that of several beams welded together is smaller.
+# (validation/strain_validity/run.py). The error of a single beam is up to three times as large; in
+# pure bending, it is as small as a thirtieth; for several welded beams, it is smaller.
 _ERROR_COEFFICIENTS = {
     "tangent": _ErrorCoefficients(1.0, 0.05, 1.0),
     "chord": _ErrorCoefficients(0.15, 0.1, 0.3),
@@ -55,14 +55,14 @@ _ERROR_COEFFICIENTS = {
 def strain_error_coefficients(
     strain: str, frame: str, turning: float
 ) -> tuple[float, float] | None:
-    """Return (a, b) of the relative error a r + b r^2 of a deformation with rotations r [rad].
+    """Return (a, b) of the relative error a r + b r^2 of a deformation with rotation r [rad].
 
     Parameters
     ----------
     strain, frame
         As in `Beam`.
     turning
-        Angle between the smallest and the largest tangent of the reference curve [rad].
+        Difference between the largest and the smallest tangent angle of the reference curve [rad].
 
     Returns
     -------
@@ -82,11 +82,11 @@ def strain_error_coefficients(
 
 @cache
 def range_kernel(element: FloatingFrameElement) -> RangeKernel:
-    """Return the kernel of an element's largest deflection over length, rotation and strain.
+    """Return the kernel of the largest relative deflection, rotation and strain of an element.
 
-    Its data are those of the element and the length of the beam. The strain is that of the outer
-    fibers, |eps11| + h/2 |kappa11| at the stiffness points, with the height h = sqrt(12 I / A) of a
-    rectangle; for a circle the bending part is 13 % larger.
+    The data are the element data and the length of the beam, to which the deflection is relative.
+    The strain refers to the outer fibers, |eps11| + h/2 |kappa11| at the stiffness points, with the
+    height h = sqrt(12 I / A) of a rectangle; for a circle, the bending part is 13 % larger.
     """
     local = Local(element.size, element.n_data + 1)
     data = element.layout.split(local.data)
@@ -106,5 +106,5 @@ def range_kernel(element: FloatingFrameElement) -> RangeKernel:
 
 
 def _half_height(stiffness: SX) -> SX:
-    """Return half the height of a rectangle of these stiffnesses (EA, GA, EI)."""
+    """Return half the height of a rectangle with the stiffnesses (EA, GA, EI)."""
     return ca.sqrt(3.0 * stiffness[BENDING] / stiffness[AXIAL])

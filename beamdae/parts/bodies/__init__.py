@@ -1,5 +1,5 @@
-"""Bodies: the ground, rigid bodies with their shapes, and particles; beams have their own package.
+"""Bodies: the ground, rigid bodies with their shapes, and particles. Beams are in `beams`.
 
 May import: the modules of parts above `bodies`, symbolic.
-Next: a body is a `Part` with coordinates, its inertia as `forces` and points as `Attachment`.
+To extend: subclass `Part` with coordinates, inertia in `forces` and points as `Attachment`s.
 """

@@ -12,12 +12,12 @@ Array = np.ndarray
 
 # Number of segments of a circle in drawings.
 _CIRCLE_SEGMENTS = 48
-# Smallest area of a polygon, relative to that of its bounding box; below, it is rounding error.
+# Smallest area of a polygon, relative to its bounding box; smaller areas are rounding errors.
 _MIN_AREA_RATIO = 1e-12
 
 
 class Shape(NamedTuple):
-    """Plane body: mass [kg], inertia about its center [kg m^2], center and outline [m]."""
+    """Plane body: mass [kg], inertia about the center of mass [kg m^2], center and outline [m]."""
 
     mass: float
     inertia: float
@@ -40,9 +40,9 @@ def resolve_mass(
     part
         Name of the body, for messages.
     mass, density, thickness
-        Arguments of the user; None if not given.
+        User arguments; None if not given.
     area
-        Factor of the volume besides the thickness [m^2], or the length of a rod [m].
+        Area that multiplies the thickness [m^2]; for a rod, its length [m].
     dimension_name
         Name of the argument `thickness` in messages.
 
@@ -96,7 +96,7 @@ def plate(
     density: Any,
     thickness: Any,
 ) -> Shape:
-    """Return a rectangle rotated by `angle`, of inertia m (w^2 + h^2) / 12."""
+    """Return a rectangular plate rotated by `angle`, of inertia m (w^2 + h^2) / 12."""
     (x, y), width = require_point(part, "center", center), require_positive(part, "width", width)
     height = require_positive(part, "height", height)
     total_mass = resolve_mass(part, mass, density, thickness, width * height)
@@ -110,7 +110,7 @@ def plate(
 
 
 def polygon(part: str, points: Any, mass: float | None, density: Any, thickness: Any) -> Shape:
-    """Return a polygon of either orientation, by Green's formulas."""
+    """Return a polygonal plate, by Green's formulas; either orientation is allowed."""
     entries = require_sequence(part, "points", points, "at least 3 pairs (x, y)")
     if len(entries) < 3:
         raise BeamdaeError(f"{part}: points must be at least 3 pairs (x, y), got {len(entries)}.")
@@ -134,7 +134,7 @@ def polygon(part: str, points: Any, mass: float | None, density: Any, thickness:
 
 
 def _require_simple(part: str, corners: Array) -> None:
-    """Raise an error if edges of a polygon meet anywhere but at their common corners."""
+    """Raise an error if edges of a polygon meet at points other than common corners."""
     n = len(corners)
     repeated = np.flatnonzero(np.all(corners == np.roll(corners, -1, axis=0), axis=1))
     if repeated.size:
@@ -152,8 +152,8 @@ def _require_simple(part: str, corners: Array) -> None:
             )
             if meet:
                 raise BeamdaeError(
-                    f"{part}: points must go around the polygon, its edges from "
-                    f"({a[0]:g}, {a[1]:g}) and from ({c[0]:g}, {c[1]:g}) cross."
+                    f"{part}: the edges from ({a[0]:g}, {a[1]:g}) and ({c[0]:g}, "
+                    f"{c[1]:g}) cross; list the points in order around the polygon."
                 )
 
 
@@ -181,7 +181,7 @@ def _edges_cross(a: Array, b: Array, c: Array, d: Array) -> bool:
 
 
 def _edges_overlap(a: Array, b: Array, c: Array, d: Array, follows: bool) -> bool:
-    """Return True if two edges that share a corner overlap; `follows`: d starts at b."""
+    """Return True if two edges that share a corner overlap; `follows` if c equals b."""
     shared, one, other = (b, a, d) if follows else (a, b, c)
     return (
         _side_of_line(shared, one, other) == 0.0 and float((one - shared) @ (other - shared)) > 0.0

@@ -1,4 +1,4 @@
-"""Point masses."""
+"""Point masses, free or fixed to a body."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _free_particle(q: SX, numbers: Any) -> tuple[SX, SX]:
 
 
 def _particle_kernel(local: Local, on: Any, constants: Callable[[], Any]) -> ForceKernel:
-    """Return inertia and weight of a particle; the constants are mass and gravity."""
+    """Return the inertia and weight of a particle; the constants are mass and gravity."""
     numbers = constants()
     mass, gravity = numbers[0], ca.vertcat(numbers[1], numbers[2])
     position, _ = on(local.q)
@@ -45,23 +45,23 @@ def _particle_kernel(local: Local, on: Any, constants: Callable[[], Any]) -> For
 
 @dataclass(frozen=True, eq=False)
 class PointMass(Part):
-    """Particle of `mass` [kg]: fixed `on` an attachment, or free and starting `at` a point.
+    """Particle, either fixed `on` an attachment or free, starting `at` a point.
 
     A free particle has the coordinates (x, y) and is joined to other parts by its `.point`. A fixed
-    particle adds its inertia and weight to the body it sits on.
+    particle adds its inertia and weight to the body it is fixed to.
 
     Parameters
     ----------
     name
         Unique name.
     mass
-        [kg]; a fixed particle may have a mass of zero.
+        Mass [kg]; may be zero for a fixed particle.
     on
-        Attachment a fixed particle sits on.
+        Attachment that carries a fixed particle.
     at
-        Position (x, y) of a free particle in the drawing [m].
+        Initial position (x, y) of a free particle [m].
     velocity
-        Velocity (vx, vy) of a free particle at the start [m/s].
+        Initial velocity (vx, vy) of a free particle [m/s].
 
     Examples
     --------
@@ -97,12 +97,12 @@ class PointMass(Part):
 
     @property
     def initial_position(self) -> Array:
-        """Position of a free particle in the reference drawing."""
+        """Position of a free particle in the reference configuration."""
         return np.zeros(0) if self.at is None else np.array(self.at, float)
 
     @property
     def initial_velocity(self) -> Array:
-        """Velocity of a free particle at the start."""
+        """Initial velocity of a free particle."""
         return np.zeros(0) if self.at is None else np.array(self.velocity, float)
 
     @property
@@ -129,5 +129,5 @@ class PointMass(Part):
         return [ForceStatement(self.name, kernel, (point.piece,), data)]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
-        """Return the symbol of a point mass, a dot."""
+        """Return the dot that represents a point mass."""
         return Drawing("point", [self.point])

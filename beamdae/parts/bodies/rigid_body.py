@@ -42,7 +42,7 @@ def _body_point(q: SX, arm: Any) -> tuple[SX, SX]:
 
 @cache
 def _rigid_body_kernel() -> ForceKernel:
-    """Return inertia and weight of a rigid body; its data are mass, inertia and gravity."""
+    """Return the inertia and weight of a rigid body; the data are mass, inertia and gravity."""
     local = Local(3, 4)
     mass, inertia, gravity = local.data[0], local.data[1], local.data[2:]
     force = ca.vertcat(mass * (local.a[:2] - gravity), inertia * local.a[2])
@@ -80,13 +80,13 @@ class RigidBody(Part):
     inertia
         Moment of inertia about the center of mass [kg m^2].
     center
-        Center of mass in the reference drawing [m]; the angle is zero there.
+        Center of mass in the reference configuration [m], in which the angle is zero.
     velocity, angular_velocity
-        Velocity of the center of mass [m/s] and angular velocity [rad/s] at the start, before they
-        are made consistent with the joints.
+        Initial velocity of the center of mass [m/s] and initial angular velocity [rad/s]; made
+        consistent with the joints.
     shape
-        Points of its outline in the reference drawing [m]; without any, it is drawn through the
-        points where parts are attached.
+        Points of the outline in the reference configuration [m]. Defaults to the points at which
+        parts are attached.
 
     `rod`, `disk`, `plate` and `polygon` compute mass, center and inertia from a shape.
 
@@ -140,15 +140,15 @@ class RigidBody(Part):
         name
             Unique name.
         a, b
-            End points (x, y) in the drawing [m].
+            End points (x, y) in the reference configuration [m].
         mass
-            [kg]; or give density and area.
+            Mass [kg]; alternatively, give density and area.
         density
-            [kg/m^3].
+            Density [kg/m^3].
         area
             Area of the cross-section [m^2].
         **start
-            `velocity` and `angular_velocity` at the start.
+            Initial `velocity` and `angular_velocity`.
         """
         name = require_name("RigidBody.rod", name)
         return cls._from_shape(name, plane_shapes.rod(name, a, b, mass, density, area), start)
@@ -171,17 +171,17 @@ class RigidBody(Part):
         name
             Unique name.
         center
-            Center (x, y) in the drawing [m].
+            Center (x, y) in the reference configuration [m].
         radius
-            [m].
+            Radius [m].
         mass
-            [kg]; or give density and thickness.
+            Mass [kg]; alternatively, give density and thickness.
         density
-            [kg/m^3].
+            Density [kg/m^3].
         thickness
-            [m].
+            Thickness [m].
         **start
-            `velocity` and `angular_velocity` at the start.
+            Initial `velocity` and `angular_velocity`.
         """
         name = require_name("RigidBody.disk", name)
         shape = plane_shapes.disk(name, center, radius, mass, density, thickness)
@@ -207,19 +207,19 @@ class RigidBody(Part):
         name
             Unique name.
         center
-            Center (x, y) in the drawing [m].
+            Center (x, y) in the reference configuration [m].
         width, height
-            Sides along and across its direction [m].
+            Lengths of the sides along and across the direction `angle` [m].
         angle
-            Direction of the width in the drawing [rad].
+            Direction of the width in the reference configuration [rad].
         mass
-            [kg]; or give density and thickness.
+            Mass [kg]; alternatively, give density and thickness.
         density
-            [kg/m^3].
+            Density [kg/m^3].
         thickness
-            [m].
+            Thickness [m].
         **start
-            `velocity` and `angular_velocity` at the start.
+            Initial `velocity` and `angular_velocity`.
         """
         name = require_name("RigidBody.plate", name)
         angle = require_finite(name, "angle", angle)
@@ -243,15 +243,15 @@ class RigidBody(Part):
         name
             Unique name.
         points
-            Corners (x, y) in the drawing [m], in either orientation.
+            Corners (x, y) in the reference configuration [m], in either orientation.
         mass
-            [kg]; or give density and thickness.
+            Mass [kg]; alternatively, give density and thickness.
         density
-            [kg/m^3].
+            Density [kg/m^3].
         thickness
-            [m].
+            Thickness [m].
         **start
-            `velocity` and `angular_velocity` at the start.
+            Initial `velocity` and `angular_velocity`.
 
         Examples
         --------
@@ -271,8 +271,8 @@ class RigidBody(Part):
         unknown = sorted(start.keys() - {"velocity", "angular_velocity"})
         if unknown:
             raise BeamdaeError(
-                f"{name}: a shape takes only velocity and angular_velocity besides its dimensions, "
-                f"got {', '.join(unknown)}."
+                f"{name}: a shape accepts only velocity and angular_velocity besides "
+                f"the dimensions, got {', '.join(unknown)}."
             )
         mass, inertia, center, outline = shape
         return cls(name, mass, inertia, center, shape=outline, **start)
@@ -284,12 +284,12 @@ class RigidBody(Part):
 
     @property
     def initial_position(self) -> Array:
-        """Center of mass in the reference drawing, and angle zero."""
+        """Center of mass in the reference configuration, and angle zero."""
         return np.array([*self.center, 0.0])
 
     @property
     def initial_velocity(self) -> Array:
-        """Velocity and angular velocity at the start."""
+        """Initial velocity and angular velocity."""
         return np.array([*self.velocity, self.angular_velocity])
 
     @property
@@ -298,7 +298,7 @@ class RigidBody(Part):
         return np.array(self.shape or [self.center])
 
     def at(self, x: float, y: float) -> Attachment:
-        """Return the material point at (x, y) of the reference drawing [m]."""
+        """Return the material point at (x, y) of the reference configuration [m]."""
         point = require_point(self.name, "point", (x, y))
         arm = (point[0] - self.center[0], point[1] - self.center[1])
         return Attachment(self, point, 0.0, _ALL_ROWS, Formula(_body_point, arm))
@@ -309,7 +309,7 @@ class RigidBody(Part):
         return [ForceStatement(self.name, _rigid_body_kernel(), (Piece(self, _ALL_ROWS),), data)]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
-        """Return the shape, or the attachments; a single one is connected to the center of mass."""
+        """Return the shape, or a line through the attachments or from one to the center of mass."""
         if self.shape:
             return Drawing("rigid", [self.at(*point) for point in self.shape])
         line = list(attached)

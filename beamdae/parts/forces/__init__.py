@@ -1,5 +1,5 @@
-"""Forces: loads, springs and dampers, contact, friction, and laws written by users.
+"""Forces: loads, springs and dampers, contact, friction, and user-written laws.
 
 May import: the modules of parts above `forces`, `parts.joints` for friction in joints, symbolic.
-Next: a force between two points is a `ForceElement`, any other one a `Part` with `forces`.
+To extend: subclass `ForceElement` for a force between two points, otherwise `Part`.
 """

@@ -1,4 +1,4 @@
-"""Bushings: elastic connections of two bodies in all directions."""
+"""Bushings: elastic connections between two bodies in all directions."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from beamdae.parts.forces.force_element import (
 )
 from beamdae.symbolic.statements import SX, Quantity, Variable
 
-# Size of deformations at which energy and law of a user are compared [m], [rad].
+# Typical deformation at which a user's energy and law are compared [m] or [rad].
 _TYPICAL_DEFORMATION = 1e-2
 _COEFFICIENTS = ("kx", "ky", "ktheta", "cx", "cy", "ctheta")
 
 
 def _bushing_displacement(a: Any, b: Any, numbers: Any) -> SX:
-    """Return displacement since the drawing in axes of the first body, and relative rotation.
+    """Return the displacement in axes of the first body, and the relative rotation.
 
-    The numbers are the angle of the axes and the vector between the points in the drawing.
+    Numbers: angle of the axes, and vector between the points in the reference configuration.
     """
     (position_a, rotation_a), (position_b, rotation_b) = a, b
     vector = rotate(-rotation_a - numbers[0], position_b - position_a)
@@ -38,33 +38,33 @@ def _bushing_displacement(a: Any, b: Any, numbers: Any) -> SX:
 
 @dataclass(frozen=True, eq=False)
 class Bushing(ForceElement):
-    """Stiffness and damping between two points along two axes, and against rotation.
+    """Elastic, damped connection between two points along two axes and in rotation.
 
-    Its deformation is the displacement (x, y) of the point `b` since the drawing, in axes of the
-    body of `a`, and the rotation of `b` relative to `a`. The forces act on the body of `b` at its
-    point, and the opposite forces on the body of `a` at the same place. The potential counts as
-    strain energy.
+    The deformation is the displacement (x, y) of point `b` from the reference configuration, in
+    axes fixed to the body of `a`, and the rotation of `b` relative to `a`. The forces act on the
+    body of `b` at point `b`, and the opposite forces on the body of `a` at the same position. The
+    potential counts as strain energy.
 
     Parameters
     ----------
     name
         Unique name.
     a, b
-        The two points; they may be drawn apart.
+        The two points; they need not coincide in the reference configuration.
     kx, ky
-        [N/m], along the axes of `a`.
+        Stiffnesses along the axes of the bushing [N/m].
     ktheta
-        [N m/rad].
+        Torsional stiffness [N m/rad].
     cx, cy
-        [N s/m].
+        Damping coefficients along the axes of the bushing [N s/m].
     ctheta
-        [N m s/rad].
+        Torsional damping coefficient [N m s/rad].
     angle
-        Angle of its x axis in the drawing [rad]; the axes turn with the body of `a`. Default: the
-        direction of the section of a beam, the x axis of the drawing on a rigid body.
+        Angle of the x axis in the reference configuration [rad]; the axes rotate with the body of
+        `a`. Defaults to the direction of the section on a beam, and to zero on a rigid body.
     law
-        Formula `law(x, rate)` in place of the numbers: (Fx, Fy, M) that resist the growth of
-        x = (x, y, rotation). It counts in the energy balance as that of `SpringDamper`.
+        Formula `law(x, rate)` in place of the coefficients. It returns (Fx, Fy, M), which oppose an
+        increase of x = (x, y, rotation). The energy balance treats it as in `SpringDamper`.
     energy
         Potential [J] of the law at zero rate, a formula of x.
 
@@ -100,7 +100,7 @@ class Bushing(ForceElement):
         set_fields(self, angle=require_finite(self.name, "angle", angle))
         if self.law is None:
             if self.energy is not None:
-                raise BeamdaeError(f"{self.name}: energy belongs to a law; give law= as well.")
+                raise BeamdaeError(f"{self.name}: energy requires law=; pass both or neither.")
         elif any(getattr(self, name) for name in _COEFFICIENTS):
             raise BeamdaeError(
                 f"{self.name}: give either a law or {', '.join(_COEFFICIENTS)}, not both."

@@ -34,14 +34,14 @@ from beamdae.symbolic.statements import (
     Variable,
 )
 
-# Allowed range of the coefficient of restitution is [_MIN_RESTITUTION, 1].
+# The coefficient of restitution must lie in [_MIN_RESTITUTION, 1].
 _MIN_RESTITUTION = 0.05
 _MIN_EXPONENT = 1.0
 _MAX_EXPONENT = 10.0
-# Difference of the restitution from 1 below which the hysteresis factor is taken from its series,
-# which then is as accurate as rounding lets the equation be.
+# Difference of the restitution from 1 below which the hysteresis factor is computed from its
+# series, which is then as accurate as the equation, whose error is dominated by rounding.
 _MAX_SERIES_LOSS = 1e-5
-# Bisection steps; more than enough to reach rounding.
+# Number of bisection steps, more than enough to converge to rounding.
 _MAX_BISECTIONS = 200
 
 
@@ -52,11 +52,11 @@ class _ContactLaw:
     Attributes
     ----------
     size
-        Number of local coordinates of the point; those of the surface follow.
+        Number of local coordinates of the point; the local coordinates of the surface follow.
     surface
-        (rotation, arm from its attachment, numbers) -> (gap, tangent).
+        Function (rotation, vector from the attachment to the point, numbers) -> (gap, tangent).
     has_friction
-        If False, the kernel has no terms of friction.
+        True if the kernel contains friction terms.
     """
 
     size: int
@@ -73,7 +73,7 @@ class _ContactLaw:
         return gap, ca.dot(tangent, local.dot(position) - surface_velocity)
 
     def forces(self, local: Local, gap: SX, slip: SX, numbers: Any) -> tuple[SX, SX, SX]:
-        """Return elastic normal force, total normal force and friction against the slip [N]."""
+        """Return the elastic normal force, the total normal force and the friction force [N]."""
         stiffness, exponent, hysteresis = (numbers()[k] for k in range(3))
         elastic_force = stiffness * positive_part(-gap) ** exponent
         normal_force = elastic_force * positive_part(1 - hysteresis * local.dot(gap))
@@ -108,11 +108,11 @@ class _ContactForces(_ContactLaw):
 
 
 def hysteresis_factor(restitution: float, speed: float) -> float:
-    """Return the factor X [s/m] in N = k d^n (1 + X d') for a restitution of impacts at `speed`.
+    """Return X [s/m] in N = k d^n (1 + X d') for a given restitution and impact speed.
 
-    With m d'' = -N the speeds v before and e v after an impact obey
-    X v (1 + e) = ln((1 + X v) / (1 - e X v)) whatever m, k and n (Gonthier et al., Multibody System
-    Dynamics 11, 2004); near e = 1 that is Hunt and Crossley's X = 3 (1 - e) / (2 v).
+    For m d'' = -N, the speeds v before and e v after an impact satisfy
+    X v (1 + e) = ln((1 + X v) / (1 - e X v)) for any m, k and n (Gonthier et al., Multibody System
+    Dynamics 11, 2004). As e approaches 1, this becomes X = 3 (1 - e) / (2 v) of Hunt and Crossley.
     """
     e = restitution
     if 1.0 - e < _MAX_SERIES_LOSS:
@@ -130,13 +130,13 @@ def hysteresis_factor(restitution: float, speed: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Contact(Part):
-    """Contact of a point with a surface by a penalty force that never pulls.
+    """Contact of a point with a surface, modeled by a penalty force that never pulls.
 
-    At a penetration d the normal force is N = stiffness d^exponent max(0, 1 + X d') (Hunt and
+    At a penetration d, the normal force is N = stiffness d^exponent max(0, 1 + X d') (Hunt and
     Crossley, J. Appl. Mech. 42, 1975), where X follows from the restitution (`hysteresis`). The
-    friction force is -friction N tanh(slip / friction_speed). Where contact begins, N has
-    exponent - 1 continuous derivatives, rounded down; with X > 0 its slope follows that of
-    d^exponent. The elastic part counts as strain energy, the rest as dissipated.
+    friction force is -friction N tanh(slip / friction_speed). At the onset of contact, N is as
+    smooth as max(0, d)^exponent. The elastic part counts as strain energy, the remainder as
+    dissipated.
 
     Parameters
     ----------
@@ -149,17 +149,18 @@ class Contact(Part):
     stiffness
         Penalty stiffness [N/m^exponent].
     exponent
-        Exponent of the penetration, 1 to 10; 1.5 is that of Hertz's spheres, 1 gives a kink.
+        Exponent of the penetration, 1 to 10: 1.5 for Hertzian contact of spheres; 1 gives a force
+        with a kink.
     restitution
         Coefficient of restitution of an impact at `impact_speed`, 0.05 to 1; slower impacts lose a
-        smaller share of their speed.
+        smaller fraction of their speed.
     impact_speed
         Relative speed before the impact [m/s]; required if the restitution is less than 1.
     friction
         Coefficient of friction [-].
     friction_speed
-        Regularization velocity [m/s] of Coulomb friction, at which it reaches 76 % of its value.
-        Below it friction is nearly viscous, so that a sticking contact creeps.
+        Regularization velocity [m/s] of Coulomb friction, at which friction reaches 76 % of its
+        full value. At lower velocities, friction is nearly viscous, so a sticking contact creeps.
     longest_step
         Largest step of adaptive integrators [s]. A point in free flight may step over a small
         circle; give a tenth of the time it takes to cross the circle. Lines need no limit.
@@ -195,7 +196,7 @@ class Contact(Part):
             )
         if not self.point.size + self.surface.on.size:
             raise BeamdaeError(
-                f"{self.name}: neither the point nor the surface moves; one of them must."
+                f"{self.name}: neither the point nor the surface can move; attach one to a body."
             )
         set_fields(
             self,
@@ -227,8 +228,8 @@ class Contact(Part):
             )
         elif self.restitution < 1.0:
             raise BeamdaeError(
-                f"{self.name}: restitution={self.restitution:g} needs impact_speed=, the speed it "
-                "applies to."
+                f"{self.name}: restitution={self.restitution:g} requires "
+                "impact_speed=, the impact speed with this restitution."
             )
 
     @property
@@ -246,7 +247,7 @@ class Contact(Part):
 
     @property
     def hysteresis(self) -> float:
-        """Hysteresis factor X [s/m], zero without impact speed; see `hysteresis_factor`."""
+        """Hysteresis factor X [s/m], zero if no impact speed is given; see `hysteresis_factor`."""
         if self.impact_speed is None:
             return 0.0
         return hysteresis_factor(self.restitution, self.impact_speed)
@@ -280,12 +281,15 @@ class Contact(Part):
 
     @property
     def force(self) -> Quantity:
-        """Normal force N and friction T [N] on the point; T points right of the outward normal."""
+        """Normal force N and friction force T [N] on the point.
+
+        Positive T points to the right of the outward normal.
+        """
         kind = _ContactForces(*self._law_arguments)
         values, data = FormulaExpression.of(kind, self._functions)
         return Quantity((Variable("N", "N"), Variable("T", "N")), self._pieces, values, data)
 
     @property
     def gap(self) -> Quantity:
-        """Distance of the point from the surface [m], negative where it penetrates."""
+        """Distance of the point from the surface [m], negative if it penetrates."""
         return self.surface.gap(self.point)

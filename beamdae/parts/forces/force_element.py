@@ -1,7 +1,7 @@
 """Force elements: forces that depend on a deformation between two attachments.
 
-A deformation is a column of elongations, displacements or angles. Forces are positive where they
-resist its growth.
+A deformation is a column of elongations, displacements or angles. Forces are positive if they
+oppose its increase.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from beamdae.symbolic.statements import (
     Variable,
 )
 
-# Deformations, relative to their typical size, at which energy and law of a user are compared.
+# Deformations, relative to the typical size, at which a user's energy and law are compared.
 _SAMPLE_DEFORMATIONS = (-0.31, -0.03, 0.04, 0.37)
 # Largest difference between the gradient of the energy and the law, relative to the largest force.
 _ENERGY_TOLERANCE = 1e-6
@@ -43,7 +43,7 @@ _MIN_FORCE_DIFFERENCE = 1e-12
 
 
 class ElementResponse(NamedTuple):
-    """Forces of an element and their share of the energy balance.
+    """Forces of an element and their contributions to the energy balance.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class ElementResponse(NamedTuple):
     energy
         Potential [J].
     power
-        Power on the mechanism of forces that have no potential and are not damping [W].
+        Power [W] supplied to the mechanism by forces that are neither elastic nor damping.
     dissipated
         Dissipated power [W].
     """
@@ -65,7 +65,7 @@ class ElementResponse(NamedTuple):
 
 @dataclass(frozen=True)
 class LinearLaw:
-    """Stiffness, damping and preload; its numbers are these, each for all entries in turn.
+    """Linear law. Numbers: stiffness of all entries, then damping, then preload.
 
     Attributes
     ----------
@@ -88,9 +88,9 @@ class LinearLaw:
 
 @dataclass(frozen=True)
 class UserLaw:
-    """Law written by the user: its value at zero rate is a static force, the rest is damping.
+    """User-written law: the value at zero rate is a static force, the remainder is damping.
 
-    Without an `energy` the static force counts as a load.
+    Without `energy`, the static force counts as a load.
 
     Attributes
     ----------
@@ -99,9 +99,9 @@ class UserLaw:
     rows
         Number of entries of the deformation.
     law
-        (deformation, rate) -> force.
+        Function (deformation, rate) -> force.
     energy
-        Deformation -> potential [J] of the static force.
+        Function (deformation) -> potential [J] of the static force.
     """
 
     part: str
@@ -116,7 +116,7 @@ class UserLaw:
         return require_column(self.part, "law", value, self.rows)
 
     def stored_energy(self, x: SX) -> SX:
-        """Return the potential, zero if there is none."""
+        """Return the potential [J], or zero if `energy` is None."""
         if self.energy is None:
             return SX(0)
         argument = x if self.rows == 1 else as_vector(x)
@@ -131,7 +131,7 @@ class UserLaw:
         return ElementResponse(force, self.stored_energy(x), power, dissipated)
 
     def require_valid(self, size: float) -> None:
-        """Raise an error unless law and energy are formulas that belong together.
+        """Raise an error unless law and energy are valid formulas that agree with each other.
 
         Parameters
         ----------
@@ -156,9 +156,9 @@ class UserLaw:
             largest_force = np.max(np.abs(force[is_finite]), initial=0.0)
             if np.any(difference > _ENERGY_TOLERANCE * largest_force + _MIN_FORCE_DIFFERENCE):
                 raise BeamdaeError(
-                    f"{self.part}: the derivative of energy must be the law at rest, at "
-                    f"{sample * size:.3g} they are {float(slope[0]):.6g} and "
-                    f"{float(force[0]):.6g}."
+                    f"{self.part}: the derivative of energy must equal law at zero "
+                    f"rate, but at {sample * size:.3g} the values are "
+                    f"{float(slope[0]):.6g} and {float(force[0]):.6g}."
                 )
 
 
@@ -169,11 +169,11 @@ class _ElementExpression:
     Attributes
     ----------
     size
-        Number of local coordinates of the first point; those of the second one follow.
+        Number of local coordinates of the first point; the coordinates of the second point follow.
     deformation
-        (placement of the first point, that of the second one, numbers) -> deformation.
+        Function (placement of first point, placement of second point, numbers) -> deformation.
     law
-        (deformation, rate, numbers) -> response.
+        Function (deformation, rate, numbers) -> response.
     rows
         Number of columns of the observed force.
     """
@@ -192,7 +192,7 @@ class _ElementExpression:
         return x, self.law(x, local.dot(x), law_numbers())
 
     def observe(self, column: SX) -> SX:
-        """Return a column with as many rows as are observed: the norm if there are fewer."""
+        """Return the column, or its norm if a single row is observed."""
         return column if column.numel() == self.rows else ca.norm_2(column)
 
 
@@ -213,7 +213,7 @@ class DeformationValues(_ElementExpression):
     """Values of the deformation of a force element."""
 
     def __call__(self, local: Local, *functions: Any) -> SX:
-        """Return deformation and rate as expressions."""
+        """Return the deformation as an expression."""
         return self.observe(self.evaluate(local, *functions)[0])
 
 
@@ -228,7 +228,7 @@ class ForceValues(_ElementExpression):
 
 @dataclass(frozen=True, eq=False)
 class ForceElement(Part):
-    """Two attachments with forces that depend on a deformation between them and on its rate.
+    """Force between two attachments that depends on a deformation and its rate.
 
     A subclass defines the deformation and the law.
     """
@@ -245,12 +245,12 @@ class ForceElement(Part):
         require_attachment(self.name, "second attachment", self.b)
         if not self.a.size + self.b.size:
             raise BeamdaeError(
-                f"{self.name}: neither {self.a} nor {self.b} moves, one of them must."
+                f"{self.name}: neither {self.a} nor {self.b} can move; attach one to a body."
             )
 
     @property
     def _deformation(self) -> Callable[..., SX]:
-        """(placement of a, placement of b, numbers) -> deformation, a function of a module."""
+        """Module-level function (placement of a, placement of b, numbers) -> deformation."""
         raise NotImplementedError
 
     @property
@@ -259,7 +259,7 @@ class ForceElement(Part):
 
     @property
     def _law(self) -> tuple[Callable[..., ElementResponse], tuple[float, ...]]:
-        """The law, and its numbers."""
+        """Law of the element and its numbers."""
         raise NotImplementedError
 
     @cached_property
@@ -291,7 +291,7 @@ class ForceElement(Part):
         values, data = FormulaExpression.of(kind(*arguments), functions)
         pieces = (self.a.piece, self.b.piece)
         if self._has_user_law:
-            # A function of the user is not kept for other models.
+            # User functions are not cached for other models.
             return Quantity(columns, pieces, lambda local: values(local), data)
         return Quantity(columns, pieces, values, data)
 
@@ -301,5 +301,5 @@ class ForceElement(Part):
 
     @property
     def force(self) -> Quantity:
-        """Force [N] or moment [N m] that resists the growth of the deformation."""
+        """Force [N] or moment [N m] that opposes an increase of the deformation."""
         return self.observe(ForceValues, type(self)._force_columns)

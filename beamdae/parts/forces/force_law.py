@@ -1,4 +1,4 @@
-"""Forces written by users as formulas of the motion of attachments."""
+"""User-written forces as formulas of the motion of attachments."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ from beamdae.symbolic.statements import (
 
 
 class PointMotion(NamedTuple):
-    """Motion of an attachment, as the law of a `ForceLaw` receives it.
+    """Motion of an attachment, as passed to the law of a `ForceLaw`.
 
     Attributes
     ----------
     position
-        (x, y) in the inertial frame [m].
+        Position (x, y) in the inertial frame [m].
     angle
-        Angle of its section or body [rad]; 0 for a particle.
+        Angle of the section or body [rad]; 0 for a particle.
     velocity
         Velocity of the point [m/s].
     rate
@@ -62,9 +62,9 @@ class _AttachedLaw:
     part
         Name of the part, for messages.
     on
-        Attachments; their local coordinates follow each other.
+        Attachments, whose local coordinates are concatenated.
     law, energy, dissipative
-        As of `ForceLaw`.
+        As in `ForceLaw`.
     """
 
     part: str
@@ -74,7 +74,7 @@ class _AttachedLaw:
     dissipative: bool
 
     def evaluate(self, local: Local, *kinematics: Any) -> tuple[SX, SX, SX]:
-        """Return (placements, loads, energy), the first two with three rows an attachment."""
+        """Return (placements, loads, energy), the first two with three rows per attachment."""
         placements, motions, first = [], [], 0
         for on, place in zip(self.on, kinematics, strict=True):
             position, rotation = place(local.q[first : first + on.size])
@@ -94,7 +94,7 @@ class _LoadKernel(_AttachedLaw):
     def __call__(self, local: Local, *kinematics: Any) -> ForceKernel:
         placements, loads, energy = self.evaluate(local, *kinematics)
         power = ca.dot(loads, local.dot(placements))
-        # Power beyond that which changes the energy.
+        # Power that is not stored in the energy.
         net_power = power + local.dot(energy)
         powers = ca.vertcat(0, -net_power) if self.dissipative else ca.vertcat(net_power, 0)
         force = -ca.jtimes(placements, local.q, loads, True)
@@ -114,7 +114,7 @@ def _point_motion(local: Local, on: Attachment, position: SX, rotation: SX) -> P
 
 
 def evaluate_loads(part: str, law: Callable[..., Any], motions: Sequence[PointMotion], t: SX) -> SX:
-    """Return the column of (Fx, Fy, M) on each attachment."""
+    """Return the loads (Fx, Fy, M) on all attachments as one column."""
     value = evaluate_formula(part, "law", law, *motions, t)
     if len(motions) == 1:
         loads = [value]
@@ -142,26 +142,26 @@ def _load_column(part: str, load: Any) -> SX:
 class ForceLaw(Part):
     """Forces and moments on attachments as a formula of their motion and of time.
 
-    Its power counts as that of a load, unless `energy` or `dissipative` say otherwise.
+    The power counts as work of a load, unless `energy` or `dissipative` is given.
 
     Parameters
     ----------
     name
         Unique name.
     on
-        One attachment, or several.
+        One attachment, or a list of attachments.
     law
         `law(a, b, ..., t)` receives the `position` (x, y) [m], `angle` [rad], `velocity` [m/s] and
         `rate` [rad/s] of each attachment, all in the inertial frame, and the time [s]. It returns
-        (Fx, Fy) or (Fx, Fy, M) [N, N m] for one attachment, or a list with one of these for each.
-        Formulas consist of numpy functions (np.sin, np.sqrt, np.tanh, np.maximum, np.abs, ...) and
-        must not jump; see `bd.positive_part` and `bd.smooth_sign`. Forces between attachments are
-        not balanced automatically: return both action and reaction.
+        (Fx, Fy) or (Fx, Fy, M) [N, N m] for one attachment, or a list of loads, one per attachment.
+        Formulas consist of NumPy functions (np.sin, np.sqrt, np.tanh, np.maximum, np.abs, ...) and
+        must not have jumps; see `bd.positive_part` and `bd.smooth_sign`. Forces between attachments
+        are not balanced automatically: return both action and reaction.
     energy
-        `energy(a, b, ...)`, a potential [J] of positions and angles. It counts as strain energy,
-        and only the power of the law beyond it as that of a load or damping.
+        `energy(a, b, ...)`, a potential [J] of positions and angles. It counts as strain energy;
+        only the remaining power of the law counts as work of a load or as damping.
     dissipative
-        True: the power counts as damping instead of the work of a load.
+        If True, the power counts as damping instead of work of a load.
 
     Examples
     --------
@@ -192,7 +192,7 @@ class ForceLaw(Part):
         set_fields(self, on=tuple(require_attachment(self.name, "on", one) for one in attachments))
         if not sum(one.size for one in self.on):
             raise BeamdaeError(
-                f"{self.name}: none of its attachments moves; let it act on a body that does."
+                f"{self.name}: none of the attachments can move; attach the force to a body."
             )
         if not isinstance(self.dissipative, bool):
             raise BeamdaeError(
@@ -202,7 +202,7 @@ class ForceLaw(Part):
         self._require_valid()
 
     def _require_valid(self) -> None:
-        """Raise an error unless law and energy are formulas that suit the attachments."""
+        """Raise an error unless law and energy are valid formulas for the attachments."""
         require_function(self.name, "law", self.law)
         motions = [
             PointMotion(*(as_vector(x) if x.numel() == 2 else x for x in symbols))
@@ -218,8 +218,8 @@ class ForceLaw(Part):
         for k, on in enumerate(self.on):
             if not on.has_angle and not loads[3 * k + 2].is_zero():
                 raise BeamdaeError(
-                    f"{self.name}: {on} is a particle and has no angle; law must return "
-                    "(Fx, Fy) for it."
+                    f"{self.name}: {on} is a particle without an angle; law must "
+                    "return (Fx, Fy) for this attachment."
                 )
         if self.energy is not None:
             require_function(self.name, "energy", self.energy)

@@ -1,4 +1,4 @@
-"""Checks of forces written by users as numpy formulas, which are evaluated with symbols."""
+"""Checks of user-written force formulas, which are evaluated with symbols."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ _JUMP_OPERATIONS = {
     for name in ("LT", "LE", "EQ", "NE", "IF_ELSE_ZERO", "FLOOR", "CEIL", "FMOD", "SIGN")
 }
 _SMOOTH_ALTERNATIVES = (
-    "bd.positive_part(x) for what acts on one side, bd.smooth_sign(x, scale) for a sign"
+    "bd.positive_part(x) for one-sided terms and bd.smooth_sign(x, scale) for signs"
 )
 
 
 def as_vector(column: SX) -> np.ndarray:
-    """Return a column as an array of its entries, which users can unpack and add."""
+    """Return a column as a NumPy array of expressions, which user code can unpack and add."""
     return np.array([column[k] for k in range(column.numel())], dtype=object)
 
 
 def list_entries(value: Any) -> list[Any]:
-    """Return the entries of the value of a formula; a single value is its only entry."""
+    """Return the entries of a formula's value as a list, also for a single value."""
     if isinstance(value, (ca.SX, ca.DM)):
         return [value[k] for k in range(value.numel())]
     if isinstance(value, np.ndarray):
@@ -52,7 +52,7 @@ def evaluate_formula(part: str, what: str, function: Callable[..., Any], *symbol
     """Return the value of a user's function at symbols; `what` names it in messages."""
     try:
         with warnings.catch_warnings():
-            # CasADi 3.8 announces a change of numpy functions on its symbols, see `laws`.
+            # CasADi 3.8 warns about NumPy functions of its symbols; see `beamdae.parts.laws`.
             warnings.simplefilter("ignore", FutureWarning)
             return function(*symbols)
     except BeamdaeError:
@@ -60,24 +60,24 @@ def evaluate_formula(part: str, what: str, function: Callable[..., Any], *symbol
     except Exception as problem:
         if "truth value" in str(problem):
             raise BeamdaeError(
-                f"{part}: {what} must be a formula, but it decides by the value of a symbol (if, "
+                f"{part}: {what} must be a formula without branches on arguments (if, "
                 f"while, and, or, min, max); use {_SMOOTH_ALTERNATIVES}."
             ) from None
         raise BeamdaeError(
-            f"{part}: {what} must be a formula of numpy functions such as np.sin, but it failed "
-            f"({format_exception(problem)})."
+            f"{part}: {what} must be a formula of numpy functions such as np.sin, but "
+            f"the call failed: {format_exception(problem)}."
         ) from problem
 
 
 def require_continuous_formula(
     part: str, what: str, value: SX, symbols: Sequence[SX], arguments: str = "its arguments"
 ) -> None:
-    """Raise an error if an expression jumps or depends on other symbols than its arguments."""
+    """Raise an error if an expression has jumps or depends on symbols other than its arguments."""
     symbol_hashes = {x.element_hash() for symbol in symbols for x in ca.symvar(SX(symbol))}
     other_symbols = [x.name() for x in ca.symvar(value) if x.element_hash() not in symbol_hashes]
     if other_symbols:
         raise BeamdaeError(
-            f"{part}: {what} must depend on {arguments} alone, not on "
+            f"{part}: {what} must depend only on {arguments}, not on "
             f"{', '.join(other_symbols[:3])}."
         )
     formula = ca.Function("formula", [ca.vertcat(*ca.symvar(value))], [value])
@@ -88,14 +88,14 @@ def require_continuous_formula(
         for k in steps
     ):
         raise BeamdaeError(
-            f"{part}: {what} must be a formula of numpy functions such as np.sin, but it needs a "
-            "symbol as a number, as float, int and the functions of math do, or contains a nan."
+            f"{part}: {what} must be a formula of numpy functions such as np.sin, "
+            "without nan, float, int or functions of math."
         )
     operations = {formula.instruction_id(k) for k in steps}
     jumps = [name for operation, name in _JUMP_OPERATIONS.items() if operation in operations]
     if jumps:
         raise BeamdaeError(
-            f"{part}: {what} must not jump, but it uses {', '.join(jumps)}; use "
+            f"{part}: {what} must be continuous, but uses {', '.join(jumps)}; use "
             f"{_SMOOTH_ALTERNATIVES}."
         )
 

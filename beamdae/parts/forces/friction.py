@@ -30,19 +30,19 @@ from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, 
 
 
 def _rim_travel(a: Any, b: Any, numbers: Any) -> SX:
-    """Return the travel of the rim of a bearing; numbers: its radius."""
+    """Return the travel of the rim of a bearing. Numbers: radius."""
     (_, rotation_a), (_, rotation_b) = a, b
     return numbers[0] * (rotation_b - rotation_a)
 
 
 def _guide_travel(a: Any, b: Any, numbers: Any) -> SX:
-    """Return the travel along a line fixed to the first body; numbers: radius, unit vector."""
+    """Return the travel along a line fixed to the first body. Numbers: radius, unit vector."""
     (position_a, rotation_a), (position_b, _) = a, b
     return ca.dot(rotate(rotation_a, (numbers[1], numbers[2])), position_b - position_a)
 
 
 def _smooth_magnitude(values: SX, eps: Any) -> SX:
-    """Return |values|, smooth and zero at zero; its error is at most eps^2 / (2 |values|)."""
+    """Return a smooth approximation of |values|, with error at most eps^2 / (2 |values|)."""
     square = ca.sumsqr(values)
     return square / ca.sqrt(square + eps**2)
 
@@ -54,11 +54,11 @@ class _FrictionLaw:
     Attributes
     ----------
     size
-        Number of local coordinates of the first point; those of the second one follow.
+        Number of local coordinates of the first point; the coordinates of the second point follow.
     travel
-        (placement of the first point, that of the second one, numbers) -> travel [m].
+        Function (placement of first point, placement of second point, numbers) -> travel [m].
     forces, moments
-        Indices of the multipliers that are forces, and moments.
+        Indices of the multipliers that are forces, and indices of the moments.
     """
 
     size: int
@@ -67,7 +67,7 @@ class _FrictionLaw:
     moments: tuple[int, ...]
 
     def evaluate(self, local: Local, a: Any, b: Any, geometry: Any, law: Any) -> tuple[SX, SX, SX]:
-        """Return travel [m], sliding velocity [m/s] and friction force [N] against it."""
+        """Return the travel [m], the sliding velocity [m/s] and the opposing friction force [N]."""
         travel = self.travel(a(local.q[: self.size]), b(local.q[self.size :]), geometry())
         coefficient, peak, stribeck, regularization, smoothing = (law()[k] for k in range(5))
         velocity = local.dot(travel)
@@ -110,10 +110,10 @@ class Friction(Part):
 
     F = coefficient |N| tanh(v / regularization) (1 + (static / coefficient - 1)
     exp(-(v / stribeck)^2)), where v is the sliding velocity and N the reaction of the joint. In a
-    `Revolute` v is the velocity of the rim of the bearing, and F acts at its radius. In a guide
-    (`PointOnLine`, `Prismatic` and other joints with a `slide_direction`) v is the velocity along
+    `Revolute`, v is the velocity of the rim of the bearing, and F acts at its radius. In a guide
+    (`PointOnLine`, `Prismatic` and other joints with a `slide_direction`), v is the velocity along
     that direction. A moment M of the guide adds M / radius to the normal force, where radius is
-    half the length of the guide. Below the regularization velocity friction falls to zero, so that
+    half the length of the guide. Below the regularization velocity, friction decreases to zero, so
     a sticking contact creeps.
 
     Stribeck effect as in Olsson, Astrom, Canudas de Wit, Gafvert & Lischinsky, Eur. J. Control 4
@@ -124,17 +124,17 @@ class Friction(Part):
     name, joint
         Unique name, and the joint with friction.
     coefficient
-        Kinetic coefficient of friction, of fast sliding [-].
+        Kinetic coefficient of friction [-].
     regularization
-        Sliding velocity [m/s] at which friction reaches 76 % of its value. Integrators resolve a
-        reversal with steps of about this velocity over the acceleration.
+        Sliding velocity [m/s] at which friction reaches 76 % of its full value. At a reversal,
+        integrators need steps of about this velocity divided by the acceleration.
     static, stribeck
         Static coefficient of friction [-], and the velocity [m/s] over which it decreases to the
-        kinetic one; without these the coefficient does not depend on the velocity.
+        kinetic coefficient. If omitted, the coefficient does not depend on the velocity.
     radius
         Radius of the bearing, or half the length of a guide that carries a moment [m].
     smoothing
-        Reaction [N] below which its magnitude is smoothed; above, the error is at most
+        Reaction [N] below which the magnitude |N| is smoothed; above it, the error is at most
         smoothing^2 / (2 |N|).
 
     Examples
@@ -161,8 +161,8 @@ class Friction(Part):
         is_joint = isinstance(self.joint, Joint)
         if not (is_joint and (self._is_bearing or self.joint.slide_direction is not None)):
             raise BeamdaeError(
-                f"{name}: joint must be one that turns or slides, such as Revolute or PointOnLine, "
-                f"got {short_repr(self.joint)}."
+                f"{name}: joint must be a rotating or sliding joint such as Revolute "
+                f"or PointOnLine, got {short_repr(self.joint)}."
             )
         if self._is_bearing:
             # A particle does not rotate, so that a moment would have no effect on it.
@@ -179,7 +179,9 @@ class Friction(Part):
 
     def _check_stribeck(self) -> None:
         if (self.static is None) != (self.stribeck is None):
-            raise BeamdaeError(f"{self.name}: static and stribeck must be given both or neither.")
+            raise BeamdaeError(
+                f"{self.name}: static and stribeck must be given together; pass both or neither."
+            )
         if self.static is None:
             return
         static = require_finite(self.name, "static", self.static)
@@ -188,21 +190,23 @@ class Friction(Part):
         )
         if not static >= self.coefficient > 0.0:
             raise BeamdaeError(
-                f"{self.name}: static must be at least the coefficient, which must be positive, "
-                f"got {static:g} and {self.coefficient:g}."
+                f"{self.name}: static must be at least coefficient, and coefficient "
+                f"must be positive, got {static:g} and {self.coefficient:g}."
             )
 
     def _check_radius(self) -> None:
         needs_radius = self._is_bearing or bool(self._multipliers_in("N m"))
         if needs_radius and self.radius is None:
-            meaning = "of the bearing" if self._is_bearing else "half the length of the guide"
+            meaning = (
+                "radius of the bearing" if self._is_bearing else "half the length of the guide"
+            )
             raise BeamdaeError(
-                f"{self.name}: friction in {self.joint.name} needs radius=, {meaning}."
+                f"{self.name}: friction in {self.joint.name} requires radius= ({meaning})."
             )
         if not needs_radius and self.radius is not None:
             raise BeamdaeError(
-                f"{self.name}: radius has no meaning for {self.joint.name}, which carries no "
-                "moment; omit it."
+                f"{self.name}: radius does not apply to {self.joint.name}, which "
+                "carries no moment; omit radius."
             )
         if self.radius is not None:
             set_fields(self, radius=require_positive(self.name, "radius", self.radius))
@@ -223,7 +227,7 @@ class Friction(Part):
 
     @property
     def _functions(self) -> tuple[Callable[..., Any], ...]:
-        # A bearing has no direction; its kernel ignores the one here.
+        # A bearing has no direction; its kernel ignores this default.
         direction = self.joint.slide_direction or (1.0, 0.0)
         tx, ty = np.divide(direction, np.hypot(*direction)).tolist()
         peak, stribeck = 0.0, 1.0
@@ -239,7 +243,7 @@ class Friction(Part):
 
     @property
     def reaction(self) -> Quantity:
-        """Friction F [N] on the body of the joint's b (M [N m] in a bearing), and velocity v."""
+        """Friction force F [N] or moment M [N m] on the body of `joint.b`, and velocity v."""
         first = Variable("M", "N m") if self._is_bearing else Variable("F", "N")
         kind = _FrictionReaction(self._law, self._is_bearing)
         values, data = FormulaExpression.of(kind, self._functions)

@@ -1,4 +1,4 @@
-"""Loads: forces and moments as laws of time on attachments."""
+"""Loads: forces and moments on attachments that follow laws of time."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, 
 
 
 def load_kernel(local: Local, placement: SX, load: SX) -> ForceKernel:
-    """Return the kernel of a load that does work on a placement, positions or angles."""
+    """Return the kernel of a load that does work on a placement (positions or angles)."""
     force = -ca.jtimes(placement, local.q, load, True)
     power = ca.dot(local.dot(placement), load)
     return ForceKernel(local, force, powers=ca.vertcat(power, 0))
 
 
 def dead_load(local: Local, on: Any, *laws: Callable[[SX], SX]) -> ForceKernel:
-    """Return the kernel of a force with these components in the inertial frame."""
+    """Return the kernel of a force whose inertial components follow the laws."""
     position, _ = on(local.q)
     return load_kernel(local, position, ca.vertcat(*(law(local.time) for law in laws)))
 
@@ -51,7 +51,7 @@ def _moment_load(local: Local, on: Any, law: Callable[[SX], SX]) -> ForceKernel:
 def load_statement(
     part: str, on: Attachment, kind: Callable[..., ForceKernel], laws: Sequence[Law]
 ) -> ForceStatement:
-    """Return the statement of a load on an attachment, `kind` building its kernel from laws."""
+    """Return the statement of a load on an attachment; `kind` builds the kernel from the laws."""
     functions = (on.checked_kinematics, *(law.formula for law in laws))
     kernel, data = build_formula_kernel(kind, functions, on.size)
     return ForceStatement(part, kernel, (on.piece,), data)
@@ -59,18 +59,18 @@ def load_statement(
 
 @dataclass(frozen=True, eq=False)
 class Force(Part):
-    """Force (Fx, Fy) [N] on an attachment as laws of time.
+    """Force on an attachment with components (Fx, Fy) [N] that follow laws of time.
 
     Parameters
     ----------
     name
         Unique name.
     on
-        Attachment it acts on.
+        Attachment on which the load acts.
     law
         Pair of laws (Fx, Fy): numbers, functions of t or `Law`s.
     axes
-        "inertial" (dead load) or "body" (follower load, which rotates with its section or body).
+        "inertial" (dead load) or "body" (follower load, which rotates with the section or body).
 
     Examples
     --------
@@ -107,7 +107,7 @@ class Force(Part):
         return (Variable("Fx", "N"), Variable("Fy", "N"))
 
     def with_constant_laws(self, values: Sequence[float]) -> Force:
-        """Return the same force with constant components [N]."""
+        """Return a copy of the force with constant components [N]."""
         return replace(self, law=tuple(values))
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
@@ -118,14 +118,14 @@ class Force(Part):
 
 @dataclass(frozen=True, eq=False)
 class Moment(Part):
-    """Moment [N m], counter-clockwise positive, on an attachment as a law of time.
+    """Moment [N m] on an attachment that follows a law of time; counter-clockwise is positive.
 
     Parameters
     ----------
     name
         Unique name.
     on
-        Attachment it acts on.
+        Attachment on which the load acts.
     law
         Moment: a number, a function of t or a `Law`.
     """
@@ -153,7 +153,7 @@ class Moment(Part):
         return (Variable("M", "N m"),)
 
     def with_constant_laws(self, values: Sequence[float]) -> Moment:
-        """Return the same load with a constant moment [N m]."""
+        """Return a copy of the load with a constant moment [N m]."""
         return replace(self, law=values[0])
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:

@@ -1,4 +1,4 @@
-"""Smooth functions for formulas of forces, of numbers, arrays and symbols."""
+"""Smooth functions of numbers, arrays and symbols for force formulas."""
 
 from __future__ import annotations
 

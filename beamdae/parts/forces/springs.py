@@ -1,4 +1,4 @@
-"""Springs and dampers between two points, and between the angles of two bodies."""
+"""Springs and dampers between two points, and torsion springs between two bodies."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from beamdae.parts.forces.force_element import (
 )
 from beamdae.symbolic.statements import SX, Quantity, Variable
 
-# Length added under the root of the distance, relative to the drawn length: the distance then has a
-# slope where the points coincide; elsewhere the change is below rounding.
+# Length added under the square root of the distance, relative to the reference length. It makes the
+# distance differentiable where the points coincide; elsewhere the change is below rounding.
 _COINCIDENT_RATIO = 1e-8
 
 
 def _elongation(a: Any, b: Any, numbers: Any) -> SX:
-    """Return the elongation; the numbers are the free length and the regularization length."""
+    """Return the elongation. Numbers: free length and regularization length."""
     (position_a, _), (position_b, _) = a, b
     return ca.sqrt(ca.sumsqr(position_b - position_a) + numbers[1] ** 2) - numbers[0]
 
@@ -38,13 +38,13 @@ def _displacement(a: Any, b: Any, numbers: Any) -> SX:
 
 
 def _relative_angle(a: Any, b: Any, numbers: Any) -> SX:
-    """Return the relative rotation; the number is the free angle."""
+    """Return the relative rotation. Numbers: free angle."""
     (_, rotation_a), (_, rotation_b) = a, b
     return rotation_b - rotation_a - numbers[0]
 
 
 class _SpringLaw(ForceElement):
-    """Force element with stiffness, damping and preload, or a law in their place."""
+    """Force element with stiffness, damping and preload, or with a law instead."""
 
     stiffness: float
     damping: float
@@ -53,7 +53,7 @@ class _SpringLaw(ForceElement):
     energy: Callable[..., Any] | None
 
     def _check_law(self, size: float) -> None:
-        """Check the numbers or the law; `size` is the typical size of the deformation."""
+        """Check the coefficients or the law; `size` is the typical size of the deformation."""
         set_fields(
             self,
             stiffness=require_non_negative(self.name, "stiffness", self.stiffness),
@@ -62,7 +62,7 @@ class _SpringLaw(ForceElement):
         )
         if self.law is None:
             if self.energy is not None:
-                raise BeamdaeError(f"{self.name}: energy belongs to a law; give law= as well.")
+                raise BeamdaeError(f"{self.name}: energy requires law=; pass both or neither.")
         elif self.stiffness or self.damping or self.preload:
             raise BeamdaeError(
                 f"{self.name}: give either a law or stiffness, damping and preload, not both."
@@ -79,13 +79,14 @@ class _SpringLaw(ForceElement):
 
 @dataclass(frozen=True, eq=False)
 class SpringDamper(_SpringLaw):
-    """Spring and damper side by side on the line between two points.
+    """Parallel spring and damper along the line between two points.
 
-    The force is stiffness e + damping e' + preload, where e is the elongation beyond the free
+    The force is stiffness * e + damping * e' + preload, where e is the elongation beyond the free
     length; tension is positive and pulls the points together. The potential counts as strain
-    energy. The direction of the force is undefined where the points coincide: there it fades within
-    1e-8 of the drawn length. A spring of free length zero without preload, damping and law has no
-    such singularity; its force is the stiffness times the vector between the points.
+    energy. Where the points coincide, the direction of the force is undefined; the force fades to
+    zero within 1e-8 of the length in the reference configuration. A spring of free length zero
+    without preload, damping and law has no such singularity: its force is the stiffness times the
+    vector between the points.
 
     Parameters
     ----------
@@ -94,19 +95,19 @@ class SpringDamper(_SpringLaw):
     a, b
         The two points.
     stiffness
-        [N/m].
+        Stiffness [N/m].
     damping
-        [N s/m].
+        Damping coefficient [N s/m].
     free_length
-        [m]; default: the distance of the points in the drawing.
+        Free length [m]. Defaults to the distance between the points in the reference configuration.
     preload
         Tension at the free length [N].
     law
-        Tension [N] as a formula `law(elongation, rate)` in place of the numbers. Its value at zero
-        rate counts as a load, the rest as damping.
+        Tension [N] as a formula `law(elongation, rate)` in place of the coefficients. The value at
+        zero rate counts as a load, the remainder as damping.
     energy
-        Potential [J] of the law at zero rate, a formula of the elongation. With it that part of the
-        law counts as elastic.
+        Potential [J] of the law at zero rate, a formula of the elongation. If given, the force at
+        zero rate counts as elastic.
 
     Examples
     --------
@@ -130,15 +131,15 @@ class SpringDamper(_SpringLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        drawn_length = math.dist(self.a.point, self.b.point)
-        length = drawn_length if self.free_length is None else self.free_length
+        reference_length = math.dist(self.a.point, self.b.point)
+        length = reference_length if self.free_length is None else self.free_length
         set_fields(self, free_length=require_non_negative(self.name, "free_length", length))
-        self._check_law(drawn_length)
-        if drawn_length == 0.0 and not self._is_vector_spring:
+        self._check_law(reference_length)
+        if reference_length == 0.0 and not self._is_vector_spring:
             raise BeamdaeError(
-                f"{self.name}: {self.a} and {self.b} are drawn at one place, so that the direction "
-                "of the force is undefined; give stiffness alone with free_length=0, or use a "
-                "Bushing."
+                f"{self.name}: {self.a} and {self.b} coincide in the reference "
+                "configuration, so the direction of the force is undefined; pass only "
+                "stiffness with free_length=0, or use a Bushing."
             )
 
     @property
@@ -170,16 +171,16 @@ class SpringDamper(_SpringLaw):
 
 @dataclass(frozen=True, eq=False)
 class Spring(SpringDamper):
-    """`SpringDamper` without damper."""
+    """`SpringDamper` without damping."""
 
     damping: float = field(default=0.0, init=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
 class Damper(SpringDamper):
-    """`SpringDamper` without spring: `damping` [N s/m], or a law of elongation and rate.
+    """`SpringDamper` without stiffness: `damping` [N s/m], or a law of elongation and rate.
 
-    Its `elongation` is measured from the drawn length.
+    The `elongation` is measured from the length in the reference configuration.
     """
 
     stiffness: float = field(default=0.0, init=False, repr=False)
@@ -190,11 +191,12 @@ class Damper(SpringDamper):
 
 @dataclass(frozen=True, eq=False)
 class TorsionSpring(_SpringLaw):
-    """Spring and damper between the angles of two bodies.
+    """Torsion spring and damper between two bodies.
 
-    The moment stiffness phi + damping phi' + preload resists the growth of phi, the rotation of the
-    body of `b` relative to that of `a` since the drawing, less the free angle. A positive moment
-    acts on `a` counter-clockwise and on `b` clockwise. Angles are not reduced to one revolution.
+    The moment stiffness * phi + damping * phi' + preload opposes an increase of phi, the rotation
+    of the body of `b` relative to the body of `a` from the reference configuration, minus the free
+    angle. A positive moment acts on `a` counter-clockwise and on `b` clockwise. Angles are not
+    reduced to one revolution.
 
     Parameters
     ----------
@@ -203,15 +205,15 @@ class TorsionSpring(_SpringLaw):
     a, b
         A point of each of the two bodies.
     stiffness
-        [N m/rad].
+        Torsional stiffness [N m/rad].
     damping
-        [N m s/rad].
+        Torsional damping coefficient [N m s/rad].
     free_angle
-        Relative rotation since the drawing without spring moment [rad].
+        Relative rotation [rad] at which the elastic moment is zero.
     preload
         Moment at the free angle [N m].
     law, energy
-        As of `SpringDamper`: moment [N m] of (angle, rate), potential [J] of the angle.
+        As in `SpringDamper`: moment [N m] of (angle, rate), and potential [J] of the angle.
 
     Examples
     --------
@@ -255,7 +257,7 @@ class TorsionSpring(_SpringLaw):
 
 @dataclass(frozen=True, eq=False)
 class TorsionDamper(TorsionSpring):
-    """`TorsionSpring` without spring: `damping` [N m s/rad], or a law of angle and rate."""
+    """`TorsionSpring` without stiffness: `damping` [N m s/rad], or a law of angle and rate."""
 
     stiffness: float = field(default=0.0, init=False, repr=False)
     free_angle: float = field(default=0.0, init=False, repr=False)

@@ -14,8 +14,8 @@ from beamdae.parts.attachments import Attachment, require_angle, require_attachm
 from beamdae.symbolic.formula import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import SX, Local, Quantity, Variable
 
-# Length added under the root of the distance from the center, relative to the radius: the distance
-# then has a slope at the center.
+# Length added under the square root of the distance from the center, relative to the radius. It
+# makes the distance differentiable at the center.
 _CENTER_RATIO = 1e-8
 
 
@@ -25,20 +25,26 @@ def perpendicular(vector: SX) -> SX:
 
 
 def _line_gap(rotation: SX, arm: SX, numbers: Any) -> tuple[SX, SX]:
-    """Return gap and tangent at an arm from a point of the line; the numbers are the normal."""
+    """Return the gap and the tangent of a line. Numbers: unit normal.
+
+    `arm` is the vector from a point of the line to the contact point.
+    """
     normal = rotate(rotation, ca.vertcat(numbers[0], numbers[1]))
     return ca.dot(normal, arm), -perpendicular(normal)
 
 
 def _circle_gap(rotation: SX, arm: SX, numbers: Any) -> tuple[SX, SX]:
-    """Return gap and tangent at an arm from the center; numbers: radius, 1 outside or -1 inside."""
+    """Return the gap and the tangent of a circle. Numbers: radius, and 1 outside or -1 inside.
+
+    `arm` is the vector from the center to the contact point.
+    """
     distance = ca.sqrt(ca.sumsqr(arm) + (_CENTER_RATIO * numbers[0]) ** 2)
     return numbers[1] * (distance - numbers[0]), perpendicular(arm) / distance
 
 
 @dataclass(frozen=True)
 class _SurfaceGap:
-    """Distance of a point from a surface; `size` is its number of local coordinates."""
+    """Distance from a surface to a point with `size` local coordinates."""
 
     size: int
     surface: Callable[..., tuple[SX, SX]]
@@ -50,18 +56,18 @@ class _SurfaceGap:
 
 
 class _Surface:
-    """Surface fixed to an attachment; `kind` returns gap and tangent."""
+    """Surface fixed to an attachment; `kind` is the function that returns gap and tangent."""
 
     on: Attachment
     kind: ClassVar[Callable[..., tuple[SX, SX]]]
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """Numbers of the surface, data of its kernel."""
+        """Parameters of the surface, passed to the kernel as data."""
         raise NotImplementedError
 
     def gap(self, point: Attachment) -> Quantity:
-        """Return the distance of a point from the surface [m], negative where it penetrates."""
+        """Return the distance of a point from the surface [m], negative if it penetrates."""
         require_attachment("gap", "point", point)
         functions = (
             point.checked_kinematics,
@@ -74,16 +80,16 @@ class _Surface:
 
 @dataclass(frozen=True, eq=False)
 class LineSurface(_Surface):
-    """Straight line through `on` along `direction`; points in contact lie on its left.
+    """Straight line through `on` along `direction`; it keeps contact points on its left side.
 
     `bd.LineSurface(mech.ground.at(0, 0))` is the level ground.
 
     Parameters
     ----------
     on
-        Attachment the line is fixed to.
+        Attachment to which the line is fixed.
     direction
-        Direction (x, y) in the drawing.
+        Direction (x, y) in the reference configuration.
     """
 
     on: Attachment
@@ -108,16 +114,16 @@ class LineSurface(_Surface):
 
 @dataclass(frozen=True, eq=False)
 class CircleSurface(_Surface):
-    """Circle about `on`; points in contact lie outside or inside of it.
+    """Circle centered at `on`; it keeps contact points outside or inside.
 
     Parameters
     ----------
     on
-        Attachment at its center.
+        Attachment at the center of the circle.
     radius
-        [m].
+        Radius [m].
     side
-        "outside" or "inside".
+        Allowed side of the contact points: "outside" or "inside".
     """
 
     on: Attachment

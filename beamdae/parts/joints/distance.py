@@ -1,4 +1,4 @@
-"""Rigid links without mass."""
+"""Massless rigid links."""
 
 from __future__ import annotations
 
@@ -26,10 +26,11 @@ class Distance(DrivenJoint):
     name
         Unique name.
     a, b
-        The points; particles and the ground, too.
+        The points, which may belong to particles or the ground.
     length
-        None: as drawn. A number [m], which has to be that of the drawing, or a law of time: one
-        that starts elsewhere moves the bodies out of the drawing before the run, as `Driver` does.
+        Length [m], a number or a law of time. Defaults to the distance in the reference
+        configuration, which a number must match. A law with a different initial value moves the
+        bodies out of the reference configuration before the run, as in `Driver`.
 
     The reaction F is the force in the link, tension positive.
 
@@ -50,40 +51,43 @@ class Distance(DrivenJoint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        drawn_length = self._drawn_length
+        reference_length = self._reference_length
         tolerance = meeting_tolerance(self.a, self.b)
-        if drawn_length <= tolerance:
+        if reference_length <= tolerance:
             raise BeamdaeError(
-                f"{self.name}: a link needs two points that lie apart in the reference drawing, "
-                f"{self.a} and {self.b} do not; join them by a Revolute."
+                f"{self.name}: {self.a} and {self.b} coincide in the reference "
+                "configuration, but a link requires a positive length; join the "
+                "points by a Revolute."
             )
         length = self.length
         if not (isinstance(length, Law) or callable(length) or length is None):
             set_fields(self, length=require_positive(self.name, "length", length))
-            if abs(self.length - drawn_length) > tolerance:
+            if abs(self.length - reference_length) > tolerance:
                 raise BeamdaeError(
-                    f"{self.name}: length must be that of the reference drawing, "
-                    f"{drawn_length:.6g} m, or a law of time, got {self.length:.6g}."
+                    f"{self.name}: length must equal the distance in the reference "
+                    f"configuration ({reference_length:.6g} m) or be a law of time, got "
+                    f"{self.length:.6g}."
                 )
         require_positive(self.name, "length at t = 0", self._initial_value)
 
     @staticmethod
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint, length: SX) -> SX:
-        """Return by how much the link is too short [m], to first order."""
+        """Return the prescribed length minus the distance of the points [m], to first order."""
         return (length**2 - ca.sumsqr(b.position - a.position)) / (2.0 * length)
 
     @property
     def law_argument(self) -> Any:
-        """The length [m], a number or a law of time."""
-        return self._drawn_length if self.length is None else self.length
+        """Length [m], a number or a law of time."""
+        return self._reference_length if self.length is None else self.length
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Difference between the lengths at the start and in the drawing."""
+        """Initial length minus the length in the reference configuration."""
         return {
-            "length at the start, beyond the drawing [m]": self._initial_value - self._drawn_length
+            "length at the start, beyond the drawing [m]": self._initial_value
+            - self._reference_length
         }
 
     @property
-    def _drawn_length(self) -> float:
+    def _reference_length(self) -> float:
         return float(np.hypot(*np.subtract(self.b.point, self.a.point)))

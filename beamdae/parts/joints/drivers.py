@@ -20,12 +20,12 @@ from beamdae.symbolic.statements import SX, Local, Quantity, Variable
 
 @dataclass(frozen=True)
 class _ReactionAndPower(PointFunction):
-    """Reaction of a driver, and the power it brings in.
+    """Reaction of a driver and power it supplies.
 
     Attributes
     ----------
     law_may_change
-        An event may replace the law: then the power is that of the motion, not of the law.
+        True if an event may replace the law; the power is then computed from the motion.
     """
 
     law_may_change: bool
@@ -42,7 +42,7 @@ class _ReactionAndPower(PointFunction):
 class DrivenJoint(Joint):
     """Joint whose gap follows a law of time."""
 
-    # A relative law may begin with any value: events may put another one in its place.
+    # Events may replace a relative law, because it may begin with any value.
     is_relative: ClassVar[bool] = True
 
     @property
@@ -52,12 +52,12 @@ class DrivenJoint(Joint):
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
-        """The law of the driver."""
+        """Law of the driver."""
         return (as_law(self.name, self.law_argument),)
 
     @property
     def drive(self) -> Quantity:
-        """Reaction, force [N] or moment [N m], and power [W] that the driver brings in."""
+        """Reaction (force [N] or moment [N m]) and power [W] supplied by the driver."""
         assert self.gap is not None
         gap = self._point_function(self.gap)
         build = _ReactionAndPower(gap.sizes, gap.n_parameters, gap.function, self.is_relative)
@@ -70,11 +70,11 @@ class DrivenJoint(Joint):
 
 @dataclass(frozen=True, eq=False)
 class Driver(DrivenJoint):
-    """Prescribed relative angle: g = rotation_b - rotation_a - law(t), since the drawing [rad].
+    """Prescribed relative angle: g = rotation_b - rotation_a - law(t) [rad].
 
-    A law that is not zero at the start turns the bodies out of the drawing before the run, together
-    with the bodies joined to them; `beamdae check` reports the angle. The reaction M is the moment
-    on the body of `b`.
+    Rotations are measured from the reference configuration. If the law is not zero at the start,
+    the bodies and all bodies joined to them are rotated before the run; `beamdae check` reports the
+    angle. The reaction M is the moment on the body of `b`.
 
     Examples
     --------
@@ -97,7 +97,9 @@ class Driver(DrivenJoint):
         require_angle(self.name, self.a)
         require_angle(self.name, self.b)
         if self.law is None:
-            raise BeamdaeError(f"{self.name}: a driver needs law=, the angle [rad] over time.")
+            raise BeamdaeError(
+                f"{self.name}: law= is missing; pass the angle [rad] as a function of time."
+            )
         _ = self.laws
 
     @staticmethod
@@ -107,7 +109,7 @@ class Driver(DrivenJoint):
 
     @property
     def law_argument(self) -> Any:
-        """The angle [rad] over time."""
+        """Angle [rad] as a function of time."""
         return self.law
 
     @property
@@ -116,22 +118,23 @@ class Driver(DrivenJoint):
         return (Variable("angle", "rad"),)
 
     def with_constant_laws(self, values: Sequence[float]) -> Driver:
-        """Return the same driver with a constant angle [rad]."""
+        """Return a copy of the driver with a constant angle [rad]."""
         return replace(self, law=values[0])
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Angle by which it turns the bodies out of the drawing at the start."""
+        """Initial angle, measured from the reference configuration."""
         return {"angle at the start, from the drawing [rad]": self._initial_value}
 
 
 @dataclass(frozen=True, eq=False)
 class TranslationalDriver(DrivenJoint):
-    """Prescribed travel: g = e . (r_b - r_a) - its value in the drawing - law(t) [m].
+    """Prescribed travel: g = e . (r_b - r_a) - d0 - law(t) [m].
 
-    e is `direction`, fixed to the body of `a`: with `a` on the ground a component of the position
-    of `b`. The reaction F is the force on the body of `b` along e. A law that is not zero at the
-    start moves the bodies out of the drawing, see `Driver`.
+    e is `direction`, fixed to the body of `a`, and d0 is the value of e . (r_b - r_a) in the
+    reference configuration. With `a` on the ground, g prescribes a component of the position of
+    `b`. The reaction F is the force on the body of `b` along e. If the law is not zero at the
+    start, the bodies are moved before the run; see `Driver`.
     """
 
     law: Any = None
@@ -145,25 +148,27 @@ class TranslationalDriver(DrivenJoint):
         require_angle(self.name, self.a)
         set_fields(self, direction=require_direction(self.name, self.direction))
         if self.law is None:
-            raise BeamdaeError(f"{self.name}: a driver needs law=, the travel [m] over time.")
+            raise BeamdaeError(
+                f"{self.name}: law= is missing; pass the travel [m] as a function of time."
+            )
         _ = self.laws
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """Unit vector of the direction, and distance of the points along it in the drawing [m]."""
+        """Unit vector of the direction, and reference distance of the points along it [m]."""
         return project_along(self.direction, self.a, self.b)
 
     @staticmethod
     def gap(
-        t: SX, a: PlacedPoint, b: PlacedPoint, ex: SX, ey: SX, drawn_distance: SX, travel: SX
+        t: SX, a: PlacedPoint, b: PlacedPoint, ex: SX, ey: SX, reference_distance: SX, travel: SX
     ) -> SX:
-        """Return the difference between the travel and the prescribed one."""
+        """Return the travel minus the prescribed travel."""
         distance = ca.dot(rotate(a.rotation, (ex, ey)), b.position - a.position)
-        return distance - drawn_distance - travel
+        return distance - reference_distance - travel
 
     @property
     def law_argument(self) -> Any:
-        """The travel [m] over time."""
+        """Travel [m] as a function of time."""
         return self.law
 
     @property
@@ -172,10 +177,10 @@ class TranslationalDriver(DrivenJoint):
         return (Variable("travel", "m"),)
 
     def with_constant_laws(self, values: Sequence[float]) -> TranslationalDriver:
-        """Return the same driver with a constant travel [m]."""
+        """Return a copy of the driver with a constant travel [m]."""
         return replace(self, law=values[0])
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Distance by which it moves the point out of the drawing at the start."""
+        """Initial travel, measured from the reference configuration."""
         return {"travel at the start, from the drawing [m]": self._initial_value}

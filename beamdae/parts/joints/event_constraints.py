@@ -1,4 +1,4 @@
-"""Constraints that events put in place of joints: frozen gaps and closed gaps."""
+"""Constraints that replace joints after events: frozen gaps and closed gaps."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class FrozenGap:
-    """Gap that a joint keeps since an event activated it "as it is".
+    """Gap that a joint keeps after an event activated it with `as_is=True`.
 
     Attributes
     ----------
     offsets
-        Values of the gap function at the event, in the axes of its `offset_carrier`.
+        Values of the gap function at the event, in the axes of the joint's `offset_carrier`.
     event
-        Event whose law the joint follows, or "" if it follows its own.
+        Event whose law the joint follows, or "" if the joint keeps its original law.
     since
-        Time of that event [s].
+        Time of the event [s].
     """
 
     offsets: tuple[float, ...]
@@ -51,7 +51,7 @@ class FrozenGap:
 
     @classmethod
     def from_record(cls, record: Any) -> FrozenGap:
-        """Return the frozen gap of a record."""
+        """Return the frozen gap stored in a record."""
         offsets = tuple(float(x) for x in record["found"])
         return cls(offsets, str(record["event"]), float(record["since"]))
 
@@ -64,18 +64,18 @@ def _carrier_index(joint: KinematicConstraint) -> int | None:
 
 @dataclass(frozen=True)
 class _OffsetGap:
-    """Gap function less offsets, which follow the parameters of the gap.
+    """Gap function minus offsets, which are passed after the parameters of the gap.
 
     Attributes
     ----------
     gap
         Gap function of the joint.
     n_arguments
-        Number of its points and parameters.
+        Number of points and parameters of the gap function.
     n_offsets
         Number of offsets.
     carrier
-        Index of the point whose axes carry the first two offsets, if there is one.
+        Index of the point whose axes carry the first two offsets; None if offsets are constant.
     """
 
     gap: Any
@@ -94,7 +94,7 @@ class _OffsetGap:
 
 @dataclass(frozen=True)
 class _GapOffsets(PointFunction):
-    """Offsets at which the gap less its offsets is zero."""
+    """Offsets that close the gap at the current positions."""
 
     carrier: int | None
 
@@ -121,11 +121,11 @@ def evaluate_frozen_gap(
     Parameters
     ----------
     joint
-        Joint that has a gap.
+        Joint with a gap function.
     law
-        Law the joint follows from now on, if it is not its own.
+        New law of the joint. If None, the joint keeps its original laws.
     time
-        (t, branch) [s].
+        Time, and the time that selects the piece of each law, (t, branch) [s].
     local
         Local coordinates of the points of the joint.
     """
@@ -140,7 +140,7 @@ def evaluate_frozen_gap(
 
 @dataclass(frozen=True, eq=False)
 class FrozenConstraint(Part):
-    """Joint whose gap keeps its `offsets`; follows `law` if that is not None."""
+    """Joint with a frozen gap: keeps the `offsets` and follows `law`, if given."""
 
     joint: KinematicConstraint
     offsets: tuple[float, ...]
@@ -158,7 +158,7 @@ class FrozenConstraint(Part):
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """Laws of the joint, or the law in their place."""
+        """Laws of the joint, or the law that replaces them."""
         return self.joint.laws if self.law is None else (self.law,)
 
     @property
@@ -177,14 +177,14 @@ class FrozenConstraint(Part):
 
 @dataclass(frozen=True, eq=False)
 class ClosedGap(Part):
-    """Gap that an impact keeps closed: g = -gap, so that multipliers that open it are positive."""
+    """Gap that an impact keeps closed: g = -gap, so that multipliers that open the gap are > 0."""
 
     name: str
     gap: Quantity
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:
-        """No attachments: the quantity has its own coordinates."""
+        """Empty, because the quantity contains its coordinates."""
         return ()
 
     def constraints(self) -> list[ConstraintStatement]:

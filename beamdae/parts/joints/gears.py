@@ -26,7 +26,8 @@ def _require_nonzero(part: str, name: str, value: Any) -> float:
 class Gear(Joint):
     """Coupled rotations of two wheels: g = (theta_b - theta_c) - ratio (theta_a - theta_c).
 
-    theta are rotations since the drawing [rad], theta_c is that of the carrier.
+    theta are rotations from the reference configuration [rad]; theta_c is the rotation of the
+    carrier.
 
     Parameters
     ----------
@@ -35,13 +36,14 @@ class Gear(Joint):
     a, b
         Any points of the two wheels; their bearings are separate joints.
     ratio
-        Rotation of `b` for each rotation of `a`, both relative to the carrier: negative where the
-        wheels mesh externally, -r_a / r_b.
+        Rotation of `b` per rotation of `a`, both relative to the carrier; negative for an external
+        mesh, -r_a / r_b.
     carrier
-        Any point of the body that carries the bearings, as in a planetary gear; None: the ground.
+        Any point of the body that carries the bearings, as in a planetary gear. Defaults to the
+        ground.
 
-    The reaction M is the moment on the body of `b`; that on `a` is -ratio M, and the carrier has
-    the rest. The forces of the mesh on the bearings are not among the reactions.
+    The reaction M is the moment on the body of `b`. The moment on the body of `a` is -ratio M, and
+    the carrier balances both. Bearing forces due to the mesh are not part of the reactions.
 
     Examples
     --------
@@ -65,7 +67,7 @@ class Gear(Joint):
             require_attachment(self.name, "carrier", self.carrier)
             if self.carrier.body in (self.a.body, self.b.body):
                 raise BeamdaeError(
-                    f"{self.name}: the carrier must be another body than the wheels, "
+                    f"{self.name}: the carrier must be a body other than the wheels, "
                     f"got {self.carrier}."
                 )
         for point in self.points.values():
@@ -79,12 +81,12 @@ class Gear(Joint):
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """Gear ratio, a number in the gap function."""
+        """Gear ratio, passed to the gap function."""
         return (self.ratio,)
 
     @staticmethod
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint, *carrier_and_ratio: Any) -> SX:
-        """Return the rotation of `b` beyond that which the gear prescribes."""
+        """Return the rotation of `b` minus the rotation that the gear prescribes."""
         *carriers, ratio = carrier_and_ratio
         carrier = carriers[0].rotation if carriers else 0
         return b.rotation - carrier - ratio * (a.rotation - carrier)
@@ -92,11 +94,12 @@ class Gear(Joint):
 
 @dataclass(frozen=True, eq=False)
 class RackAndPinion(Joint):
-    """Pinion that rolls on a rack: g = travel - radius (theta_a - theta_b), since the drawing.
+    """Pinion that rolls on a rack: g = travel - radius (theta_a - theta_b).
 
-    The travel [m] is that of `b`, a point of the rack, from `a`, the center of the pinion, along
-    `direction`, which is fixed to the body of `b`. A rack on the ground makes a wheel that rolls; a
-    particle as a rack hangs on a winch.
+    The travel [m] is the displacement of `b`, a point of the rack, relative to `a`, the center of
+    the pinion, along `direction`, which is fixed to the body of `b`. Travel and rotations theta
+    are measured from the reference configuration. With a rack on the ground, the pinion is a
+    rolling wheel; with a particle as the rack, it is a winch.
 
     Parameters
     ----------
@@ -105,11 +108,12 @@ class RackAndPinion(Joint):
     a, b
         Center of the pinion, and a point of the rack; bearing and guide are separate joints.
     radius
-        Radius of the pinion [m]; negative where it lies to the right of the rack's direction.
+        Radius of the pinion [m]; negative if the pinion is on the right of the rack's direction.
     direction
-        Direction of the rack in the drawing.
+        Direction of the rack in the reference configuration.
 
-    The reaction F is the force on the rack along its direction, -radius F the moment on the pinion.
+    The reaction F is the force on the rack along its direction; -radius F is the moment on the
+    pinion.
     """
 
     radius: float = 1.0
@@ -129,13 +133,13 @@ class RackAndPinion(Joint):
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """Unit vector of the direction, drawn distance of the points along it, and radius [m]."""
+        """Unit vector of the direction, initial distance of the points along it, and radius [m]."""
         return (*project_along(self.direction, self.a, self.b), self.radius)
 
     @staticmethod
     def gap(
-        t: SX, a: PlacedPoint, b: PlacedPoint, ex: SX, ey: SX, drawn_distance: SX, radius: SX
+        t: SX, a: PlacedPoint, b: PlacedPoint, ex: SX, ey: SX, reference_distance: SX, radius: SX
     ) -> SX:
-        """Return the travel of the rack beyond that which the pinion prescribes."""
+        """Return the travel of the rack minus the travel that the pinion prescribes."""
         distance = ca.dot(rotate(b.rotation, (ex, ey)), b.position - a.position)
-        return distance - drawn_distance - radius * (a.rotation - b.rotation)
+        return distance - reference_distance - radius * (a.rotation - b.rotation)

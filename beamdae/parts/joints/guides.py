@@ -1,4 +1,4 @@
-"""Guides: points that slide along straight lines of a body."""
+"""Guides: points that slide along straight lines fixed to a body."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from beamdae.symbolic.statements import SX, Variable
 
 
 def require_direction(part: str, value: Any) -> tuple[float, float]:
-    """Return `value` if it is a direction (x, y)."""
+    """Return `value` if it is a nonzero vector (x, y)."""
     direction = require_point(part, "direction", value)
     if np.hypot(*direction) == 0.0:
         raise BeamdaeError(f"{part}: direction must not be zero.")
@@ -33,7 +33,7 @@ def left_normal(part: str, direction: Any) -> tuple[float, float]:
 def project_along(
     direction: tuple[float, float], a: Attachment, b: Attachment
 ) -> tuple[float, float, float]:
-    """Return the unit vector of a direction, and the drawn distance of `b` from `a` along it."""
+    """Return the unit vector of a direction, and the distance from `a` to `b` along it [m]."""
     ex, ey = (float(x) for x in np.divide(direction, np.hypot(*direction)))
     return ex, ey, ex * (b.point[0] - a.point[0]) + ey * (b.point[1] - a.point[1])
 
@@ -41,7 +41,7 @@ def project_along(
 def project_across(
     direction: tuple[float, float], a: Attachment, b: Attachment
 ) -> tuple[float, float, float]:
-    """Return the left unit normal of a direction, and the drawn distance [m] along the normal."""
+    """Return the left unit normal of a direction, and the distance from `a` to `b` along it [m]."""
     return project_along((-direction[1], direction[0]), a, b)
 
 
@@ -49,8 +49,8 @@ def project_across(
 class PointOnLine(Joint):
     """Point `b` stays on the line through `a` along `direction`: g = n . (r_b - r_a).
 
-    The line is fixed to the body of `a` and turns with it; n is its left normal. The reaction F is
-    the force on the body of `b` along n.
+    The line is fixed to the body of `a` and rotates with it; n is its left normal. The reaction F
+    is the force on the body of `b` along n.
     """
 
     direction: tuple[float, float] = (1.0, 0.0)
@@ -66,8 +66,9 @@ class PointOnLine(Joint):
         gap = abs(offset)
         if gap > meeting_tolerance(self.a, self.b):
             raise BeamdaeError(
-                f"{self.name}: the point must lie on the line in the reference drawing, but "
-                f"{self.b} is {gap:.6g} m off the line through {self.a}."
+                f"{self.name}: the point must lie on the line in the reference "
+                f"configuration, but {self.b} is {gap:.6g} m off the line through "
+                f"{self.a}."
             )
 
     @property
@@ -77,12 +78,12 @@ class PointOnLine(Joint):
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """Normal of the line in the drawing."""
+        """Normal of the line in the reference configuration."""
         return project_across(self.direction, self.a, self.b)[:2]
 
     @staticmethod
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint, nx: SX, ny: SX) -> SX:
-        """Return the distance of `b` from the line."""
+        """Return the distance of `b` from the line [m]."""
         return ca.dot(rotate(a.rotation, (nx, ny)), b.position - a.position)
 
 
@@ -90,9 +91,10 @@ class PointOnLine(Joint):
 class Prismatic(Joint):
     """Slider on an axis of a body: g = (n . (r_b - r_a) - offset, rotation_b - rotation_a).
 
-    The axis passes through `a` along `direction`, is fixed to the body of `a` and turns with it; n
-    is its left normal. The offset of `b` from the axis is that of the drawing. The reaction F is
-    the force on the body of `b` along n, at its point, and M the moment on that body.
+    The axis passes through `a` along `direction`, is fixed to the body of `a` and rotates with it;
+    n is its left normal. The offset of `b` from the axis keeps its value in the reference
+    configuration. The reaction F is the force on the body of `b` along n, at point `b`, and M the
+    moment on this body.
 
     Examples
     --------
@@ -120,7 +122,7 @@ class Prismatic(Joint):
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """Normal of the axis in the drawing, and offset of `b` [m]."""
+        """Normal of the axis in the reference configuration, and offset of `b` [m]."""
         return project_across(self.direction, self.a, self.b)
 
     @staticmethod

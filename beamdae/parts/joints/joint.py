@@ -17,24 +17,24 @@ from beamdae.parts.attachments import (
 from beamdae.parts.joints.kinematic_constraint import KinematicConstraint, PlacedPoint
 from beamdae.symbolic.statements import SX, Variable
 
-# Relative to the size of the bodies: error of coordinates rounded by hand in a drawing.
+# Relative to the size of the bodies; allows for coordinates rounded by hand.
 _MEETING_TOLERANCE = 1e-6
 
 
 def meeting_tolerance(a: Attachment, b: Attachment) -> float:
-    """Return the distance [m] up to which two drawn points count as one."""
+    """Return the distance [m] up to which two points are considered coincident."""
     points = np.concatenate([[a.point, b.point], a.body.outline, b.body.outline])
     size = largest_distance(points) or max(1.0, float(np.max(np.abs(points))))
     return _MEETING_TOLERANCE * size
 
 
 def require_meeting(part: str, a: Attachment, b: Attachment) -> None:
-    """Raise an error if two points are apart in the reference drawing."""
+    """Raise an error unless two points coincide in the reference configuration."""
     distance = float(np.hypot(*np.subtract(b.point, a.point)))
     if distance > meeting_tolerance(a, b):
         raise BeamdaeError(
-            f"{part}: the two points must meet in the reference drawing, but {a} and {b} "
-            f"are {distance:.6g} m apart."
+            f"{part}: the two points must coincide in the reference configuration, but "
+            f"{a} and {b} are {distance:.6g} m apart."
         )
 
 
@@ -42,32 +42,32 @@ def require_meeting(part: str, a: Attachment, b: Attachment) -> None:
 class Joint(KinematicConstraint):
     """Constraint between two attachments; the base class of all joints.
 
-    A joint is defined by its gap function g, which is zero while the joint holds. The constraint
-    kernel, g', g'', reactions and switching by events follow from it. Subclasses are frozen
-    dataclasses that define
+    A joint is defined by its gap function g, which is zero while the joint is closed. The
+    constraint kernel, g', g'', reactions and switching by events follow from it. Subclasses are
+    frozen dataclasses that define
 
     - `gap`, a static method `gap(t, a, b, *gap_parameters, *law_values)` that returns g, a CasADi
       SX with one row for each constraint. `a` and `b` are the attachments in the current
-      configuration: `position` (x, y) in the inertial frame [m] and `rotation` since the reference
-      drawing [rad].
+      configuration: `position` (x, y) in the inertial frame [m] and `rotation` from the reference
+      configuration [rad].
     - `multipliers`, a `Variable` for each row of g: its name and "N" or "N m", the unit of its
       multiplier.
-    - `reactions`, the name of each multiplier as a column of `reaction`.
-    - `gap_parameters`, if g depends on numbers: kernels are shared between joints that differ in
-      these numbers alone. A gap that is an ordinary method may read them from `self` instead; its
-      kernel then is built for each joint.
+    - `reactions`, the column name of each multiplier in `reaction`.
+    - `gap_parameters`, if g depends on numbers: joints that differ only in these numbers share one
+      kernel. If `gap` is an ordinary method, it may read them from `self` instead; a kernel is then
+      built for each joint.
     - `laws`, if g depends on laws of time.
-    - `points`, if it constrains more than two attachments.
-    - `symbol`, to be drawn as another joint, such as "link" or "hinge".
-    - `slide_direction`, if it is a guide with `Friction`.
+    - `points`, if the joint constrains more than two attachments.
+    - `symbol`, to draw the joint with the symbol of another one, such as "link" or "hinge".
+    - `slide_direction`, if the joint is a guide that can have `Friction`.
     - `slip`, instead of the gap or besides it, for a nonholonomic constraint: a static method with
       the arguments of `gap`, whose points have a `velocity` [m/s] and an `angular_velocity` [rad/s]
-      as well. It is linear in these and zero while the joint holds.
+      as well. It must be linear in both.
 
     Sign convention: `reaction` is -lambda, where G^T lambda enters the equations of motion
     M a - f + G^T lambda = 0. It acts on the body of `b` in the direction in which g grows, and its
-    power is the reaction times g'. With g = |r_b - r_a| - L a positive reaction drives the points
-    apart (compression is positive), with g = L - |r_b - r_a| tension is positive.
+    power is the reaction times g'. With g = |r_b - r_a| - L, a positive reaction pushes the points
+    apart (compression is positive); with g = L - |r_b - r_a|, tension is positive.
 
     Parameters
     ----------
@@ -107,18 +107,21 @@ class Joint(KinematicConstraint):
         require_attachment(self.name, "first attachment", self.a)
         require_attachment(self.name, "second attachment", self.b)
         if self.a.body is self.b.body:
-            raise BeamdaeError(f"{self.name}: a joint must connect two bodies, both are {self.a}.")
+            raise BeamdaeError(
+                f"{self.name}: a joint must connect two different bodies, but both "
+                f"attachments belong to {self.a.body.name!r}."
+            )
 
     @property
     def points(self) -> dict[str, Attachment]:
-        """Attachments it constrains, in the order of the arguments; names are for `reaction_on`."""
+        """Constrained attachments in argument order, by their names in `reaction_on`."""
         return {"a": self.a, "b": self.b}
 
     @property
     def slide_direction(self) -> tuple[float, float] | None:
-        """Direction (x, y) in the drawing in which `b` slides on the body of `a`, for `Friction`.
+        """Direction (x, y) in which `b` slides on the body of `a` in the reference configuration.
 
-        None for joints that are not guides.
+        Required by `Friction`; None for joints that are not guides.
         """
         return None
 

@@ -30,14 +30,14 @@ from beamdae.symbolic.statements import (
 
 
 class PlacedPoint(NamedTuple):
-    """Attachment in the current configuration, as a gap function receives it.
+    """Attachment in the current configuration, as passed to a gap function.
 
     Attributes
     ----------
     position
-        (x, y) in the inertial frame [m], shape (2,).
+        Position (x, y) in the inertial frame [m], shape (2,).
     rotation
-        Rotation of its body or section since the reference drawing [rad]; 0 for a particle.
+        Rotation of the body or section from the reference configuration [rad]; 0 for a particle.
     """
 
     position: SX
@@ -45,12 +45,12 @@ class PlacedPoint(NamedTuple):
 
 
 class MovingPoint(NamedTuple):
-    """Attachment with its velocities, as a slip function receives it.
+    """Attachment with its velocities, as passed to a slip function.
 
     Attributes
     ----------
     position, rotation
-        As of `PlacedPoint`.
+        As in `PlacedPoint`.
     velocity
         Rate of the position [m/s], shape (2,).
     angular_velocity
@@ -84,8 +84,8 @@ def _negative_multipliers(local: Local) -> SX:
 class PointFunction:
     """A gap or slip function in local coordinates.
 
-    It is called with the kinematics of the points, then, if there are parameters, a formula that
-    returns them, then the laws. Equal instances build equal expressions.
+    The arguments of a call are the kinematics of the points, a formula that returns the parameters
+    (if there are any), and the laws. Equal instances build equal expressions.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class PointFunction:
     n_parameters
         Number of parameters.
     function
-        (t, *points, *parameters, *values of the laws) -> SX.
+        Function (t, *points, *parameters, *values of the laws) -> SX.
     """
 
     sizes: tuple[int, ...]
@@ -110,7 +110,7 @@ class PointFunction:
         ]
 
     def evaluate(self, local: Local, points: Sequence[Any], functions: Sequence[Any]) -> SX:
-        """Return the value of the function at these points."""
+        """Return the value of the function for the given points."""
         others = list(functions[len(self.sizes) :])
         parameters: list[Any] = []
         if self.n_parameters:
@@ -142,12 +142,12 @@ class _SlipKernel(PointFunction):
 
 @dataclass(frozen=True)
 class _PointLoad:
-    """Force and moment of the multipliers on one of the points.
+    """Force and moment that the multipliers exert on one of the points.
 
     Attributes
     ----------
     gap, slip
-        Constraints whose multipliers follow each other in this order.
+        Constraint functions, whose multipliers are concatenated in this order.
     n_gap
         Number of multipliers of the gap.
     point
@@ -172,7 +172,7 @@ class _PointLoad:
         position, rotation = placed[self.point]
         load = SX.zeros(3)
         if self.gap is not None:
-            # The load is conjugate to the placement of the point, which has to be free for that.
+            # The load is conjugate to the placement of the point, here a free variable.
             free = SX.sym("point", 3)
             points = list(placed)
             points[self.point] = PlacedPoint(free[:2], free[2])
@@ -189,10 +189,9 @@ class _PointLoad:
 
 
 class KinematicConstraint(Part):
-    """Constraints between attachments, stated by a `gap` or a `slip` function.
+    """Constraints between attachments, defined by a `gap` function, a `slip` function or both.
 
-    `Joint` describes both functions. Subclasses of this class choose their own attachments in
-    `points`.
+    `Joint` describes both functions. Subclasses define their attachments in `points`.
     """
 
     gap: ClassVar[Callable[..., Any] | None] = None
@@ -200,7 +199,7 @@ class KinematicConstraint(Part):
 
     @property
     def points(self) -> dict[str, Attachment]:
-        """Attachments it constrains, in the order of the arguments; names are for `reaction_on`."""
+        """Constrained attachments in argument order, by their names in `reaction_on`."""
         raise NotImplementedError
 
     @property
@@ -212,23 +211,23 @@ class KinematicConstraint(Part):
     def multipliers(self) -> tuple[Variable, ...]:
         """Name of each constraint and unit of its multiplier, "N" or "N m"."""
         raise BeamdaeError(
-            f"{self.name}: {type(self).__name__} has no multipliers; define a Variable for each row "
-            "of its gap."
+            f"{self.name}: {type(self).__name__} has no multipliers; define a Variable "
+            "for each row of the gap."
         )
 
     @property
     def reactions(self) -> tuple[str, ...]:
         """Column of `reaction` for each multiplier."""
         raise BeamdaeError(
-            f"{self.name}: {type(self).__name__} has no reactions; define a column name for each "
-            "of its multipliers."
+            f"{self.name}: {type(self).__name__} has no reactions; define a column "
+            "name for each multiplier."
         )
 
     @property
     def offset_carrier(self) -> str | None:
-        """Point whose rotating axes carry the first two rows of a frozen gap, see `activate`.
+        """Name of the point whose axes carry the first two offsets of a frozen gap; see `activate`.
 
-        None: offsets of a frozen gap are constant.
+        If None, the offsets are constant.
         """
         return None
 
@@ -239,10 +238,10 @@ class KinematicConstraint(Part):
 
     @property
     def reaction(self) -> Quantity:
-        """Reaction of each constraint [N] or [N m], positive where it opens the gap."""
+        """Reaction of each constraint [N] or [N m], positive if it opens the gap."""
         if len(self.reactions) != len(self.multipliers):
             raise BeamdaeError(
-                f"{self.name}: it must have a reaction for each multiplier, got "
+                f"{self.name}: reactions must have one name per multiplier, got "
                 f"{len(self.reactions)} for {len(self.multipliers)}."
             )
         columns = tuple(
@@ -253,15 +252,15 @@ class KinematicConstraint(Part):
         return Quantity(columns, (), values, joint=self.name)
 
     def reaction_on(self, place: str = "b", axes: str = "inertial") -> Quantity:
-        """Return force Fx, Fy [N] and moment M [N m] on the body of one of its points, there.
+        """Return force Fx, Fy [N] and moment M [N m] on the body of a point, acting at this point.
 
         Parameters
         ----------
         place
-            Name of the point: "a", "b" or another one of the joint.
+            Name of the point in `points`: "a", "b" or a name that the joint defines.
         axes
-            "inertial", or "body": axes of the drawing that turn with the body (or with the section
-            of a beam).
+            "inertial", or "body" for axes that rotate with the body (or with the section of a
+            beam).
         """
         points = self.points
         require_choice(self.name, "place", place, tuple(points))
@@ -278,13 +277,13 @@ class KinematicConstraint(Part):
         return self.observe(build, load_columns(at))
 
     def constraints(self) -> list[ConstraintStatement]:
-        """Return its constraints: rows of the gap, then rows of the slip."""
+        """Return the constraints of the joint: rows of the gap, then rows of the slip."""
         return self.state_constraints(self.gap, self.gap_parameters, self.laws)
 
     def state_constraints(
         self, gap: Callable[..., Any] | None, parameters: Sequence[float], laws: Sequence[Law]
     ) -> list[ConstraintStatement]:
-        """Return its constraints with another gap, parameters and laws in place of its own."""
+        """Return the constraints of the joint with another gap, parameters and laws."""
         if gap is None and self.slip is None:
             raise BeamdaeError(
                 f"{self.name}: {type(self).__name__} has no constraint; define gap(t, a, b)."
@@ -301,12 +300,12 @@ class KinematicConstraint(Part):
         return statements
 
     def observe(self, build: Callable[..., SX], columns: tuple[Variable, ...]) -> Quantity:
-        """Return a quantity of its points and multipliers, built as a `PointFunction` is."""
+        """Return a quantity of the points and multipliers; `build` acts like a `PointFunction`."""
         values, data = FormulaExpression.of(
             build, self.argument_functions(self.gap_parameters, self.laws)
         )
         if self._reads_self:
-            # A function of the instance is not kept for other models.
+            # Methods of an instance are not cached for other models.
             return Quantity(
                 columns, self.pieces, lambda local: values(local), data, joint=self.name
             )
@@ -335,7 +334,7 @@ class KinematicConstraint(Part):
     def argument_functions(
         self, parameters: Sequence[float], laws: Sequence[Law]
     ) -> tuple[Callable[..., Any], ...]:
-        """Return the functions that a `PointFunction` is called with."""
+        """Return the functions to pass to a `PointFunction`."""
         kinematics = (point.checked_kinematics for point in self.points.values())
         constants = (constant_formula(*parameters),) if parameters else ()
         return (*kinematics, *constants, *(law.formula for law in laws))
@@ -345,7 +344,7 @@ class KinematicConstraint(Part):
 
     @cached_property
     def n_gap_rows(self) -> int:
-        """Number of multipliers of the gap; those of the slip follow."""
+        """Number of gap multipliers, which precede the slip multipliers."""
         if self.slip is None:
             return len(self.multipliers)
         if self.gap is None:

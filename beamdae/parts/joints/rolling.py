@@ -1,4 +1,4 @@
-"""Contacts without slip: disks that roll, and skates."""
+"""Constraints without slip: rolling disks and skates."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from beamdae.parts.joints.joint import Joint
 from beamdae.parts.joints.kinematic_constraint import KinematicConstraint, MovingPoint, PlacedPoint
 from beamdae.symbolic.statements import SX, Quantity, Variable
 
-# Relative to the radius: error of coordinates rounded by hand in a drawing.
+# Relative to the radius; allows for coordinates rounded by hand.
 _CONTACT_TOLERANCE = 1e-6
 
 
@@ -37,19 +37,19 @@ class _RollingJoint(Joint):
         require_angle(self.name, self.b)
 
     @property
-    def _drawn_arm(self) -> np.ndarray:
-        """Vector from `a` to `b` in the drawing [m]."""
+    def _reference_arm(self) -> np.ndarray:
+        """Vector from `a` to `b` in the reference configuration [m]."""
         return np.subtract(self.b.point, self.a.point)
 
 
 @dataclass(frozen=True, eq=False)
 class RollingOnLine(_RollingJoint):
-    """A disk with center `b` rolls without slip on the line through `a` along `direction`.
+    """Disk with center `b` that rolls without slip on the line through `a` along `direction`.
 
-    The line is fixed to the body of `a` and turns with it; n is its left normal, t its direction.
-    The disk stays at its distance, n . (r_b - r_a) = h = +-radius as drawn. In the plane rolling is
-    holonomic: t . (r_b - r_a) + h (rotation_b - rotation_a) keeps its drawn value. Reactions Fn and
-    Ft are the components along n and t of the force on the disk at the contact.
+    The line is fixed to the body of `a` and rotates with it; n is its left normal, t its direction.
+    The distance of the center from the line is constant, n . (r_b - r_a) = h = +-radius. In the
+    plane, rolling is holonomic: t . (r_b - r_a) + h (rotation_b - rotation_a) is constant.
+    Reactions Fn and Ft are the components along n and t of the force on the disk at the contact.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class RollingOnLine(_RollingJoint):
     radius
         Radius of the disk [m].
     direction
-        Direction of the line in the drawing.
+        Direction of the line in the reference configuration.
     """
 
     radius: float = 0.0
@@ -68,39 +68,40 @@ class RollingOnLine(_RollingJoint):
     def __post_init__(self) -> None:
         super().__post_init__()
         set_fields(self, radius=require_positive(self.name, "radius", self.radius))
-        height = abs(float(self._drawn_arm @ left_normal(self.name, self.direction)))
+        height = abs(float(self._reference_arm @ left_normal(self.name, self.direction)))
         if abs(height - self.radius) > _CONTACT_TOLERANCE * self.radius:
             raise BeamdaeError(
-                f"{self.name}: the disk must touch the line in the reference drawing, but its "
-                f"center {self.b} is {height:.6g} m off the line through {self.a}, its radius is "
-                f"{self.radius:.6g} m."
+                f"{self.name}: the disk must touch the line in the reference "
+                f"configuration, but the center {self.b} is {height:.6g} m off the "
+                f"line through {self.a} and the radius is {self.radius:.6g} m."
             )
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """Normal of the line, and height and travel of the disk in the drawing [m]."""
+        """Normal of the line, and reference height and travel of the disk [m]."""
         nx, ny = left_normal(self.name, self.direction)
-        dx, dy = self._drawn_arm.tolist()
+        dx, dy = self._reference_arm.tolist()
         return (nx, ny, nx * dx + ny * dy, ny * dx - nx * dy)
 
     @staticmethod
     def gap(
-        t: SX, a: PlacedPoint, b: PlacedPoint, nx: SX, ny: SX, height: SX, drawn_travel: SX
+        t: SX, a: PlacedPoint, b: PlacedPoint, nx: SX, ny: SX, height: SX, reference_travel: SX
     ) -> SX:
-        """Return the distance of the disk from the line, and its slip since the drawing."""
+        """Return the change of the distance from the line, and the accumulated slip."""
         normal, arm = rotate(a.rotation, (nx, ny)), b.position - a.position
         along = normal[1] * arm[0] - normal[0] * arm[1]
-        slip = along - drawn_travel + height * (b.rotation - a.rotation)
+        slip = along - reference_travel + height * (b.rotation - a.rotation)
         return ca.vertcat(ca.dot(normal, arm) - height, slip)
 
 
 @dataclass(frozen=True, eq=False)
 class RollingOnCircle(_RollingJoint):
-    """A disk with center `b` rolls without slip on a circle around `a`, which turns with its body.
+    """Disk with center `b` that rolls without slip on a circle around `a`.
 
-    Outside or inside, as drawn. The centers keep their distance; rolling is a nonholonomic
-    constraint: the slip at the contact is zero. Reactions Fn and Ft are the components of the force
-    on the disk at the contact along e, which points from `a` to `b`, and to the left of it.
+    The circle is fixed to the body of `a`; the disk may lie outside or inside it. The distance of
+    the centers is constant; rolling is a nonholonomic constraint: the slip at the contact is zero.
+    Reactions Fn and Ft are the components of the force on the disk at the contact along e, the
+    direction from `a` to `b`, and along the left normal of e.
 
     Parameters
     ----------
@@ -123,8 +124,8 @@ class RollingOnCircle(_RollingJoint):
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """Distance of the contact from the centers of circle and disk [m], along e."""
-        distance, (circle, disk) = float(np.hypot(*self._drawn_arm)), self.radii
+        """Distances along e from the centers of circle and disk to the contact [m]."""
+        distance, (circle, disk) = float(np.hypot(*self._reference_arm)), self.radii
         arms_by_distance = {
             circle + disk: (circle, -disk),
             circle - disk: (circle, disk),
@@ -135,9 +136,10 @@ class RollingOnCircle(_RollingJoint):
             if touching_distance > 0.0 and abs(touching_distance - distance) <= tolerance:
                 return arms
         raise BeamdaeError(
-            f"{self.name}: the disk must touch the circle in the reference drawing, but their "
-            f"centers {self.b} and {self.a} are {distance:.6g} m apart, which is neither the sum "
-            f"nor the difference of the radii {circle:.6g} m and {disk:.6g} m."
+            f"{self.name}: the disk must touch the circle in the reference "
+            f"configuration, but the distance of the centers {self.b} and {self.a}, "
+            f"{distance:.6g} m, is neither the sum nor the difference of the radii "
+            f"{circle:.6g} m and {disk:.6g} m."
         )
 
     @staticmethod
@@ -155,18 +157,18 @@ class RollingOnCircle(_RollingJoint):
 
 @dataclass(frozen=True, eq=False)
 class Skate(KinematicConstraint):
-    """A skate (knife edge) at `on`: its point does not move across `direction`.
+    """Skate (knife edge): the point `on` does not move across `direction`.
 
-    The direction is that of the drawing and turns with the body; n is its left normal. The
-    constraint n . v = 0 is nonholonomic: it restricts the velocity, not the positions the body can
-    reach. The reaction F is the force on the body along n.
+    The direction rotates with the body; n is its left normal. The constraint n . v = 0 is
+    nonholonomic: it restricts the velocity, not the positions the body can reach. The reaction F is
+    the force on the body along n.
 
     Parameters
     ----------
     name, on
         Unique name, and the point of the blade.
     direction
-        Direction of the blade in the drawing.
+        Direction of the blade in the reference configuration.
     """
 
     name: str
@@ -189,7 +191,7 @@ class Skate(KinematicConstraint):
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """Normal of the blade in the drawing."""
+        """Normal of the blade in the reference configuration."""
         return left_normal(self.name, self.direction)
 
     @staticmethod
@@ -203,8 +205,8 @@ class Skate(KinematicConstraint):
         Parameters
         ----------
         place
-            "on", the only point.
+            Name of the point; "on" is the only one.
         axes
-            "inertial", or "body": axes of the drawing that turn with the body.
+            "inertial", or "body" for axes that rotate with the body.
         """
         return super().reaction_on(place, axes)
