@@ -162,7 +162,7 @@ class Check:
     problem: str
 
     def __repr__(self) -> str:
-        verdict = self.problem or "it can be run"
+        verdict = self.problem or "ready to run"
         return f"<Check of {self.name}: mobility {self.mobility}; {verdict}>"
 
     def _repr_html_(self) -> str:

@@ -12,22 +12,22 @@ from beamdae.errors import BeamdaeError
 
 _BYTES_PER_GIGABYTE = 1e9
 _BYTES_PER_KILOBYTE = 1024.0
-# Address space, which limits apply to, over memory in use: 2.8 in a run of 10 000 elements. SuperLU
-# crashes the process where address space runs out.
+# Ratio of address space, to which limits apply, to memory in use: 2.8 in a run of 10 000 elements.
+# SuperLU crashes the process if address space runs out.
 _ADDRESS_SPACE_RATIO = 2.5
 _STATUS_FILE = Path("/proc/self/status")
 _CLEAR_FILE = Path("/proc/self/clear_refs")
 # Writing this to clear_refs resets the peak of resident memory.
 _RESET_PEAK = "5"
-# Smallest limit above the present memory [GB]. The watch of a run has to act before it is reached:
-# it ends the run and keeps its results.
+# Smallest limit above the present memory [GB]. The memory check of a run must stop the run before
+# the limit is reached, so that results are kept.
 _MIN_LIMIT = 0.5
 
 
 def available_memory() -> float:
-    """Return the memory [bytes] this process can still get; infinite if the system does not say.
+    """Return the memory [bytes] that this process can still allocate; infinite if unknown.
 
-    It is the smaller one of the free memory of the machine and what a limit (`ulimit -v`) leaves.
+    This is the free memory of the machine or the rest of a limit (`ulimit -v`), if that is smaller.
     """
     return min(_free_physical_memory(), _free_address_space())
 
@@ -65,13 +65,13 @@ def require_memory(part: str, purpose: str, required: float, remedy: str) -> Non
     Raises
     ------
     BeamdaeError
-        With the required and the available memory, and the remedy.
+        If less memory is available; the message states both sizes and the remedy.
     """
     available = available_memory()
     if required > available:
         raise BeamdaeError(
             f"{part}: {purpose} needs about {format_gigabytes(required)} of memory, "
-            f"{format_gigabytes(available)} are left; {remedy}."
+            f"but only {format_gigabytes(available)} is available; {remedy}."
         )
 
 
@@ -84,8 +84,8 @@ def format_gigabytes(size: float) -> str:
 def limit_memory(memory: float | None) -> Iterator[None]:
     """Limit this process to `memory` [GB] beyond its present size, if the system supports it.
 
-    Allocations beyond the limit raise MemoryError, also while a model is built, when no run checks
-    its memory.
+    Allocations beyond the limit raise MemoryError, even while a model is built and no run checks
+    the memory.
     """
     present = _read_status("VmData")
     if memory is None or present is None:
@@ -104,7 +104,7 @@ def limit_memory(memory: float | None) -> Iterator[None]:
 
 
 def reset_peak_memory() -> None:
-    """Start a new peak of memory, if the system supports it."""
+    """Reset the recorded peak of memory, if the system supports it."""
     try:
         _CLEAR_FILE.write_text(_RESET_PEAK)
     except OSError:
@@ -112,7 +112,7 @@ def reset_peak_memory() -> None:
 
 
 def peak_memory() -> float:
-    """Return the largest memory [GB] since `reset_peak_memory` or the start; NaN if unknown."""
+    """Return the largest memory [GB] since `reset_peak_memory` or process start; NaN if unknown."""
     peak = _read_status("VmHWM")
     if peak is not None:
         return peak
@@ -126,7 +126,7 @@ def peak_memory() -> float:
 
 
 def _read_status(name: str) -> float | None:
-    """Return an entry of Linux's status of this process [GB]; None if there is none."""
+    """Return an entry of /proc/self/status [GB]; None if it is missing."""
     try:
         lines = [x for x in _STATUS_FILE.read_text().splitlines() if x.startswith(f"{name}:")]
         return float(lines[0].split()[1]) * _BYTES_PER_KILOBYTE / _BYTES_PER_GIGABYTE

@@ -136,9 +136,9 @@ def simulate(
         bytes_per_row = 8.0 * (3 * equations.n + equations.m)
         require_memory(
             "simulate",
-            f"output in {len(times)} rows",
+            f"output of {len(times)} rows",
             bytes_per_row * len(times),
-            "take a longer output_step",
+            "use a longer output_step",
         )
         solution = method.integrate(equations, times, progress=progress)
     except (MemoryError, RuntimeError) as problem:
@@ -199,8 +199,8 @@ def load(path: str | Path, model: Any = None) -> Solution | SavedRun:
     equations = None if model is None else as_equations("load", model, AS_DRAWN)
     if equations is not None and hash_model(equations) != content.get("identity"):
         raise BeamdaeError(
-            f"{file}: the file contains a run of another model, with other parts or numbers; pass "
-            "the model that ran."
+            f"{file}: the file contains a run of a model with other parts or values; "
+            "pass the model that ran."
         )
     try:
         if equations is None:
@@ -208,7 +208,7 @@ def load(path: str | Path, model: Any = None) -> Solution | SavedRun:
         return Solution.from_packed(equations, PackedRun(arrays, content["plain"]))
     except (KeyError, TypeError, ValueError, IndexError):
         raise BeamdaeError(
-            f"{file}: the saved run is damaged; simulate and save it again."
+            f"{file}: the saved run is damaged; simulate and save the run again."
         ) from None
 
 
@@ -264,17 +264,20 @@ def _resume_equations(
     changes = checkpoint.describe_changes(drawn_equations, parameters)
     if changes and not require_choice("simulate", "accept_changes", accept_changes, (True, False)):
         raise BeamdaeError(
-            f"{name}: start is the end of a run with {changes}; use the same model, or pass "
-            "accept_changes=True (--accept-changes)."
+            f"{name}: the start belongs to a run with {changes}; use the same model, "
+            "or pass accept_changes=True (--accept-changes)."
         )
     resume_warnings = []
     if checkpoint.doubt:
         resume_warnings.append(
-            f"{name}: the run resumes from an unreliable state, for the earlier run ended early "
-            f"({checkpoint.doubt}); repeat that run first."
+            f"{name}: the run resumes from an unreliable state because the earlier run "
+            f"ended early ({checkpoint.doubt}); repeat the earlier run first."
         )
     if changes:
-        resume_warnings.append(f"{name}: the run resumes from a run with {changes}.")
+        resume_warnings.append(
+            f"{name}: the earlier run had {changes}; check that resuming with this model "
+            "is intended."
+        )
     return equations, resume_warnings
 
 
@@ -291,7 +294,8 @@ def _output_times(t_end: Any, output_step: Any, begin: float) -> np.ndarray:
         step = require_positive("simulate", "output_step", output_step)
     if t_end / step > _MAX_ROWS:
         raise BeamdaeError(
-            f"simulate: output_step {step:g} s gives more than {_MAX_ROWS:.0e} rows in {t_end:g} s."
+            f"simulate: output_step {step:g} s gives more than {_MAX_ROWS:.0e} rows in "
+            f"{t_end:g} s; use a longer output_step."
         )
     rows = max(int(np.ceil(t_end / step - _ROUNDING_OF_ROWS)), 1)
     times = np.minimum(step * np.arange(rows + 1), t_end)
@@ -313,15 +317,16 @@ def _collect_warnings(name: str, solution: Solution) -> tuple[Solution, tuple[st
         if not _is_out_of_memory(problem):
             raise
         sentences = (
-            f"{name}: the run could not be checked, because no memory is left; use fewer elements, "
-            "larger steps or fewer rows.",
+            f"{name}: the run could not be checked because no memory is left; use "
+            "fewer elements, larger steps or fewer rows.",
         )
     if solution.status.success:
         return solution, sentences
     status, t_end = solution.status, solution.model["t_end"]
     unfinished = (
-        f"{name}: the run was not finished ({status.kind}), results cover t = {solution.t[0]:.6g} "
-        f"to {solution.trajectory.end:.6g} s of {t_end:g} s; {status.sentence}."
+        f"{name}: the run was not finished ({status.kind}) and results cover t = "
+        f"{solution.t[0]:.6g} to {solution.trajectory.end:.6g} s of {t_end:g} s; "
+        f"{status.sentence}."
     )
     return solution, (unfinished, *sentences)
 

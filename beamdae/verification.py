@@ -150,7 +150,8 @@ def accuracy_warning(solution: Solution, errors: Mapping[str, Any]) -> str:
     largest, column = max(excessive, key=lambda row: row[0])
     return (
         f"{column}: the estimated error is {largest:.2g} of half the range, more than "
-        f"{_ALLOWED_ERROR:g} rtol; reduce rtol by a factor of ten, or use another method."
+        f"{_ALLOWED_ERROR:g} times rtol; reduce rtol by a factor of ten, or use "
+        "another method."
     )
 
 
@@ -241,11 +242,13 @@ def _tabulate(solution: Solution, columns: ErrorColumns) -> pd.DataFrame:
 def _require_own_integrator(name: str, solution: Any) -> Integrator:
     """Return the integrator that made the solution, an argument of the function `name`."""
     if not isinstance(solution, Solution):
-        raise BeamdaeError(f"{name}: solution must be that of a run, got {short_repr(solution)}.")
+        raise BeamdaeError(
+            f"{name}: solution must be a Solution of a run, got {short_repr(solution)}."
+        )
     if not isinstance(solution.made_by, Integrator):
         raise BeamdaeError(
-            f"{name}: made_by of the solution must be the integrator of its run, "
-            f"got {short_repr(solution.made_by)}."
+            f"{name}: made_by of the solution must be the integrator of the run, got "
+            f"{short_repr(solution.made_by)}."
         )
     return require_integrator(name, solution.made_by)
 

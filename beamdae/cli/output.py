@@ -152,7 +152,9 @@ class WrittenFiles:
         except BeamdaeError as problem:
             print_error(f"failed: {problem}")
         except Exception as problem:  # Results may contain values that cannot be drawn.
-            print_error(f"failed: {name}: it cannot be drawn, {format_exception(problem)}.")
+            print_error(
+                f"failed: {name}: the picture cannot be drawn: {format_exception(problem)}."
+            )
         self.failed = True
 
 

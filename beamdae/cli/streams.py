@@ -89,5 +89,5 @@ def flush_output(code: int) -> int:
     problem = raw.problem if isinstance(raw, _FaultTolerantFile) else None
     if problem is None or problem.errno == errno.EPIPE:
         return code
-    sys.stderr.write(f"error: standard output cannot be written, {problem.strerror}.\n")
+    sys.stderr.write(f"error: standard output cannot be written: {problem.strerror}.\n")
     return code or _WRITE_FAILURE

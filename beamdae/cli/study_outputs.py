@@ -102,7 +102,8 @@ def run_and_write(
     require_writable(outputs.folder / "outcomes")
     if outputs.parquet and not (find_spec("pyarrow") or find_spec("fastparquet")):
         raise BeamdaeError(
-            "--parquet: no Parquet engine is installed; run pip install 'beamdae[parquet]'."
+            "--parquet: no Parquet engine is installed; install one with pip install "
+            "'beamdae[parquet]'."
         )
     try:
         _run_study(outputs, create_executor)

@@ -1,4 +1,4 @@
-"""Diagnosis of failed runs: values that are not finite, rank loss, largest residual."""
+"""Diagnosis of failed runs: non-finite values, rank loss, largest residual."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from beamdae.equations.starts.state_evaluator import StateEvaluator
 
 Array = np.ndarray
 
-_NEARLY_SINGULAR_RATIO = 5e-2  # smallest singular value of G with rows of length one
-_SIGNIFICANT_RESIDUAL = 1e-6  # relative to the natural size of the equation
+_NEARLY_SINGULAR_RATIO = 5e-2  # smallest singular value of G, whose rows have length one
+_SIGNIFICANT_RESIDUAL = 1e-6  # relative to the size of the terms of the equation
 _MIN_FORCE = 1e-300  # avoids division by zero
 
 
@@ -35,13 +35,13 @@ def diagnose_failure(
     ahead
         A slightly later time [s], at which forces may no longer be finite.
     residual
-        Residual of a first-order form where the run stopped: rows of velocities, forces and
-        constraints.
+        Residual of a first-order form at the point where the run stopped: rows of velocities,
+        forces and constraints.
 
     Returns
     -------
     str
-        "cause; cause; remedy", or "" without an evident cause.
+        "cause; cause; remedy", or "" if no cause is evident.
     """
     with np.errstate(all="ignore"):
         not_finite = _describe_non_finite(equations, np.array([ahead, time[1]]), state)
@@ -60,10 +60,12 @@ def _describe_non_finite(e: EquationsOfMotion, time: Array, state: State) -> str
     force = evaluator.force(time, state.q, state.v)
     rows = np.flatnonzero(~np.isfinite(force))
     if len(rows):
-        return f"the force on {e.q_names[rows[0]]} is not finite from there on, check its law"
+        return f"the force on {e.q_names[rows[0]]} is not finite after this time; check the law"
     levels = evaluator.constraint_levels(time, state.q, state.v)
     rows = np.flatnonzero(~np.isfinite(levels).all(axis=0))
-    return f"{e.lam_names[rows[0]]} is not finite from there on, check its law" if len(rows) else ""
+    return (
+        f"{e.lam_names[rows[0]]} is not finite after this time; check the law" if len(rows) else ""
+    )
 
 
 def _describe_rank_loss(e: EquationsOfMotion, time: Array, state: State) -> str:
@@ -75,13 +77,13 @@ def _describe_rank_loss(e: EquationsOfMotion, time: Array, state: State) -> str:
         return ""
     names = ", ".join(jacobian.singular_joints(time, state.q))
     return (
-        f"the joints {names} are near a position in which they lock or lose rank, check that the "
-        "mechanism can pass it"
+        f"the joints {names} are near a singular position; check that the mechanism "
+        "can pass this position"
     )
 
 
 def _describe_largest_residual(e: EquationsOfMotion, state: State, residual: Array | None) -> str:
-    """Name the equation with the largest residual relative to its natural size."""
+    """Name the equation with the largest residual, relative to the size of its terms."""
     if residual is None or not np.isfinite(residual).all():
         return ""
     n, m = e.n, e.m
@@ -99,11 +101,11 @@ def _describe_largest_residual(e: EquationsOfMotion, state: State, residual: Arr
     else:
         what = "the balance of forces on" if worst >= n else "the rate of"
         equation = f"{what} {e.q_names[worst % n]}"
-    return f"the largest residual is that of {equation}"
+    return f"the largest residual is in {equation}"
 
 
 def _describe_fastest_coordinate(e: EquationsOfMotion, state: State) -> str:
-    """Name the coordinate with the largest acceleration in natural sizes."""
+    """Name the coordinate with the largest acceleration, relative to its scale."""
     rates = np.abs(state.a) / e.position_scales
     if not np.isfinite(rates).all() or not np.any(rates):
         return ""

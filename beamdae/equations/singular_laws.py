@@ -1,4 +1,4 @@
-"""Laws of time that become infinite within a run, perhaps between two steps."""
+"""Detection of laws of time that become infinite within a run, possibly between two steps."""
 
 from __future__ import annotations
 
@@ -18,39 +18,39 @@ from beamdae.symbolic.formula import MAX_SHARED_KERNELS, Formula
 
 Array = np.ndarray
 
-# Search for peaks: samples of an interval, then repeatedly of the quarter around the largest value.
+# Search for peaks: sample an interval, then repeatedly the quarter around the largest value.
 _N_SAMPLES = 501
 _N_REFINED_SAMPLES = 9
 _N_REFINEMENTS = 13
 _REFINEMENT_RATIO = 0.25
 # Around a pole of order p, values grow by 1024^p from the far to the near distance; a finite peak
-# is resolved at the far one. Distances are in sample widths.
+# is already resolved at the far distance. Distances are in sample widths.
 _FAR_DISTANCE = 4.0**-6
 _NEAR_DISTANCE = 4.0**-11
 _POLE_GROWTH = 16.0
 
 
 class PartLaw(NamedTuple):
-    """Law that changes with time: its part, its function of (t, branch) and numbers."""
+    """Time-dependent law: name of its part, compiled function of (t, branch), and numbers."""
 
     part: str
     function: RowFunction
     numbers: Array
 
     def size(self, times: Array, branches: Array) -> Array:
-        """Return absolute values at rows of times [s], each on its branch; nan counts as 0."""
+        """Return absolute values at rows of times [s], one branch per row; nan counts as 0."""
         rows = np.stack(np.broadcast_arrays(times, branches[:, None]), axis=-1).reshape(-1, 2)
         sizes = np.abs(self.function(rows, self.numbers)).reshape(times.shape)
         return np.where(np.isnan(sizes), 0.0, sizes)
 
 
 def collect_varying_laws(parts: Iterable[Part | GravityLaws]) -> tuple[PartLaw, ...]:
-    """Return the laws of parts that change with time, each once."""
+    """Return the time-dependent laws of parts, each once."""
     return select_varying_laws((part.name, law) for part in parts for law in part.laws)
 
 
 def select_varying_laws(laws: Iterable[tuple[str, Law]]) -> tuple[PartLaw, ...]:
-    """Return those of (name of the part, law) that change with time, each law once."""
+    """Return the time-dependent laws among pairs (name of the part, law), each law once."""
     part_laws: dict[int, PartLaw] = {}
     for part, law in laws:
         if id(law) in part_laws:
@@ -73,7 +73,7 @@ def _compile_varying_kind(kind: Callable[..., Any], count: int) -> RowFunction |
 
 
 def _compile_varying_law(law: Callable[[ca.SX], ca.SX], numbers: ca.SX) -> RowFunction | None:
-    """Compile (t, branch), numbers -> value of the law; None if it is constant."""
+    """Compile a law as a function of (t, branch) and numbers; None if it is constant."""
     time = ca.SX.sym("t", 2)
     value = law(time)
     if not ca.depends_on(value, time):
@@ -84,24 +84,25 @@ def _compile_varying_law(law: Callable[[ca.SX], ca.SX], numbers: ca.SX) -> RowFu
 def require_no_pole(laws: Iterable[PartLaw], intervals: Sequence[tuple[float, float]]) -> None:
     """Reject laws that become infinite in one of the intervals (start, end) [s] of a run.
 
-    Integrators may step over a pole without any sign of an error.
+    Integrators may step over a pole without noticing it.
 
     Raises
     ------
     BeamdaeError
-        Naming the part and the time.
+        If a law has a pole; the message names the part and the time.
     """
     for law in laws:
         pole = _find_pole(law, np.array(intervals))
         if pole is not None:
             raise BeamdaeError(
-                f"{law.part}: its law becomes infinite near t = {pole:.6g} s; it must be finite "
-                f"from t = {intervals[0][0]:g} s to {intervals[-1][1]:g} s."
+                f"{law.part}: the law becomes infinite near t = {pole:.6g} s; laws "
+                f"must be finite from t = {intervals[0][0]:g} s to "
+                f"{intervals[-1][1]:g} s."
             )
 
 
 def _find_pole(law: PartLaw, intervals: Array) -> float | None:
-    """Return a time at which a law is infinite, or None; only poles between lower samples count."""
+    """Return a time at which a law is infinite, or None; only peaks of the samples are examined."""
     start, end = intervals.T
     size = law.size(np.linspace(start, end, _N_SAMPLES, axis=1), 0.5 * (start + end))
     following, preceding = np.zeros_like(size), np.zeros_like(size)
@@ -111,7 +112,7 @@ def _find_pole(law: PartLaw, intervals: Array) -> float | None:
     interval, sample = np.nonzero(is_peak)
     if not len(sample):
         return None
-    # A sample may hit the pole up to rounding: compare with the other samples.
+    # A sample may lie on the pole up to rounding, so compare with the other samples.
     others = size[interval]
     others[np.arange(len(sample)), sample] = 0.0
     largest_elsewhere = others.max(axis=1)
@@ -133,7 +134,7 @@ def _find_pole(law: PartLaw, intervals: Array) -> float | None:
         sample_around(distance * both_sides)[1].max(axis=1)
         for distance in (_FAR_DISTANCE, _NEAR_DISTANCE)
     )
-    # Rounding errors grow by any factor from nearly zero, but not beyond the rest of the law.
+    # Rounding errors near zero can also grow by this factor, but stay below the rest of the law.
     grows = (near > _POLE_GROWTH * far) & (near >= largest_elsewhere)
     (poles,) = np.nonzero(np.isinf(sizes).any(axis=1) | grows)
     return float(peak[poles[0]]) if len(poles) else None

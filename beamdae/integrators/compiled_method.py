@@ -1,9 +1,9 @@
-"""Fixed-step methods on a first-order form whose step is one compiled function.
+"""Fixed-step methods on a first-order form, each defined by one compiled step function.
 
-A new method is a function `step(run, t, h) -> code` of plain Python over arrays, restricted to what
-numba compiles and to the functions of `native.loop_functions`. It predicts and solves one
-`ImplicitStage` after the other by `solve_stage`. `FixedStepMethod` compiles it into a loop over
-steps, and runs it as it is where there is no machine code.
+To add a method, write a function `step(run, t, h) -> code` in plain Python over arrays, restricted
+to the language that numba compiles and to `native.loop_functions`. It predicts each `ImplicitStage`
+and solves it by `solve_stage`. `FixedStepMethod` compiles the function into a loop over steps, or
+runs it as plain Python if no compiler is available.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ from beamdae.results.outcome import Statistics
 Array = np.ndarray
 
 _FAILURES = {
-    NOT_CONVERGED: "Newton's iteration did not converge; take a smaller step",
+    NOT_CONVERGED: "Newton's iteration did not converge; use a smaller step",
     NOT_FINITE: RESIDUAL_NOT_FINITE,
     SINGULAR: MATRIX_SINGULAR,
 }
@@ -66,22 +66,22 @@ _FAILURES = {
 
 @dataclass(slots=True)
 class ImplicitStage:
-    """An implicit stage R(t, y, c y + offset) = 0, with its factors.
+    """Implicit stage R(t, y, c y + offset) = 0 with the factors of its matrix.
 
     Attributes
     ----------
     y, yp
-        The stage; the step function sets `y` to a prediction before it calls `solve_stage`.
+        Stage values; the step function sets `y` to a prediction before it calls `solve_stage`.
     offset
         Part of y' that does not depend on y, set by the step function.
     change
-        Residual and correction of the iteration.
+        Residual, then correction, of the Newton iteration.
     linear, nonzeros
-        Solver and non-zeros of dR/dy + c dR/dy'.
+        Linear solver, and non-zeros of dR/dy + c dR/dy'.
     prediction
-        The prediction.
+        Copy of the predicted `y`.
     c, rate
-        c of the factors, and the rate of convergence of the last iteration with them.
+        Coefficient c of the factors, and the last rate of convergence with these factors.
     """
 
     y: Array
@@ -97,28 +97,29 @@ class ImplicitStage:
 
 @dataclass(slots=True)
 class StepWorkspace:
-    """Memory of a run; the workspace of a method has its stages as further fields.
+    """Work arrays of a run; a subclass adds the stages of the method as fields.
 
     Attributes
     ----------
     form
         Equations R(t, y, y') = 0 with y = (q, v, multipliers).
     y, yp
-        Values at the start of the step; the step function replaces them if it succeeds.
+        Values at the start of the step; the step function replaces them after a successful step.
     weights
-        One over the scales of (q, v), (2 n,).
+        Reciprocal scales of (q, v), (2 n,).
     newton_tolerance
         Bound on the error of Newton's iteration, relative to the scales.
     has_impulses
-        1 if the multipliers are derivatives of unknowns; see `Formulation.impulses`.
+        1 if the unknowns are time integrals of multipliers; see `Formulation.impulses`.
     rows, filled, most
-        (t, q, v, a, lam) of the steps taken, the number of rows filled, and of rows requested.
+        Rows (t, q, v, a, lam) of the steps taken, number of filled rows, and number of requested
+        rows.
     start, end, branch
-        Start and end of the interval, and a time inside it [s].
+        Start and end of the interval, and a time inside the interval [s].
     step_count, total_steps
-        Number of equal steps taken and to take in the interval.
+        Number of completed steps, and total number of equal steps in the interval.
     residuals, jacobians, failures
-        Numbers of evaluations, and of iterations that failed with old factors.
+        Numbers of evaluations, and number of iterations that failed with old factors.
     """
 
     form: FirstOrderBuffers
@@ -140,15 +141,16 @@ class StepWorkspace:
     failures: int = 0
 
 
-# Takes a step from t over h [s]: replaces y and yp of the workspace and returns DONE, or a code.
+# Takes a step from t to t + h [s]: updates y and yp of the workspace and returns DONE, or returns
+# an error code.
 StepFunction = Callable[[Any, float, float], int]
 
 
 def solve_stage(run: Any, stage: ImplicitStage, t: float, c: float) -> int:
     """Solve a stage at time `t` [s] by Newton's iteration from its prediction; return the code.
 
-    The factors are kept from step to step while the iteration converges fast with them. The step
-    function has to return any other code than DONE.
+    Factors are reused across steps while the iteration converges fast. If the code is not DONE, the
+    step function must return it.
     """
     combine(stage.prediction, (1.0,), (stage.y,))
     if stage.rate <= KEEP_RATE and stage.c == c:
@@ -168,7 +170,7 @@ def _factorize_stage(run: Any, stage: ImplicitStage, t: float, c: float) -> int:
     evaluate_jacobian(run.form, t, run.branch, c, stage.y, stage.yp, stage.nonzeros)
     code = factorize(stage.linear, stage.nonzeros)
     stage.c, stage.rate = c, 0.0 if code == DONE else math.inf
-    # With other pivots the step is repeated.
+    # The step will be repeated with new pivots.
     if code != NEW_PIVOTS:
         run.jacobians += 1
         stage.linear.singular = 0
@@ -186,7 +188,7 @@ def _iterate_newton(run: Any, stage: ImplicitStage, t: float, c: float, may_rene
         size = max_norm(stage.change[: run.weights.size], run.weights)
         if k == 0 and not math.isfinite(size):
             return NOT_FINITE
-        # Written so that a size that is not a number ends the iteration, too.
+        # Negated, so that NaN also ends the iteration.
         if not size <= MAX_CORRECTION_GROWTH * previous:
             return NOT_CONVERGED
         if k > 0:
@@ -215,7 +217,7 @@ def _store_row(run: Any, t: float) -> None:
 
 
 def step_function(run: Any, t: float, h: float) -> int:
-    """Stand-in for the step function of a method in `_take_steps`."""
+    """Take one step: placeholder that `_loop_over` replaces by the method's step function."""
     raise NotImplementedError
 
 
@@ -235,27 +237,27 @@ def _take_steps(run: Any) -> int:
 
 @cache
 def _loop_over(step: StepFunction) -> Callable[[Any], int]:
-    """Return `_take_steps` with this step function; numba cannot take functions as arguments."""
+    """Return `_take_steps` for this step function; numba does not accept it as an argument."""
     namespace = {**_take_steps.__globals__, "step_function": step}
     return FunctionType(_take_steps.__code__, namespace, f"{_take_steps.__name__}_{step.__name__}")
 
 
 class FixedStepMethod:
-    """A method of equal steps on a first-order form, compiled where machine code is available.
+    """Integration method with equal steps on a first-order form, compiled if possible.
 
     Parameters
     ----------
     plan
         Plan of the run.
     step_function
-        `step_function(run, t, h)` takes a step from t over h [s]: it reads `run.y` and `run.yp`,
-        solves the stages, and writes `run.y` and `run.yp` if all of them succeed.
+        `step_function(run, t, h)` takes a step from t to t + h [s]: it reads `run.y` and `run.yp`,
+        solves the stages, and updates `run.y` and `run.yp` if all stages converge.
     step
-        Step [s], shortened to end on breakpoints and on the end time.
+        Step [s], shortened so that steps end at breakpoints and at the end time.
     stages
         Names of the implicit stages, fields of `run`.
     formulation
-        First-order form; "stabilized-index1" has y = (q, v, Lam, Eta), lam = Lam'.
+        First-order form; for "stabilized-index1", y = (q, v, Lam, Eta) and lam = Lam'.
     newton_tolerance
         Bound on the error of Newton's iteration, relative to the scales of positions and
         velocities.
@@ -321,7 +323,7 @@ class FixedStepMethod:
 
     @property
     def counts(self) -> Statistics:
-        """Calls, factorizations and failures so far."""
+        """Numbers of calls, factorizations and failures so far."""
         run = self._run
         solvers = [getattr(run, name).linear for name in self._stages]
         return Statistics(
@@ -342,7 +344,7 @@ class FixedStepMethod:
             getattr(run, name).rate = math.inf
 
     def advance(self, most: int) -> Array:
-        """Return rows (t, q, v, a, lam) of one to `most` more steps.
+        """Take 1 to `most` steps; return their rows (t, q, v, a, lam).
 
         Raises
         ------
@@ -351,7 +353,7 @@ class FixedStepMethod:
         """
         run = self._run
         run.most, run.filled = min(most, STEPS_PER_CHECK), 0
-        # The steps before a failure are returned first: the loop fails again on the next call.
+        # Steps before a failure are returned first; the loop fails again on the next call.
         code = self._step_loop()
         if run.filled == 0:
             stage = getattr(run, self._stages[-1])

@@ -1,6 +1,6 @@
-"""The driver shared by all integrators: intervals, restarts, limits, events and the solution.
+"""Driver shared by all integrators: intervals, restarts, limits, events and the solution.
 
-A method only takes steps. `drive` plans the smooth intervals, makes a pilot run if the method needs
+Methods only take steps. `drive` plans the smooth intervals, makes a pilot run if the method needs
 amplitudes, restarts at breakpoints and events, enforces limits and collects the accepted steps.
 """
 
@@ -45,11 +45,11 @@ Array = np.ndarray
 
 PARTS_SWITCHED = Status("ok", "an event switched parts")
 
-_NO_MEMORY = "more memory is needed than there is; take larger steps, or end the run sooner"
+_NO_MEMORY = "out of memory; use larger steps or an earlier end time"
 _NOT_FINITE = "the state is not finite; check laws, masses and start values"
-_PAST_END = "past the end of its interval; a method must stop there"
+_PAST_END = "past the end of the interval; a method must stop at this end"
 _UNORDERED_STAGES = (
-    "a method must give the stages inside a step in the order of time, in every step as many"
+    "the stages of a step must ascend in time, and each step must have the same number of stages"
 )
 
 
@@ -66,20 +66,21 @@ def drive(
     Parameters
     ----------
     integrator
-        Settings, a dataclass; its fields `max_steps` and `time_limit`, if any, limit the run.
+        Settings, a dataclass; its optional fields `max_steps` and `time_limit` limit the run.
     equations
         Equations of motion. Redundant constraints are removed first if the model requests it, and
         their reactions are restored in the solution.
     times
-        Ascending output times [s]; the first and the last one bound the run.
+        Ascending output times [s]; the run covers the range from the first to the last.
     method_on
-        Makes the method for a plan: compiles, and resolves settings that are "auto".
+        Function that creates the method for a plan: it compiles, and resolves settings that are
+        "auto".
     progress
         Called with the time reached [s]; see `Integrator.integrate`.
     pilot_on
-        Makes the same method with the tolerance PILOT_RTOL for the pilot run that measures the
-        amplitudes of the motion. It is skipped if the equations state their scales. None: the
-        method does not use `RunPlan.amplitudes`.
+        Function that creates the same method with the tolerance PILOT_RTOL for the pilot run, which
+        measures the amplitudes of the motion. The pilot run is skipped if the equations define
+        their scales. None if the method does not use `RunPlan.amplitudes`.
 
     Raises
     ------
@@ -88,7 +89,7 @@ def drive(
     """
     solution = None
     try:
-        # States that are not finite end a run; numpy's warnings about them add nothing.
+        # A state that is not finite ends the run; NumPy's warnings would be redundant.
         with single_threaded, np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             reduced = remove_redundant(equations, float(times[0]))
             independent = equations if reduced is None else reduced.equations
@@ -172,7 +173,7 @@ def _drive(
 
 
 class _RunInProgress:
-    """A run in progress; if it is interrupted, the steps of its segments so far are valid."""
+    """A run in progress; the steps stored so far stay valid if it is interrupted."""
 
     def __init__(
         self,
@@ -184,7 +185,7 @@ class _RunInProgress:
     ) -> None:
         """Prepare a run.
 
-        `equations` have all parts, active or not; `label` ends the sentence of an interrupted run.
+        `equations` contain all parts, active or not; `label` ends the status of an interrupted run.
         """
         self._equations, self._plan, self._limits, self._label = equations, plan, limits, label
         self.method = method_on(plan)
@@ -194,7 +195,7 @@ class _RunInProgress:
         stops = self._detector is not None and self._detector.may_stop
         self._max_batch = STEPS_PER_EVENT_CHECK if stops else None
         self.steps = 0
-        # Ends of the intervals not finished yet; events may add some.
+        # Ends of the unfinished intervals; events may add more.
         self._interval_ends = tuple(end for _, end in plan.intervals)
         self._segments: list[RunSegment] = []
         start, end = plan.intervals[0]
@@ -207,7 +208,7 @@ class _RunInProgress:
 
     @property
     def event_signs(self) -> dict[str, int]:
-        """Sign of the quantity of each event relative to its value at the end."""
+        """Sign, at the end, of each event quantity minus its threshold."""
         return {} if self._detector is None else self._detector.signs
 
     @property
@@ -218,7 +219,7 @@ class _RunInProgress:
         self._segments.append(RunSegment(StepHistory(t, state), branch, self._configuration))
 
     def execute(self) -> tuple[Trajectory, Status]:
-        """Integrate one interval after the other until the end or until one of them stops."""
+        """Integrate all intervals in turn, up to the end of the run or to an early stop."""
         try:
             status = self._integrate_intervals()
         except KeyboardInterrupt:
@@ -226,7 +227,7 @@ class _RunInProgress:
         return self._collect(status)
 
     def report_interrupt(self) -> tuple[Trajectory, Status]:
-        """Return the steps taken before Ctrl-C, and the status."""
+        """Return the steps taken before Ctrl-C and the status."""
         sentence = f"interrupted at t = {self._history.end:.6g} s{self._label}"
         return self._collect(Status("interrupted", sentence))
 
@@ -259,7 +260,7 @@ class _RunInProgress:
             status = self._integrate_to(ends[0])
 
     def _restart_state(self, start: float, branch: float, state: State) -> State:
-        """Return a state consistent with the laws from the breakpoint `start` [s] on."""
+        """Return a state consistent with the laws after the breakpoint `start` [s]."""
         time, starter = np.array([start, branch]), self._plan.starter
         starter.require_continuous(self._segments[-1].branch, time, state.q)
         return starter.state(time, state.q, state.v)
@@ -280,7 +281,7 @@ class _RunInProgress:
                     return Status("ok", sentence) if event.do == "stop" else PARTS_SWITCHED
                 t = history.end
                 if t < end and (stop := limits.stop_reason(t, self.steps, steps_per_check)):
-                    return Status("limited", f"{stop}, stopped at t = {t:.6g} s")
+                    return Status("limited", f"stopped at t = {t:.6g} s: {stop}")
         except StepError as problem:
             time = np.array([history.end, branch])
             ahead = history.end + PROBE_SHARE * (end - history.end)
@@ -288,22 +289,22 @@ class _RunInProgress:
             causes = diagnose_failure(equations, time, state, ahead, problem.residual)
             return self._failure("; ".join(filter(None, (str(problem), causes))))
         except BeamdaeError as problem:
-            # Before the first step it is an error of the model; later the steps taken are returned.
+            # Before the first step, the model is at fault; later, the steps taken are returned.
             if self.steps == 0:
                 raise
             return self._failure(problem)
         except MemoryError as problem:
             reason = problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY
-            return Status("limited", f"{reason}, stopped at t = {history.end:.6g} s")
+            return Status("limited", f"stopped at t = {history.end:.6g} s: {reason}")
         return REACHED_END
 
     def _switch_parts(self) -> Status:
-        """Carry out the event that happened, and integrate the rest of the interval."""
+        """Apply the actions of the last event, and integrate the rest of the interval."""
         assert self._detector is not None
         assert self._configuration is not None
         event, t = self._detector.last_event, self._history.end
         if stall := self.methods.stall_reason(event, t, self._plan.duration):
-            return Status("limited", f"{stall}, stopped at t = {t:.6g} s")
+            return Status("limited", f"stopped at t = {t:.6g} s: {stall}")
         try:
             result = apply_event(
                 self._equations,
@@ -327,12 +328,12 @@ class _RunInProgress:
 
 
 def _take_steps(method: Method, history: StepHistory, most: int, end: float) -> int:
-    """Append up to `most` steps that stop at `end` [s] at the latest; return how many.
+    """Append up to `most` steps, none beyond `end` [s]; return the number of steps.
 
     Raises
     ------
     StepError
-        If the method takes none, or one that does not advance time or passes the end.
+        If the method takes no step, or takes a step that does not advance time or passes `end`.
     """
     if not hasattr(method, "advance"):
         t, state, *stages = cast(StepMethod, method).step()
@@ -352,11 +353,11 @@ def _require_progress(history: StepHistory, t: float, end: float) -> None:
     if t <= history.end:
         raise StepError(STEP_TOO_SMALL)
     if not t <= end:
-        raise StepError(f"a step went to t = {t:g} s, {_PAST_END}")
+        raise StepError(f"a step ended at t = {t:g} s, {_PAST_END}")
 
 
 def _output_times(times: Array, end: float, status: Status) -> Array:
-    """Return the output times up to `end` [s], with `end` itself where an event stopped the run."""
+    """Return the output times up to `end` [s], including `end` if an event stopped the run."""
     times_until_end = times[times <= end * (1.0 + SAME_TIME)]
     if status.success and end > times_until_end[-1] * (1.0 + SAME_TIME):
         times_until_end = np.append(times_until_end, end)

@@ -1,4 +1,4 @@
-"""The protocol of an integrator, and checks of its settings."""
+"""Base classes of integrators, and checks of their settings."""
 
 from __future__ import annotations
 
@@ -15,27 +15,28 @@ from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
-# Below this, rounding errors exceed the tolerance.
+# Rounding errors exceed smaller tolerances.
 _MIN_RTOL = 1e-14
-# Above this, nothing is resolved.
+# Larger tolerances do not resolve the motion.
 _MAX_RTOL = 0.1
 
-# Called with the time reached [s]; if it returns a string, the run stops with it as the reason.
+# Called with the time reached [s]. If it returns a string, the run stops; it becomes the reason.
 Progress = Callable[[float], str | None]
 
 
 class Accuracy(NamedTuple):
-    """The setting that refines an integrator: name of its field, "step" or "rtol", and value."""
+    """Setting that controls accuracy: name ("step" or "rtol") and value."""
 
     name: str
     value: float
 
 
 class Integrator(ABC):
-    """Settings of one method: a frozen dataclass without the state of any run.
+    """Settings of one integration method, a frozen dataclass without run state.
 
-    `accuracy` names one of its fields, "step" or "rtol". The error of a run is proportional to that
-    number to the power `order`. Studies, references and tables use these two and `label` only.
+    `accuracy` names one of its fields, "step" or "rtol". The error of a run is proportional to the
+    value of this field to the power `order`. Studies, references and tables use only `accuracy`,
+    `order` and `label`.
     """
 
     @property
@@ -46,12 +47,12 @@ class Integrator(ABC):
     @property
     @abstractmethod
     def accuracy(self) -> Accuracy:
-        """The step [s] or the relative tolerance: ("step", h) or ("rtol", rtol)."""
+        """Step [s] or relative tolerance: ("step", h) or ("rtol", rtol)."""
 
     @property
     @abstractmethod
     def order(self) -> int:
-        """Order of the error of a run in `accuracy`; 1 if that is a tolerance."""
+        """Power of `accuracy` to which the error of a run is proportional; 1 for a tolerance."""
 
     @property
     def label(self) -> str:
@@ -69,15 +70,15 @@ class Integrator(ABC):
         equations
             Equations of motion.
         times
-            Ascending output times [s]; the run goes from the first to the last one.
+            Ascending output times [s]; the run covers the range from the first to the last.
         progress
-            Called with the time reached [s]; if it returns a string, the run stops there with it
-            as the reason.
+            Called with the time reached [s]. If it returns a string, the run stops; the string
+            becomes the reason.
 
         Returns
         -------
         Solution
-            A run that fails returns the part up to its failure, with the reason as its status.
+            If the run fails, the solution ends at the failure and its status gives the reason.
 
         Raises
         ------
@@ -87,13 +88,13 @@ class Integrator(ABC):
 
 
 class AdaptiveIntegrator(Integrator):
-    """Integrator with adaptive steps, refined by its field `rtol`."""
+    """Integrator with adaptive steps, controlled by its field `rtol`."""
 
     rtol: float
 
     @property
     def accuracy(self) -> Accuracy:
-        """The relative tolerance: ("rtol", rtol)."""
+        """Relative tolerance: ("rtol", rtol)."""
         return Accuracy("rtol", self.rtol)
 
     @property
@@ -117,7 +118,7 @@ def require_tolerance(settings: Any) -> None:
 
 
 def require_limits(settings: Any) -> None:
-    """Check time_limit and max_steps of an integrator that has them."""
+    """Check the optional fields time_limit and max_steps of an integrator."""
     name = type(settings).__name__
     if getattr(settings, "time_limit", None) is not None:
         set_fields(settings, time_limit=require_positive(name, "time_limit", settings.time_limit))
@@ -126,12 +127,12 @@ def require_limits(settings: Any) -> None:
 
 
 def require_integrator(part: str, value: Any) -> Integrator:
-    """Return `value` if it follows the protocol of `Integrator`.
+    """Return `value` if it is a valid `Integrator`.
 
     Raises
     ------
     BeamdaeError
-        Naming the call `part` and what `value` lacks.
+        If `value` is not a valid integrator; the message begins with `part`.
     """
     if not isinstance(value, Integrator):
         raise BeamdaeError(
@@ -139,18 +140,20 @@ def require_integrator(part: str, value: Any) -> Integrator:
             f"Integrator, got {short_repr(value)}."
         )
     if not is_dataclass(value):
-        raise BeamdaeError(f"{part}: {value.method} must be a dataclass of its settings.")
+        raise BeamdaeError(
+            f"{part}: {value.method} must be a dataclass whose fields are the settings."
+        )
     accuracy = value.accuracy
     if not isinstance(accuracy, Accuracy):
         raise BeamdaeError(
-            f"{part}: the accuracy of {value.method} must be an Accuracy of name and value, "
+            f"{part}: the accuracy of {value.method} must be an Accuracy(name, value), "
             f"got {short_repr(accuracy)}."
         )
     name = accuracy.name
     field_names = [field.name for field in fields(value)]
     if not isinstance(name, str) or name not in ("rtol", "step") or name not in field_names:
         raise BeamdaeError(
-            f"{part}: the accuracy of {value.method} must be its field 'rtol' or 'step', "
-            f"got {short_repr(name)}."
+            f"{part}: the accuracy of {value.method} must be the field 'rtol' or "
+            f"'step', got {short_repr(name)}."
         )
     return value

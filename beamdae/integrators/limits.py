@@ -1,4 +1,4 @@
-"""Limits that stop a run before its end: set by the user, or because it would never get there."""
+"""Limits that stop a run early: set by the user, or because the run would never finish."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from dataclasses import dataclass, field
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.integrator import Progress
 
-# A run that is known to take more steps is rejected.
+# Runs that would need more steps are rejected.
 MAX_PLANNED_STEPS = 1e8
-# (checks since a reference time, remaining checks at the pace since then): a run stalls if more
-# remain. At 64 steps a check that is 1e8 remaining steps at the pace of 1e4 steps, or 1e7 at the
-# pace of 1e5 steps: an impact or another short stiff phase is over by then. Methods whose steps
-# cost more are checked more often.
+# Pairs (number of past checks, maximum number of remaining checks): a run stalls if, at the average
+# step since that many checks ago, more checks remain than the maximum. With 64 steps per check, the
+# limits are 1e8 remaining steps averaged over 1e4 steps, or 1e7 averaged over 1e5 steps; impacts
+# and other short stiff phases are over by then. Methods with more expensive steps are checked more
+# often.
 _STALL_WINDOWS = ((160, 1.6e6), (1600, 1.6e5))
 
 
 @dataclass
 class StallDetector:
-    """Detects runs whose steps have become too short to reach the end.
+    """Detector of runs whose steps have become too short to reach the end.
 
     Attributes
     ----------
@@ -32,7 +33,7 @@ class StallDetector:
     _window_starts: dict[int, float] = field(default_factory=dict, init=False)
 
     def stall_reason(self, t: float, steps: int, steps_per_check: int) -> str | None:
-        """Return why a run at time `t` [s] after `steps` steps stalls, or None."""
+        """Return the reason why a run at time `t` [s] stalls after `steps` steps, or None."""
         if steps % steps_per_check:
             return None
         for checks, max_checks in _STALL_WINDOWS:
@@ -46,29 +47,30 @@ class StallDetector:
     def _describe_stall(self, t: float, step: float) -> str:
         remaining = (self.end - t) / step if step > 0.0 else float("inf")
         return (
-            f"no end in sight, steps of {step:.2g} s have become so short that {remaining:.2g} "
-            "more are needed, as under a load, a speed or a stiffness out of all proportion, or a "
-            "law that grows without bound; check these and their units, end the run sooner, or set "
-            "max_steps to continue anyway"
+            f"steps have shrunk to {step:.2g} s, so {remaining:.2g} more would be "
+            "needed, as under extreme loads, speeds or stiffnesses or a law that "
+            "grows without bound; check values and units, or set max_steps to "
+            "continue anyway"
         )
 
 
 @dataclass
 class RunLimits:
-    """Limits of one run; None means no limit.
+    """Limits of one run; a limit of None is not enforced.
 
     Attributes
     ----------
     progress
-        Called with the time reached [s]; a string it returns is the reason to stop.
+        Called with the time reached [s]. If it returns a string, the run stops; the string becomes
+        the reason.
     time_limit
-        Wall time since `begin` [s].
+        Maximum wall time since `begin` [s].
     max_steps
-        Number of accepted steps.
+        Maximum number of accepted steps.
     begin
         Value of `time.perf_counter` at the start of the run [s].
     stall_detector
-        Detects steps too short to reach the end.
+        Detects steps that are too short to reach the end.
     """
 
     progress: Progress | None
@@ -78,40 +80,40 @@ class RunLimits:
     stall_detector: StallDetector | None = None
 
     def steps_until_check(self, steps: int, steps_per_check: int) -> int:
-        """Return how many steps may follow before the next check, at least one."""
+        """Return the number of steps to take before the next check, at least one."""
         count = steps_per_check - steps % steps_per_check
         return count if self.max_steps is None else max(min(count, self.max_steps - steps), 1)
 
     def stop_reason(self, t: float, steps: int, steps_per_check: int) -> str | None:
-        """Return why the run has to stop at time `t` [s] after `steps` steps, or None."""
+        """Return the reason to stop at time `t` [s] after `steps` steps, or None."""
         if self.max_steps is not None and steps >= self.max_steps:
-            return f"max_steps = {self.max_steps} taken"
+            return f"reached max_steps = {self.max_steps}"
         if self.time_limit is not None and clock.perf_counter() - self.begin > self.time_limit:
-            return f"time limit of {self.time_limit:g} s"
+            return f"reached the time limit of {self.time_limit:g} s"
         if self.stall_detector is not None:
             stall = self.stall_detector.stall_reason(t, steps, steps_per_check)
             if stall:
                 return stall
         if self.progress is None or steps % steps_per_check:
             return None
-        # Progress bars may return other objects.
+        # Functions that update progress bars may return other objects.
         answer = self.progress(t)
         return answer if isinstance(answer, str) else None
 
 
 def require_feasible_step(part: str, setting: str, step: float, duration: float) -> None:
-    """Reject a step [s] so short that a run of this duration [s] would never end.
+    """Reject a step [s] that is too short for a run of this duration [s].
 
-    `setting` says in the message which step it is.
+    `part` and `setting` name the step in the error message.
 
     Raises
     ------
     BeamdaeError
-        If there would be more than MAX_PLANNED_STEPS steps.
+        If the run would take more than MAX_PLANNED_STEPS steps.
     """
     if duration > MAX_PLANNED_STEPS * step:
         raise BeamdaeError(
-            f"{part}: {setting} of {step:.3g} s makes {duration / step:.2g} steps in "
-            f"{duration:g} s, more than {MAX_PLANNED_STEPS:.0e}; take a longer step, or end the "
-            "run sooner."
+            f"{part}: {setting} of {step:.3g} s requires {duration / step:.2g} steps "
+            f"in {duration:g} s, more than the maximum of {MAX_PLANNED_STEPS:.0e}; use "
+            "a longer step or an earlier end time."
         )

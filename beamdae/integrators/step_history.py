@@ -1,4 +1,4 @@
-"""The accepted steps of a run in progress: growing storage, and the segments between restarts."""
+"""Growing storage for the accepted steps of a run, and its segments between restarts."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from beamdae.results.trajectory import Interval
 Array = np.ndarray
 
 _BYTES_PER_NUMBER = 8
-# A block has this many rows, fewer where they would take more than the bytes.
+# Limits of the size of a block.
 _MAX_BLOCK_ROWS = 8192
 _MAX_BLOCK_BYTES = 1e7
-# Steps before the tail that its interpolating polynomials may need, with some to spare.
+# Upper bound on the number of earlier steps that the interpolation of new rows uses.
 _TAIL_STEPS = 8
-# Relative difference of times that are taken as equal.
+# Relative difference below which two times are equal.
 _SAME_TIME = 1e-13
-# Below this the available memory is not queried: a query takes as long as hundreds of steps.
+# Smaller histories do not query the available memory: a query takes as long as hundreds of steps.
 _UNCHECKED_BYTES = 1e8
-# Copies of the stored rows that exist while the result is put together.
+# Number of copies of the rows that exist while the result is assembled.
 _RESULT_COPIES = 2.0
 
 
 class OutOfMemoryError(MemoryError):
-    """There is no memory for more steps; the message says how much the stored ones take."""
+    """Raised if no memory is left for more steps; the message states the memory in use."""
 
 
 class StepHistory:
-    """Rows (t, q, v, a, lam) of the accepted steps of one segment, in a growing list of blocks.
+    """Rows (t, q, v, a, lam) of the accepted steps of one segment, stored in blocks.
 
-    A step may have rows for its inner stages, the same number in every step.
+    A step may include rows for its inner stages; their number is the same in every step.
     """
 
     def __init__(self, t: float, state: State) -> None:
@@ -43,7 +43,7 @@ class StepHistory:
         row_bytes = _BYTES_PER_NUMBER * self._column_ends[-1]
         self._block_rows = int(np.clip(_MAX_BLOCK_BYTES / row_bytes, 1, _MAX_BLOCK_ROWS))
         self._blocks: list[Array] = []
-        # Increased after the rows are written: an interrupt leaves no row without its values.
+        # Increased after the rows are written, so that an interrupt leaves no incomplete row.
         self._count = 0
         self._rows_per_step = 1
         self._is_finite = True
@@ -51,7 +51,7 @@ class StepHistory:
         self._write(np.concatenate(((t,), *state))[None])
 
     def append(self, t: float, state: State, stages: Sequence[tuple[float, State]] = ()) -> bool:
-        """Append a step with its inner stages; return False if times or stages do not fit.
+        """Append a step with its inner stages; return False if it is invalid (see `extend`).
 
         Raises
         ------
@@ -62,9 +62,9 @@ class StepHistory:
         return self.extend(np.array(rows), len(rows))
 
     def extend(self, rows: Array, rows_per_step: int = 1) -> bool:
-        """Append rows (t, q, v, a, lam) of several steps; return False if they do not fit.
+        """Append rows (t, q, v, a, lam) of several steps; return False if they are invalid.
 
-        Times must ascend, and every step must have as many rows as the first one.
+        Valid rows have ascending times and the same number of rows in every step.
 
         Raises
         ------
@@ -80,7 +80,7 @@ class StepHistory:
         return True
 
     def _write(self, rows: Array) -> None:
-        # Checked here while the rows are in the cache.
+        # Checked here because the rows are still in the processor cache.
         self._is_finite &= bool(np.isfinite(rows).all())
         count = 0
         while count < len(rows):
@@ -97,14 +97,14 @@ class StepHistory:
         stored_bytes = sum(block.nbytes for block in self._blocks)
         if stored_bytes > _UNCHECKED_BYTES and available_memory() < _RESULT_COPIES * stored_bytes:
             raise OutOfMemoryError(
-                f"the {self._count} stored states take {format_gigabytes(stored_bytes)}, and there "
-                "is no memory to store more and make a result of them; take longer steps or fewer "
-                "elements, or end the run sooner"
+                f"the {self._count} stored states take "
+                f"{format_gigabytes(stored_bytes)} and memory is too short for more; "
+                "use longer steps, fewer elements or an earlier end time"
             )
 
     @property
     def count(self) -> int:
-        """Number of rows, the start included."""
+        """Number of rows, including the start."""
         return self._count
 
     @property
@@ -127,14 +127,14 @@ class StepHistory:
 
     @property
     def _filled_blocks(self) -> list[Array]:
-        """The blocks, the last one cut to its filled rows: a small part of it in large systems."""
+        """Blocks of rows; the last block is truncated to its filled rows."""
         starts = range(0, self._count, self._block_rows)
         return [
             block[: self._count - start] for block, start in zip(self._blocks, starts, strict=False)
         ]
 
     def drop_nonfinite(self) -> bool:
-        """Drop all steps from the first one that is not finite; return True if there is none."""
+        """Drop the first non-finite step and all later steps; return True if all are finite."""
         if self._is_finite:
             return True
         finite = np.concatenate([np.isfinite(rows).all(axis=1) for rows in self._filled_blocks])
@@ -144,13 +144,14 @@ class StepHistory:
         return len(bad) == 0
 
     def _complete_steps(self, count: int) -> int:
-        """Number of rows of the complete steps among the first `count` rows."""
+        """Return the number of rows of the complete steps among the first `count` rows."""
         return max(count - 1, 0) // self._rows_per_step * self._rows_per_step + 1
 
     def tail(self, first: int, branch: float) -> tuple[Interval, float] | None:
-        """Return the finite rows from `first` on, after those their interpolation needs.
+        """Return the finite rows from `first` on, preceded by rows needed for interpolation.
 
-        Also returns the time of the row before `first` [s]. None if there are no such rows.
+        Also return the time [s] of the row before `first`. Return None if no row from `first` on is
+        finite.
         """
         begin = self._tail_begin = max(first - 1 - _TAIL_STEPS * self._rows_per_step, 0)
         blocks = self._filled_blocks[begin // self._block_rows :]
@@ -162,9 +163,9 @@ class StepHistory:
         return self._make_interval([rows[:count]], branch), float(rows[first - 1 - begin, 0])
 
     def truncate(self, tail: Interval, t: float) -> None:
-        """Drop the steps that end after time `t` [s], and append one that ends there.
+        """Drop the steps that end after time `t` [s], and append a step that ends at `t`.
 
-        Its rows are interpolated in `tail`, the last value of the method `tail`.
+        The rows of this step are interpolated in `tail`, the last result of the method `tail`.
         """
         steps, rows_per_step = tail.t, self._rows_per_step
         tolerance = _SAME_TIME * max(abs(t), steps[-1] - steps[0])
@@ -194,16 +195,16 @@ class StepHistory:
 
 @dataclass(frozen=True)
 class RunSegment:
-    """Steps between two restarts, at breakpoints or switches, with the parts active there.
+    """Steps between two restarts, with the parts that are active during these steps.
 
     Attributes
     ----------
     history
         The accepted steps, with the multipliers of the active parts.
     branch
-        A time inside the smooth interval [s], by which laws choose their piece.
+        Time inside the smooth interval [s], which selects the pieces of piecewise laws.
     configuration
-        The active parts; None if nothing is switched in this model.
+        Active parts; None if the model does not switch parts.
     """
 
     history: StepHistory
@@ -215,7 +216,7 @@ class RunSegment:
         return self._expand(self.history.interval(self.branch), m)
 
     def tail(self, first: int, m: int) -> tuple[Interval, float] | None:
-        """Return the rows from `first` on with all `m` multipliers; see `StepHistory.tail`."""
+        """Return `StepHistory.tail` with all `m` multipliers of the model."""
         tail = self.history.tail(first, self.branch)
         return None if tail is None else (self._expand(tail[0], m), tail[1])
 
@@ -227,7 +228,7 @@ class RunSegment:
         return replace(interval, rows=rows, configuration=self.configuration)
 
     def truncate(self, tail: Interval, t: float) -> None:
-        """End the segment at time `t` [s] inside its tail; see `StepHistory.truncate`."""
+        """Truncate the segment at time `t` [s] inside its tail; see `StepHistory.truncate`."""
         if self.configuration is not None:
             lam = self.configuration.select_multipliers(tail.rows.lam)
             tail = replace(tail, rows=tail.rows._replace(lam=lam))

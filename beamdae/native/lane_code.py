@@ -1,9 +1,9 @@
 """LLVM IR of kernels: the instructions of an SX function, with one copy per vector lane.
 
-Each operation does what the virtual machine of CasADi does, with NaN, infinities and signed zeros.
-Operations that are not exact by IEEE 754 are left to the functions of the C library, one lane at a
-time, so that results have the same bits. (Sign and payload of a NaN are not preserved: no rule says
-which operand they come from.)
+Each operation gives the result of CasADi's virtual machine, including NaN, infinities and signed
+zeros. Operations that IEEE 754 does not define exactly call the C library, one lane at a time, so
+that results agree to the last bit. (Sign and payload of a NaN are not preserved, because no rule
+says which operand they come from.)
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _INLINE_TEMPLATES = {
         "{r}.a = fcmp oeq {T} {x}, zeroinitializer\n"
         "{r} = select {B} {r}.a, {T} zeroinitializer, {T} {y}"
     ),
-    # The other operand in place of a NaN; the first one of two zeros.
+    # If one operand is NaN, return the other; of two zeros, return the first.
     ca.OP_FMIN: (
         "{r}.a = fcmp ogt {T} {x}, {y}\n{r}.b = fcmp uno {T} {x}, {x}\n"
         "{r}.c = or {B} {r}.a, {r}.b\n{r} = select {B} {r}.c, {T} {y}, {T} {x}"
@@ -105,16 +105,16 @@ _BINARY_FUNCTIONS = ("pow", "atan2", "hypot", "fmod", "remainder")
 
 
 class OperandType(NamedTuple):
-    """LLVM type of scalars or vectors, with the operations in it.
+    """LLVM type of scalars or vectors, with its operations.
 
     Attributes
     ----------
     number
         The type.
     inline
-        Operation of CasADi -> instructions, with {r}, {x} and {y} to be replaced.
+        Instructions by operation of CasADi, with the placeholders {r}, {x} and {y}.
     functions
-        Prefix of the functions that stand for those of the C library.
+        Prefix of the functions that stand for functions of the C library.
     """
 
     number: str
@@ -123,7 +123,7 @@ class OperandType(NamedTuple):
 
 
 def format_constant(value: float) -> str:
-    """Return a constant as its bits."""
+    """Return the LLVM literal of a constant, its bits in hexadecimal."""
     return f"0x{struct.unpack('>Q', struct.pack('>d', value))[0]:016X}"
 
 
@@ -150,7 +150,7 @@ def is_supported(operation: int) -> bool:
 
 
 def write_operation(kind: OperandType, operation: int, result: str, x: str, y: str) -> str:
-    """Return the IR of one operation; a unary one ignores y."""
+    """Return the IR of one operation; unary operations ignore y."""
     if operation in _LIBRARY_NAMES:
         name = _LIBRARY_NAMES[operation]
         operands = ", ".join(f"{kind.number} {z}" for z in (x, y)[: _count_arguments(name)])
@@ -165,8 +165,9 @@ def _count_arguments(name: str) -> int:
 def write_lane_wrapper(name: str) -> str:
     """Return IR that declares a function of the C library and calls it for each lane.
 
-    A lane with the operands of the one before it takes over its result, so that padding lanes cost
-    nothing. The prefix of its name prevents LLVM from replacing it as a function it knows.
+    A lane with the same operands as the lane before it reuses the result, so that padding lanes
+    cost nothing. The prefix of the name prevents LLVM from replacing it as a known library
+    function.
     """
     operands = "xy"[: _count_arguments(name)]
     scalar_types = ", ".join(["double"] * len(operands))
@@ -215,19 +216,19 @@ def write_lane_module(function: ca.Function) -> str:
     Raises
     ------
     ValueError
-        If the function has another form, or an operation that cannot be compiled.
+        If the function has another form or contains an operation that cannot be compiled.
     """
     require_lane_form(function)
     writer = _LaneWriter(function.name())
     is_complete = _write_instructions(function, writer)
     if not is_complete or any(f"libm.{x}" not in library_imports() for x in writer.library):
-        raise ValueError(f"{function.name()}: it has operations that cannot be compiled.")
+        raise ValueError(f"{function.name()}: the function has operations that cannot be compiled.")
     return writer.module
 
 
 @cache
 def library_imports() -> dict[str, int]:
-    """Return the addresses of `LIBRARY_FUNCTIONS`, without those that this system lacks."""
+    """Return the addresses of the `LIBRARY_FUNCTIONS` that exist on this system."""
     addresses = {}
     for name in LIBRARY_FUNCTIONS:
         with suppress(MachineCodeError):
@@ -237,7 +238,7 @@ def library_imports() -> dict[str, int]:
 
 @cache
 def describe_writer() -> tuple[str, ...]:
-    """Return everything besides a function that determines its IR."""
+    """Return the version and source on which the IR depends, besides the function."""
     return f"casadi {version('casadi')}", Path(__file__).read_text("utf-8")
 
 
@@ -248,17 +249,17 @@ class _Operand(NamedTuple):
 
 @dataclass
 class _LaneWriter:
-    """IR of one function.
+    """Collects the IR of one function.
 
     Attributes
     ----------
     name
         Name of the function.
     before, group
-        Instructions on numbers that all copies share, executed once, and those executed for each
+        Instructions on shared numbers, which are executed once, and instructions executed for each
         group of `LANE_WIDTH` copies.
     library
-        Functions of the C library that it calls.
+        Names of the C library functions that it calls.
     """
 
     name: str
@@ -317,7 +318,7 @@ class _LaneWriter:
 
     @property
     def module(self) -> str:
-        """The module with the function and the wrappers of library functions."""
+        """Text of the module: the function and the wrappers of library functions."""
         return "\n".join(
             [
                 *(write_lane_wrapper(name) for name in sorted(self.library)),

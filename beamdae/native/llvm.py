@@ -1,6 +1,6 @@
-"""LLVM: compile IR to objects, load objects into memory.
+"""LLVM: compilation of IR to objects, and loading of objects into memory.
 
-The origin of the IR does not matter: kernels of `lane_code`, or the output of another compiler.
+The IR may come from `lane_code` or from another compiler such as numba.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class MachineCodeError(Exception):
 
 @cache
 def describe_target() -> tuple[str, ...]:
-    """Return system, processor and compiler, which objects depend on besides IR and level.
+    """Return the system, processor and compiler on which compiled objects depend.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def describe_target() -> tuple[str, ...]:
 
 
 def compile_module(ir: str, level: int) -> bytes:
-    """Return the object of a module of LLVM IR, for this machine.
+    """Compile a module of LLVM IR to an object for this machine.
 
     Parameters
     ----------
@@ -49,12 +49,12 @@ def compile_module(ir: str, level: int) -> bytes:
     Raises
     ------
     MachineCodeError
-        If LLVM cannot compile it.
+        If LLVM cannot compile the module.
     """
     llvm = _llvmlite().binding
     try:
         target = _target()
-        # The context is released with the module; the global one would keep every constant.
+        # The context is released with the module; the global context would keep every constant.
         module = llvm.parse_assembly(ir, llvm.create_context())
         module.data_layout = str(target.target_data)
         module.verify()
@@ -67,9 +67,9 @@ def compile_module(ir: str, level: int) -> bytes:
 
 
 def link_modules(texts: Iterable[str], exports: Container[str]) -> str:
-    """Return one module of LLVM IR of several.
+    """Link several modules of LLVM IR into one.
 
-    Functions that are not among `exports` may be removed by the compiler.
+    The compiler may remove functions that are not among `exports`.
 
     Raises
     ------
@@ -92,13 +92,13 @@ def link_modules(texts: Iterable[str], exports: Container[str]) -> str:
 
 
 class LoadedObject:
-    """An object in memory; its code stays loaded as long as this exists.
+    """Object code in memory; it stays loaded as long as this instance exists.
 
     Parameters
     ----------
     content
-        An object that `compile_module` returned in this or an earlier process. LLVM ends the
-        process if the bytes are not a valid object.
+        Object that `compile_module` returned in this or an earlier process. LLVM aborts the process
+        if the bytes are not a valid object.
     names
         Exported symbols.
     imports
@@ -146,7 +146,7 @@ def library_address(name: str) -> int:
     Raises
     ------
     MachineCodeError
-        If the library does not have it.
+        If the library has no such function.
     """
     try:
         return int(ctypes.cast(getattr(_math_library(), name), ctypes.c_void_p).value or 0)
@@ -202,7 +202,7 @@ def _engine() -> Any:
         llvm.check_jit_execution()
         return llvm.create_lljit_compiler(_target(), suppress_errors=True)
     except OSError as problem:
-        raise MachineCodeError("this system executes nothing that was not installed") from problem
+        raise MachineCodeError("this system executes installed code only") from problem
     except RuntimeError as problem:
         raise MachineCodeError(f"LLVM cannot load kernels ({_first_line(problem)})") from problem
 

@@ -1,9 +1,9 @@
 """Compiled loops: plain Python functions over arrays as machine code, compiled once per machine.
 
-A loop is a function of one object, whose fields are numbers, arrays and such objects; it may set
-numbers, and entries of arrays. Its machine code gets the numbers and the addresses of the arrays in
-a table, knows nothing of Python, and therefore releases the interpreter while it runs. It is cached
-as that of kernels is; numba is imported only to compile it.
+A loop is a function of one object whose fields are numbers, arrays and nested objects of this kind.
+It may set numbers and entries of arrays. Its machine code receives the numbers and the addresses of
+the arrays in a table. It does not use Python and therefore releases the interpreter lock while it
+runs. The machine code is cached like the code of kernels; numba is imported only to compile it.
 """
 
 from __future__ import annotations
@@ -39,23 +39,23 @@ _IMPLEMENTATIONS: dict[Any, Any] = {
     loop_functions.solve: linear_solver.solve_linear,
 }
 _LOOP_SIGNATURE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
-# (symbol, (function, arguments)) of everything that is compiled into one module.
+# (symbol, (function, arguments)) of all functions that are compiled into one module.
 _EntryPoints = tuple[tuple[str, tuple[Any, str]], ...]
 
 
 def prepare_loop(function: Any, make: Any, native: bool) -> tuple[Any, CompiledLoop | None]:
     """Return the object that a loop works on, and the compiled loop.
 
-    The compiled loop is None where the loop runs in plain Python.
+    The compiled loop is None if the loop runs in plain Python.
 
     Parameters
     ----------
     function
         The loop.
     make
-        Makes the object: `make(True)` for machine code, `make(False)` for plain Python.
+        Returns the object: `make(True)` for machine code, `make(False)` for plain Python.
     native
-        True if machine code is possible.
+        True to try machine code, False for plain Python.
     """
     if native:
         work = make(True)
@@ -72,16 +72,16 @@ class CompiledLoop:
     function
         The loop, `function(work)`; returns an int.
     work
-        A dataclass of int, float, arrays and such dataclasses.
+        A dataclass of int, float, arrays and nested dataclasses of this kind.
     **callbacks
-        (function, arguments) of further C functions `function(work, *arguments)` on the same table.
-        Arguments are "d" for a double, "p" for a pointer, which the function receives as an
-        integer, and "@" for the table.
+        Further C functions `function(work, *arguments)` on the same table, as (function,
+        arguments). The characters of `arguments` are "d" for a double, "p" for a pointer, which the
+        function receives as an integer, and "@" for the table.
 
     Attributes
     ----------
     addresses
-        Addresses of the C functions by name: "loop", whose one argument is the address of `table`,
+        Addresses of the C functions by name: "loop", whose only argument is the address of `table`,
         and the callbacks.
     table
         Numbers of the object and addresses of its arrays, as words of 64 bits.
@@ -104,7 +104,7 @@ class CompiledLoop:
         self._work = work
 
     def __call__(self) -> int:
-        """Run the loop on the current numbers of the object, set them, and return its code."""
+        """Run the loop on the current numbers of the object, update them, and return its code."""
         self.load()
         code = self._call(self.table.ctypes.data)
         self.unload()
@@ -113,7 +113,7 @@ class CompiledLoop:
     def bind(self) -> None:
         """Update the table for arrays that have been replaced.
 
-        The table keeps its address, so that a C function of the loop may do this while it runs.
+        The table keeps its address, so that this may be called while the loop runs.
         """
         layout = _TableLayout(self._work)
         assert layout.kind == self._kind
@@ -142,7 +142,7 @@ class _TableLayout:
     numbers
         (owner, name, word, type) of the numbers.
     kind
-        (class name, ((field, word, type), ...)): the part that machine code depends on.
+        (class name, ((field, word, type), ...)): the part on which machine code depends.
     """
 
     def __init__(self, work: Any) -> None:
@@ -178,7 +178,7 @@ def _field_names(owner: Any) -> tuple[str, ...]:
 
 
 def _iterate_code(function: FunctionType, visited: dict[FunctionType, None]) -> Iterator[str]:
-    """Yield the bytecode of a function and of those it calls, and the constants they read.
+    """Yield the bytecode of a function and of all functions it calls, and their constants.
 
     Numba compiles bytecode; reading sources would take as long as the steps of a short run.
     `visited` collects the functions.
@@ -201,7 +201,7 @@ def _iterate_code(function: FunctionType, visited: dict[FunctionType, None]) -> 
 
 @cache
 def _describe_compiler() -> str:
-    """Return everything besides a loop that determines its IR."""
+    """Return the versions and sources on which the IR of loops depends."""
     sources = (Path(__file__).with_name(f"{name}.py") for name in _RECIPE_MODULES)
     texts = [source.read_text("utf-8") for source in sources]
     return "\n".join([f"numba {_numba_version()}", sys.version, *texts])
@@ -215,7 +215,8 @@ def _numba_version() -> str:
 
 
 _loaded_objects: dict[Any, LoadedObject | None] = {}
-# If two threads loaded the same loop, the second object would replace the one that the first runs.
+# Without the lock, two threads could load the same loop; the second object would then replace the
+# object that the first thread runs.
 _loading_lock = threading.Lock()
 
 
@@ -241,12 +242,12 @@ def _load_entries(entries: _EntryPoints, kind: Any) -> dict[str, int]:
             _loaded_objects[key] = load_object(source, lambda code: True)
         code = _loaded_objects[key]
     if code is None:
-        raise MachineCodeError(f"{name}: it cannot be compiled")
+        raise MachineCodeError(f"{name}: the loop cannot be compiled")
     return code.addresses
 
 
 def _compile_entries(entries: _EntryPoints, functions: tuple[FunctionType, ...], kind: Any) -> str:
-    """Return LLVM IR of loops of one object, with all functions they call."""
+    """Return LLVM IR of the loops of one object and of all functions they call."""
     with _pause_garbage_collection():
         try:
             from beamdae.native import numba_compiler

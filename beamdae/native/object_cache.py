@@ -1,9 +1,9 @@
-"""Cache of objects: a private folder of the user, with files whose integrity is checked.
+"""Cache of compiled objects: files with checksums in a private folder of the user.
 
-Objects are executed once they are loaded. Therefore a file is loaded only if no other user could
-have written it and its checksum is right. A file is named after the recipe it was built from, and
-begins with the checksum of recipe and object; it appears under its name by a single rename. The
-bytes that are checked are the bytes that are loaded.
+Loaded objects are executed. Therefore a file is loaded only if no other user could have written it
+and its checksum is correct. The file name contains a hash of the recipe from which the object was
+built. The file begins with the checksum of recipe and object and gets its name by an atomic rename.
+It is read only once, so that the checked bytes are the loaded bytes.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _PRIVATE_MODE = 0o700
 _MAX_WRITE_SECONDS = 3600.0
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _OTHERS_ENTER = stat.S_IXGRP | stat.S_IXOTH
-# Rejects links, and does not wait for writers of pipes.
+# Reject links, and do not wait for writers of pipes.
 _OPEN_FLAGS = (
     os.O_RDONLY
     | getattr(os, "O_NOFOLLOW", 0)
@@ -48,7 +48,7 @@ def cache_folder() -> Path:
     Raises
     ------
     CacheError
-        If it cannot be created, or if other users could change its contents.
+        If the folder cannot be created, or other users could change its contents.
     """
     configured = Path(os.environ.get("XDG_CACHE_HOME", ""))
     try:
@@ -77,7 +77,7 @@ def read_object(folder: Path, recipe: str, name: str) -> bytes | None:
 
 
 def write_object(folder: Path, recipe: str, name: str, content: bytes) -> None:
-    """Store an object; an existing file is replaced, never written to."""
+    """Store an object atomically; an existing file is replaced, not modified in place."""
     with _translate_errors(folder):
         descriptor, unfinished = tempfile.mkstemp(prefix=_UNFINISHED_PREFIX, dir=folder)
         try:
@@ -87,29 +87,29 @@ def write_object(folder: Path, recipe: str, name: str, content: bytes) -> None:
                 # Otherwise the name may reach the disk before the content.
                 os.fsync(descriptor)
             _remove_abandoned_files(folder, Path(unfinished).stat().st_mtime)
-            place = folder / _object_file_name(recipe, name)
-            if place.is_dir():
-                _remove(place)
-            os.replace(unfinished, place)
+            path = folder / _object_file_name(recipe, name)
+            if path.is_dir():
+                _remove(path)
+            os.replace(unfinished, path)
         finally:
             with suppress(FileNotFoundError):
                 os.unlink(unfinished)
 
 
 def _remove_abandoned_files(folder: Path, now: float) -> None:
-    """Remove files of killed processes; `now` is by the clock of the disk."""
+    """Remove unfinished files of killed processes; `now` [s] is the clock of the file system."""
     for other in folder.glob(f"{_UNFINISHED_PREFIX}*"):
         with suppress(OSError):
             if now - other.stat().st_mtime > _MAX_WRITE_SECONDS:
                 _remove(other)
 
 
-def _remove(place: Path) -> None:
+def _remove(path: Path) -> None:
     with suppress(OSError):
-        if place.is_dir() and not place.is_symlink():
-            shutil.rmtree(place)
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
         else:
-            place.unlink()
+            path.unlink()
 
 
 def _object_file_name(recipe: str, name: str) -> str:
@@ -127,7 +127,7 @@ def _translate_errors(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as problem:
-        raise CacheError(f"{folder}: kernels cannot be cached, {problem.strerror}") from problem
+        raise CacheError(f"{folder}: kernels cannot be cached: {problem.strerror}") from problem
 
 
 def _read_private_file(file: Path) -> bytes | None:
@@ -144,7 +144,7 @@ def _read_private_file(file: Path) -> bytes | None:
 
 
 def _require_private(folder: Path) -> None:
-    """Require that only this user owns and writes a folder, and that others cannot move it.
+    """Require that this user owns a folder and that others can neither write to it nor move it.
 
     Raises
     ------
@@ -153,27 +153,27 @@ def _require_private(folder: Path) -> None:
     """
     user = os.geteuid()
     if folder.stat().st_uid != user:
-        raise _untrusted_folder_error(folder, "it belongs to another user")
+        raise _untrusted_folder_error(folder, "the folder belongs to another user")
     if stat.S_IMODE(folder.stat().st_mode) != _PRIVATE_MODE:
         # Created by an earlier version or under a permissive umask; each file is checked anyway.
         with suppress(OSError):
             folder.chmod(_PRIVATE_MODE)
     if folder.stat().st_mode & _OTHERS_WRITE:
-        raise _untrusted_folder_error(folder, "others can write to it")
-    for place in reversed(folder.parents):
-        status = place.stat()
+        raise _untrusted_folder_error(folder, "others can write to the folder")
+    for path in reversed(folder.parents):
+        status = path.stat()
         # In containers the user id of root may differ from 0.
         if status.st_uid not in (user, os.stat("/").st_uid):
-            raise _untrusted_folder_error(folder, f"{place} belongs to another user")
+            raise _untrusted_folder_error(folder, f"{path} belongs to another user")
         # In a sticky folder, such as /tmp, users can move only what they own.
         if status.st_mode & _OTHERS_WRITE and not status.st_mode & stat.S_ISVTX:
-            raise _untrusted_folder_error(folder, f"others can write to {place}")
+            raise _untrusted_folder_error(folder, f"others can write to {path}")
         if status.st_uid == user and not status.st_mode & _OTHERS_ENTER:
             return  # Other users cannot enter: the folders below are protected.
 
 
 def _untrusted_folder_error(folder: Path, reason: str) -> CacheError:
     return CacheError(
-        f"{folder}: kernels are neither stored nor loaded, as {reason}; set XDG_CACHE_HOME to a "
-        "private folder"
+        f"{folder}: kernels are neither stored nor loaded because {reason}; set "
+        "XDG_CACHE_HOME to a private folder"
     )

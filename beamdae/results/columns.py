@@ -10,7 +10,10 @@ from beamdae.errors import BeamdaeError, short_repr, suggest
 
 
 class Header(NamedTuple):
-    """Header 'name.suffix [unit]' of a column, split; without a suffix, it repeats the name."""
+    """Parts of a column header 'name.suffix [unit]'.
+
+    If the header has no dot, `name` and `suffix` are equal.
+    """
 
     name: str
     suffix: str
@@ -25,21 +28,21 @@ class Header(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """Key of the columns whose magnitudes are comparable: the unit, or the whole name."""
+        """Key shared by columns of comparable magnitude: the unit, or the full name if it is '-'."""
         return f"{self.name}.{self.suffix}" if self.unit == "-" else self.unit
 
 
 def observed_columns(table: Iterable[object]) -> list[str]:
-    """Return the headers of the observed columns, without time, energies and drift."""
+    """Return the headers of a table except those of time, energies and drift."""
     others = {TIME, *LEDGER_COLUMNS, *DRIFT_COLUMNS}
     return [str(column) for column in table if str(column) not in others]
 
 
 def merge_columns(observed: Mapping[str, Any], coordinates: Any) -> dict[str, Any]:
-    """Merge the columns of a table with those of the coordinates, by header.
+    """Merge observed columns and coordinates into one dictionary by header.
 
-    An observed column takes precedence over a coordinate with the same header; a point of a body
-    may be observed under the name of the body.
+    If both contain a header, the observed column takes precedence: a point of a body may be
+    observed under the name of the body.
     """
     return {**observed, **dict(coordinates), **observed}
 
@@ -54,9 +57,10 @@ def select_columns(
     headers
         Headers 'name.column [unit]' to select from.
     name
-        A header with or without its unit, or the name of an observable for all its columns.
+        A header with or without its unit, or the name of an observable, which selects all its
+        columns.
     of
-        Class of the result, for the error message.
+        Class name of the result, used in the error message.
     observed
         Headers that take precedence over others with the same name.
 
@@ -78,6 +82,6 @@ def select_columns(
             return [header for header in matches if header in preferred] or matches
     known_names = list(dict.fromkeys([*without_unit, *observables]))
     raise BeamdaeError(
-        f"{of}: no column has the name {short_repr(name)}{suggest(name, known_names)}; see "
+        f"{of}: there is no column {short_repr(name)}{suggest(name, known_names)}; see "
         f"`{of.lower()}.table()` and `{of.lower()}.coordinates()` for all columns."
     )

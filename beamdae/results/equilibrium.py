@@ -1,4 +1,4 @@
-"""Result of a static analysis: a path of equilibria, its critical points and its tables."""
+"""Result of a static analysis: a path of equilibria with its critical points."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ class CriticalPoint(NamedTuple):
     Attributes
     ----------
     kind
-        "limit point", where the load factor has an extremum; "branch point", where another path
-        crosses; "flutter point", where a follower load starts oscillations.
+        "limit point" (extremum of the load factor), "branch point" (intersection with another
+        path) or "flutter point" (onset of oscillations under a follower load).
     row
-        Row of the path.
+        Index of the point in the path.
     factor
         Load factor [-].
     moves
-        Name of the coordinate that moves most in the direction without stiffness.
+        Name of the coordinate that moves most along the direction of zero stiffness.
     """
 
     kind: str
@@ -56,18 +56,19 @@ class CriticalPoint(NamedTuple):
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """A path of equilibria of a mechanism; its end is the equilibrium under the full loads.
+    """Path of equilibria of a mechanism, from no load to the full loads.
 
     Attributes
     ----------
     equations
-        The equations of motion, with the loads at the time `t`.
+        The equations of motion.
     t
-        Time of the loads [s].
+        Time at which the loads are evaluated [s].
     status
-        How the path ended: "ok" at its last target, "limited" or "failed"; and the reason.
+        Kind and reason of the end of the path: "ok" if it reached its last target, otherwise
+        "limited" or "failed".
     loads
-        Names of the loads that were scaled, one tuple per stage.
+        Names of the scaled loads, one tuple per stage.
     factors
         Load factors (k, number of stages) [-].
     q
@@ -75,19 +76,19 @@ class Equilibrium:
     lam
         Lagrange multipliers of the constraints (k, m).
     unstable
-        Number of directions in which each equilibrium is unstable under constant loads (k,): 0 if
-        it is stable, -1 if this is not known.
+        Number of unstable directions of each equilibrium under constant loads (k,): 0 if the
+        equilibrium is stable, -1 if the number is not known.
     critical
-        Limit, branch and flutter points, in order of the path.
+        Limit, branch and flutter points, in the order of the path.
     settings
-        Requested settings, and the cost of the path.
+        Requested settings and the computational cost.
     model
         Name and parameters of the model.
     notes
         Remarks on the interpretation of the result.
     free
-        Name of the coordinate that moves most in a motion without stiffness at the end of the path,
-        if there is one; the equilibrium is then arbitrary along this motion.
+        Name of the coordinate that moves most in a zero-stiffness motion at the end of the path;
+        the equilibrium is arbitrary along this motion. Empty if no such motion exists.
     """
 
     equations: EquationsOfMotion
@@ -113,7 +114,7 @@ class Equilibrium:
 
     @property
     def factor(self) -> float:
-        """Load factor of the last stage at the end of the path [-]; 1 if no load is scaled."""
+        """Load factor of the last stage at the end of the path [-], or 1 if no load is scaled."""
         return float(self.factors[-1, -1]) if self.factors.shape[1] else 1.0
 
     @property
@@ -123,11 +124,11 @@ class Equilibrium:
 
     @property
     def positions(self) -> dict[str, float]:
-        """Coordinates at the end of the path by name, as `Mechanism(start=)` accepts them."""
+        """Coordinates at the end of the path by name, accepted by `Mechanism(start=)`."""
         return dict(zip(self.equations.q_names, self.q[-1].tolist(), strict=True))
 
     def at(self, row: int) -> Equilibrium:
-        """Return the path up to one of its rows, for example to start from a critical point.
+        """Return the path up to and including a row, for example up to a critical point.
 
         Parameters
         ----------
@@ -137,7 +138,7 @@ class Equilibrium:
         Raises
         ------
         BeamdaeError
-            If the path has no such row.
+            If the index is out of range.
         """
         row = require_count("Equilibrium.at", "row", row, 0, len(self.q) - 1)
         return replace(
@@ -151,7 +152,7 @@ class Equilibrium:
 
     @cached_property
     def columns(self) -> dict[str, Array]:
-        """Observed columns except rates, (k,) each, by header."""
+        """Observed columns (k,) by header, without rates."""
         e, rows = self.equations, len(self.q)
         headers = [header for o in e.observables for header in o.headers]
         if not headers:
@@ -166,7 +167,7 @@ class Equilibrium:
         }
 
     def all_columns(self) -> dict[str, Any]:
-        """Return the columns of `table`, (k,) each, by header."""
+        """Return the columns (k,) of `table` by header."""
         kinds = np.full(len(self.q), "", object)
         for point in self.critical:
             kinds[point.row] = point.kind
@@ -180,7 +181,7 @@ class Equilibrium:
         }
 
     def __getitem__(self, name: str) -> pd.Series | pd.DataFrame:
-        """Return columns over the load factor by name, see `Solution.__getitem__`.
+        """Return columns over the load factor, selected by name as in `Solution.__getitem__`.
 
         The index is the sum of the load factors of all stages.
 
@@ -201,12 +202,13 @@ class Equilibrium:
     def plot(self, *names: str) -> Plot:
         """Plot the load factor over columns.
 
-        Unstable stretches are dashed, and critical points are marked.
+        Unstable segments are dashed, and critical points are marked.
 
         Parameters
         ----------
         names
-            Names of columns, see `equilibrium[name]`; default all that change, at most twelve.
+            Names of columns, see `equilibrium[name]`. Defaults to all columns that change, at most
+            twelve.
 
         Raises
         ------
@@ -216,13 +218,13 @@ class Equilibrium:
         return load_views().plot_equilibrium_path(self, names)
 
     def table(self) -> pd.DataFrame:
-        """Return one row per point: load factors, observed columns, stability, kind of point."""
+        """Return load factors, observed columns, stability and kind of each point of the path."""
         import pandas as pd
 
         return pd.DataFrame(self.all_columns())
 
     def coordinates(self) -> pd.DataFrame:
-        """Return all coordinates and multipliers, named by part, with units."""
+        """Return coordinates and Lagrange multipliers; headers contain part names and units."""
         import pandas as pd
 
         e = self.equations
@@ -236,7 +238,7 @@ class Equilibrium:
         Parameters
         ----------
         beam, s
-            The beam or its name, and arc lengths [m], as for `Solution.section_forces`.
+            The beam or its name, and arc lengths [m], see `Solution.section_forces`.
         """
         at_rest = np.zeros_like(self.q[-1:])
         state = State(self.q[-1:], at_rest, at_rest, self.lam[-1:])
@@ -246,29 +248,28 @@ class Equilibrium:
         return recover_section_forces_at_state(self.equations, beam, self.t, state, factors, s)
 
     def diagram(self, beam: Any, what: str = "M") -> Plot:
-        """Draw "N", "Q" or "M" of a beam at the end of the path, see `Solution.diagram`."""
+        """Draw "N", "Q" or "M" along a beam at the end of the path, see `Solution.diagram`."""
         return self.section_forces(beam).diagram(what)
 
     @cached_property
     def validity(self) -> tuple[BeamRange, ...]:
-        """Largest deformation of each beam, and the resulting error of its strain measure."""
+        """Largest deformation of each beam and the resulting error of its strain measure."""
         return measure_beam_ranges(self.equations, self.q)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the reliability of the result, as `equilibrium` issues them."""
+        """Warnings about the reliability of the result; `equilibrium` issues them."""
         free = ""
         if self.free and self.status.success:
             free = (
-                f"{self.free}: it is free to move without stiffness, so the equilibrium is "
-                "arbitrary along a motion in which this coordinate moves most; add a spring or a "
-                "joint."
+                f"{self.free}: this coordinate can move without stiffness, so the "
+                "equilibrium position is arbitrary; add a spring or a joint."
             )
         beams = (beam.warning for beam in self.validity)
         return tuple(filter(None, (*self.notes, free, *beams)))
 
     def metadata(self, **further: Any) -> dict[str, Any]:
-        """Return the content of the JSON file that `to_csv` writes, with `further` entries."""
+        """Return the JSON content written by `to_csv`, with the additional entries `further`."""
         return {
             "status": self.status.kind,
             "reason": self.status.sentence,
@@ -284,12 +285,12 @@ class Equilibrium:
         }
 
     def to_csv(self, path: str | Path, **further: Any) -> Path:
-        """Write the table as CSV, and settings and status as JSON of the same name.
+        """Write the table as CSV, and settings and status to a JSON file of the same name.
 
         Parameters
         ----------
         path, further
-            As for `Solution.to_csv`.
+            See `Solution.to_csv`.
 
         Raises
         ------
@@ -299,12 +300,12 @@ class Equilibrium:
         return write_result(path, self.all_columns(), self.status, self.metadata(**further))
 
     def to_checkpoint(self) -> Checkpoint:
-        """Return the end of the path as the start of a run, at rest."""
+        """Return a checkpoint that starts a run at rest from the end of the path."""
         at_rest = dict.fromkeys(self.equations.q_names, 0.0)
         return Checkpoint(self.t, self.positions, at_rest, inactive=self._inactive)
 
     @property
     def _inactive(self) -> tuple[str, ...]:
-        """Names of the parts that are inactive."""
+        """Names of the initially inactive parts."""
         configurations = self.equations.configurations
         return () if configurations is None else tuple(sorted(configurations.initially_inactive))

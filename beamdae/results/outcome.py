@@ -1,25 +1,25 @@
-"""Outcome of a run: its status and its cost."""
+"""Outcome of a run: status and computational cost."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
-# Reached its end, stopped by a limit, interrupted by the user, or unable to continue.
+# See `Status.kind`.
 Kind = Literal["ok", "limited", "interrupted", "failed"]
 
 
 @dataclass(frozen=True)
 class Status:
-    """Status of a run: how it ended, and why.
+    """Status of a run: the kind of its end, and the reason.
 
     Attributes
     ----------
     kind
-        "ok" if the run reached its end, "limited" if a limit stopped it, "interrupted" if the user
-        did, "failed" if it could not continue.
+        "ok" if the run was completed, "limited" if a limit stopped it, "interrupted" if the
+        user stopped it, "failed" if it could not continue.
     sentence
-        The reason.
+        The reason why the run ended.
     """
 
     kind: Kind
@@ -27,51 +27,51 @@ class Status:
 
     @property
     def success(self) -> bool:
-        """True if the run reached its end."""
+        """True if the run was completed."""
         return self.kind == "ok"
 
     def is_unreliable(self, has_pending_event: bool) -> bool:
         """Return whether the last state of the run may be wrong.
 
-        A failed run ends in a doubtful state, unless it failed to execute an event at that time:
-        this does not affect the state.
+        The last state of a failed run is unreliable, unless the run failed while executing an
+        event, which does not affect the state.
         """
         return self.kind == "failed" and not has_pending_event
 
     def followed_by(self, later: Status, has_pending_event: bool) -> Status:
-        """Return the status of this run and one that resumed from its end, taken as one run."""
+        """Return the combined status of this run and a later run that resumed from its end."""
         if not later.success or not self.is_unreliable(has_pending_event):
             return later
         return Status(
-            "failed", f"{later.sentence}, but it resumed from a failed run: {self.sentence}"
+            "failed", f"{later.sentence}, but the run resumed from a failed run: {self.sentence}"
         )
 
 
-# Appended to the reason of a run that ended during the pilot run.
+# Appended to the reason if the run ended during the pilot run.
 PILOT_RUN_SUFFIX = " of the pilot run"
 REACHED_END = Status("ok", "reached the end")
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """Cost of a run.
+    """Computational cost of a run.
 
     Attributes
     ----------
     steps
-        Accepted steps.
+        Number of accepted steps.
     rejected_steps
-        Attempts rejected by the error test or by Newton's method.
+        Number of steps rejected by the error test or by Newton's method.
     residual_calls, jacobian_calls
-        Calls of the compiled residual and of the compiled Jacobian.
+        Number of calls to the compiled residual and to the compiled Jacobian.
     factorizations, solves
-        LU factorizations, and solutions with them.
+        Number of LU factorizations and of linear solves.
     newton_failures
-        Newton iterations that did not converge, with the Jacobian of an earlier step (which is then
-        updated) or with the current one. scikit-sundae's class does not report these; there it is
-        the number of Jacobians updated within a step.
+        Number of Newton iterations that did not converge, whether with the current Jacobian or with
+        the Jacobian of an earlier step, which is then updated. scikit-sundae does not report this
+        number; for its integrators it is the number of Jacobian updates within steps.
     setup_time, wall_time
-        Time for building and compiling, and for the integration alone [s].
+        Time for building and compiling the equations, and for the integration alone [s].
     """
 
     steps: int = 0

@@ -1,4 +1,4 @@
-"""Result of a search for a periodic motion: one period, its stability and its amplitudes."""
+"""Result of a search for a periodic motion: one period, stability and amplitudes."""
 
 from __future__ import annotations
 
@@ -16,33 +16,34 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-_STABILITY_MARGIN = 1e-4  # by which multipliers of stable motions may exceed 1
+_STABILITY_MARGIN = 1e-4  # moduli of the multipliers of stable motions may exceed 1 by this
 _IMAGINARY_ROUNDING = 1e-6  # imaginary part of a real multiplier, relative to its modulus
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PeriodicMotion:
-    """A motion that repeats after a period, and its stability by Floquet's theory.
+    """A periodic motion and its stability according to Floquet theory.
 
     Attributes
     ----------
     solution
-        One period of the motion; if a run did not reach the end of its periods, that run.
+        One period of the motion. If a run of the search ended early, this is that run.
     period
         Period [s].
     multipliers
-        Floquet multipliers, largest first: the eigenvalues of the monodromy matrix on the motions
-        that the joints allow, by which disturbances grow in one period. Disturbances in modes that
-        are too fast for the steps decay numerically, whether or not they are damped.
+        Floquet multipliers, sorted by descending modulus: eigenvalues of the monodromy matrix for
+        the motions that the joints allow. They are the growth factors of perturbations per period.
+        Perturbations in modes that the steps do not resolve decay numerically, whether or not the
+        modes are damped.
     multiplier_error
-        Change of the largest multiplier when the steps of the disturbances are halved.
+        Change of the largest multiplier when the perturbation steps are halved.
     off
-        Difference between the start and the end of the period, relative to the range of the
-        coordinates [-].
+        Difference between the states at the start and the end of the period, relative to the range
+        of the coordinates [-].
     iterations
-        Number of iterations of Newton's method.
+        Number of Newton iterations.
     status
-        Whether the search converged, and the reason if it did not.
+        Outcome of the search; `status.kind` is "ok" if it converged.
     """
 
     solution: Solution
@@ -51,32 +52,36 @@ class PeriodicMotion:
     multiplier_error: float = np.inf
     off: float = np.inf
     iterations: int = 0
-    status: Status = field(default=Status("ok", "repeats after its period"))
+    status: Status = field(default=Status("ok", "repeats after one period"))
 
     def __repr__(self) -> str:
         return f"<PeriodicMotion: period {self.period:g} s, {self.status.kind}, {self.stability}>"
 
     @property
     def stable(self) -> bool:
-        """True if the search converged and no disturbance grows."""
+        """True if the search converged and no perturbation grows."""
         limit = 1.0 + _STABILITY_MARGIN + self.multiplier_error
         return self.status.success and largest_modulus(self.multipliers) <= limit
 
     @property
     def stability(self) -> str:
-        """Stability in words, with the way in which disturbances grow."""
+        """Description of the stability and, if unstable, of the growth of perturbations."""
         if not self.status.success:
             return f"not known: {self.status.sentence}"
         if self.stable:
             return "stable"
         multiplier = self.multipliers[0]
-        growth = "they oscillate about it"
+        growth = "disturbances oscillate about the motion"
         if abs(multiplier.imag) <= _IMAGINARY_ROUNDING * abs(multiplier):
-            growth = "they stay on one side" if multiplier.real > 0 else "they double the period"
-        return f"unstable: disturbances grow by {abs(multiplier):.6g} in a period, {growth}"
+            growth = (
+                "disturbances keep their sign"
+                if multiplier.real > 0
+                else "disturbances double the period"
+            )
+        return f"unstable: growth by a factor of {abs(multiplier):.6g} per period, {growth}"
 
     def amplitudes(self) -> pd.DataFrame:
-        """Return mean, half range, minimum and maximum of each observed column, one row each."""
+        """Return mean, half range, minimum and maximum, one row per observed column."""
         import pandas as pd
 
         rows = {}
@@ -88,17 +93,17 @@ class PeriodicMotion:
 
 
 def mean(values: Array) -> float:
-    """Return the mean over a period of equally spaced samples that include both ends."""
+    """Return the mean over one period, given equally spaced samples including both ends."""
     return float(np.mean(0.5 * (values[:-1] + values[1:]) if len(values) > 1 else values))
 
 
 def extrema(values: Array) -> tuple[float, float]:
-    """Return minimum and maximum of equally spaced samples, by parabolas through three samples."""
+    """Return minimum and maximum of equally spaced samples, refined by parabolic interpolation."""
     return -_maximum(-values), _maximum(values)
 
 
 def half_range(values: Array) -> float:
-    """Return half the difference of maximum and minimum."""
+    """Return half the difference between maximum and minimum, see `extrema`."""
     minimum, maximum = extrema(values)
     return 0.5 * (maximum - minimum)
 
@@ -109,17 +114,17 @@ def _maximum(values: Array) -> float:
     k = int(np.clip(np.argmax(values), 1, len(values) - 2))
     before, here, after = values[k - 1 : k + 2].tolist()
     slope, curvature = 0.5 * (after - before), before - 2.0 * here + after
-    # A vertex beyond the three samples is not used; the maximum is then at an end.
+    # If the vertex lies outside the three samples, the maximum is at an end of the period.
     is_inside = abs(slope) < -curvature
     return here - 0.5 * slope**2 / curvature if is_inside else max(before, here, after)
 
 
 def largest_modulus(multipliers: Array) -> float:
-    """Return the largest modulus of Floquet multipliers, 0 if there are none."""
+    """Return the largest modulus of the Floquet multipliers, or 0 if the array is empty."""
     return float(np.max(np.abs(multipliers), initial=0.0))
 
 
 def floquet_multipliers(monodromy: Array) -> Array:
-    """Return the eigenvalues of a monodromy matrix, the largest first."""
+    """Return the eigenvalues of a monodromy matrix, sorted by descending modulus."""
     multipliers = np.linalg.eigvals(monodromy)
     return multipliers[np.argsort(-np.abs(multipliers), kind="stable")]

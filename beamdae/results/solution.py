@@ -1,4 +1,4 @@
-"""The result of a run: tables, files, figures, section forces."""
+"""Solution: the result of a run, with tables, files, figures and section forces."""
 
 from __future__ import annotations
 
@@ -41,25 +41,24 @@ Array = np.ndarray
 class Solution(RunData, TimeSeries):
     """Result of a run, see `simulate`.
 
-    `solution["tip.y"]` returns a column over time, `solution.table()` all of them. A run that did
-    not reach its end is a Solution as well; see `status`.
+    `solution["tip.y"]` returns one column over time, and `solution.table()` returns all columns. A
+    run that ended early is also a Solution; check its `status`.
 
     Attributes
     ----------
     t
-        Output times that the run reached (k,) [s].
+        Output times (k,) up to the end of the run [s].
     q, v, a
-        Coordinates, velocities and accelerations at the output times (k, n), in the units of the
-        coordinates and their rates; `coordinates()` names them.
+        Coordinates, velocities and accelerations at the output times (k, n). `coordinates()`
+        returns coordinates and velocities with their names and units.
     lam
-        Lagrange multipliers of the constraints at the output times (k, m), the reactions of the
-        joints.
+        Lagrange multipliers of the constraints (joint reactions) at the output times (k, m).
     status
-        How the run ended: its kind ("ok", "limited", "interrupted" or "failed") and the reason.
+        Kind of the end of the run ("ok", "limited", "interrupted" or "failed") and its reason.
     statistics
-        Numbers of steps, evaluations and factorizations, and times [s].
+        Numbers of steps, evaluations and factorizations, and computing times [s].
     integrator
-        Settings of the integrator, with the values that "auto" resolved to.
+        Settings of the integrator, including the values selected by "auto".
     model
         Name, parameters and end time of the model.
     equations
@@ -67,14 +66,14 @@ class Solution(RunData, TimeSeries):
     trajectory
         All accepted steps, with dense output.
     made_by
-        The integrator that was used.
+        The integrator of the run.
     event_records
-        The events that occurred, in order of time; `events` is their table.
+        The events that occurred, in chronological order; `events` returns them as a table.
     event_signs
-        Side of its value on which the quantity of each event was at the end: 1, -1, or 0 if this is
-        not known.
+        For each event, 1 or -1 if its quantity was above or below its value at the end of the run,
+        and 0 if this is not known.
     resume_warnings
-        Warnings about the run from whose end this one resumed.
+        Warnings about the earlier run that this run resumed.
     """
 
     def __repr__(self) -> str:
@@ -90,17 +89,18 @@ class Solution(RunData, TimeSeries):
 
     @cached_property
     def observed(self) -> pd.DataFrame:
-        """Observed columns at the output times, one row per time; headers carry units."""
+        """Observed columns, one row per output time; headers contain units."""
         import pandas as pd
 
         return pd.DataFrame(self.columns, index=range(len(self.t)))
 
     @cached_property
     def ledger(self) -> pd.DataFrame:
-        """Energies, works and the energy imbalance at the output times [J].
+        """Energies, works and energy imbalance at the output times [J].
 
-        The columns are the kinetic, strain and gravitational energy, the works of the loads and of
-        the drivers, the dissipated energy, and the imbalance, which is zero in an exact solution.
+        The columns are the kinetic, strain and gravitational energies, the work of the loads and of
+        the drivers, the dissipated energy, and the imbalance, which is zero for an exact
+        solution.
         """
         import pandas as pd
 
@@ -109,45 +109,45 @@ class Solution(RunData, TimeSeries):
 
     @cached_property
     def drift(self) -> pd.DataFrame:
-        """Largest constraint violations |g| and |g_dot| over the joints at the output times."""
+        """Largest constraint violations |g| and |g_dot| of all joints at the output times."""
         import pandas as pd
 
         return pd.DataFrame(self.drift_columns)
 
     @property
     def events(self) -> pd.DataFrame:
-        """Events that occurred, one row each: name, direction, time, and the observed columns."""
+        """Table of the events that occurred: name, direction, time and observed columns."""
         import pandas as pd
 
         return pd.DataFrame(tabulate_events(self.equations, self.event_records))
 
     def coordinates(self) -> pd.DataFrame:
-        """Return time, coordinates, velocities and multipliers, named by part, with units."""
+        """Return time, coordinates, velocities and multipliers; headers contain names and units."""
         import pandas as pd
 
         headers, rows = self.coordinate_table()
         return pd.DataFrame(rows, columns=headers)
 
     def observe(self, name: str, what: Attachment | Quantity) -> Solution:
-        """Return the solution with one more observable, without integrating again.
+        """Return the solution with an additional observable, without integrating again.
 
         Parameters
         ----------
         name, what
-            As for `Mechanism.observe`.
+            See `Mechanism.observe`.
 
         Raises
         ------
         BeamdaeError
-            If the name is taken, the quantity does not belong to the mechanism, or the run is not
-            that of a mechanism.
+            If the name is already used, the quantity does not belong to the mechanism, or the
+            solution has no mechanism.
         """
         return replace(self, equations=add_observable(self.equations, name, what))
 
     def at(self, t: float) -> Instant:
-        """Return the state at a time of the run [s], also between output times.
+        """Return the state at a time within the run [s], interpolated by the dense output.
 
-        It can be passed to `modes` and `linearize`.
+        The state can be passed to `modes` and `linearize`.
 
         Raises
         ------
@@ -167,7 +167,7 @@ class Solution(RunData, TimeSeries):
         Raises
         ------
         BeamdaeError
-            If the times do not ascend or are outside the run.
+            If the times are not ascending or lie outside the run.
         """
         numbers = require_sequence("at_times", "times", times, "a list of times [s]")
         t = np.array([require_finite("at_times", "times", number) for number in numbers])
@@ -187,31 +187,31 @@ class Solution(RunData, TimeSeries):
         color: str | None = None,
         trail: Any = False,
     ) -> Animation | Path:
-        """Animate the motion, for a notebook or as a file; see `beamdae.animate`."""
+        """Animate the motion in a notebook or in a file, see `beamdae.animate`."""
         return load_views().animate(self, path, speed, frames, color, trail)
 
     def section_forces(self, beam: Any, t: Any = None, s: Any = None) -> SectionForces:
-        """Return normal force, shear force and bending moment of a beam.
+        """Return axial force, shear force and bending moment along a beam.
 
         Parameters
         ----------
         beam
             The beam, or its name.
         t
-            One time or several ascending times of the run [s]; default the output times.
+            A time or ascending times within the run [s]. Defaults to the output times.
         s
-            One arc length or several [m]; default the element boundaries and the sections at which
-            forces act, with three sections in between.
+            An arc length or several arc lengths [m]. Defaults to the element boundaries and the
+            fixed points of application of loads, with three sections in between.
 
         Raises
         ------
         BeamdaeError
-            If the mechanism has no such beam, or a time or an arc length is out of range.
+            If the mechanism does not contain the beam, or a time or an arc length is out of range.
         """
         return recover_section_forces(self, beam, t, s)
 
     def diagram(self, beam: Any, what: str = "M", t: Any = None) -> Plot:
-        """Draw the section force "N", "Q" or "M" of a beam over its arc length.
+        """Plot the section force "N", "Q" or "M" of a beam over its arc length.
 
         Parameters
         ----------
@@ -220,17 +220,18 @@ class Solution(RunData, TimeSeries):
         what
             The section force.
         t
-            One time [s], or several for the envelope; default the envelope over the output times.
+            A time [s], or several times for an envelope. Defaults to the envelope over the output
+            times.
         """
         return recover_section_forces(self, beam, t).diagram(what)
 
     def to_csv(self, path: str | Path, **further: Any) -> Path:
-        """Write the table as CSV, and settings, versions and statistics as JSON of the same name.
+        """Write the table as CSV and the metadata to a JSON file of the same name.
 
-        If the run did not reach its end, the CSV has a last column "status" with "failed",
-        "limited" or "interrupted" in each row. The JSON begins with "status" and "reason". Each
-        file is replaced at once. Headers that a spreadsheet would read as formulas get an
-        apostrophe in front.
+        The metadata contain status, settings, versions and statistics. If the run ended early, the
+        table has an additional last column "status" with "failed", "limited" or "interrupted" in
+        each row. Existing files are replaced atomically. Headers that a spreadsheet would read as
+        formulas are prefixed with an apostrophe.
 
         Parameters
         ----------
@@ -252,9 +253,9 @@ class Solution(RunData, TimeSeries):
         return write_result(path, self.all_columns(), self.status, self.metadata(**further))
 
     def save(self, path: str | Path) -> Path:
-        """Write all data of the run to one file, see `load`; return the path.
+        """Write all data of the run to one file and return its path, see `load`.
 
-        The file is a zip archive of NumPy arrays and JSON. Loading it executes no code.
+        The file is a zip archive of NumPy arrays and JSON. Loading it does not execute code.
 
         Raises
         ------
@@ -264,7 +265,7 @@ class Solution(RunData, TimeSeries):
         return save_run(self, path)
 
     def checkpoint(self, path: str | Path) -> Path:
-        """Write the last state as JSON, from which `simulate(..., start=path)` resumes.
+        """Write the last state to a JSON file, from which `simulate(..., start=path)` resumes.
 
         Raises
         ------
@@ -274,36 +275,37 @@ class Solution(RunData, TimeSeries):
         return Checkpoint.of(self).write(path)
 
     def followed_by(self, later: Solution) -> Solution:
-        """Join this run and one that resumed from its end.
+        """Return this run and a later run that resumed from its end as one solution.
 
-        Integrator, model and status are those of the later run. If this run failed, the status is
-        "failed".
+        Integrator, model and status are taken from the later run. If this run failed, the combined
+        status is "failed", unless the run failed while executing an event.
 
         Raises
         ------
         BeamdaeError
-            If the later run does not start at the end of this one, or its model has other
-            coordinates or parameters.
+            If the later run does not start at the end of this run, or the coordinates or parameters
+            of the models differ.
         """
         if not isinstance(later, Solution):
             raise BeamdaeError(f"followed_by: later must be a solution, got {short_repr(later)}.")
         end, start = self.trajectory.end, float(later.t[0])
         if end != start:
             raise BeamdaeError(
-                f"followed_by: the later run begins at t = {start:g} s, but this one ends at "
-                f"{end:g} s; simulate it with start= this run."
+                f"followed_by: the later run begins at t = {start:g} s, but this run "
+                f"ends at {end:g} s; simulate the later run with start= set to this "
+                "solution."
             )
         one, other = self.equations, later.equations
         if one.q_names != other.q_names or not np.array_equal(one.p, other.p):
             raise BeamdaeError(
-                "followed_by: the runs have different models or parameters; join runs of the same "
-                "model."
+                "followed_by: the runs have different models or parameters; join only "
+                "runs of the same model."
             )
         costs = {
             cost.name: getattr(self.statistics, cost.name) + getattr(later.statistics, cost.name)
             for cost in fields(self.statistics)
         }
-        # Events that this run did not execute are among the events of the later one.
+        # Events that this run did not execute are recorded by the later run.
         executed = tuple(record for record in self.event_records if record.done)
         has_pending_event = len(executed) < len(self.event_records)
         intervals = (*self.trajectory.intervals, *later.trajectory.intervals)
@@ -321,12 +323,14 @@ class Solution(RunData, TimeSeries):
     def from_packed(
         cls, equations: EquationsOfMotion, packed: PackedRun, made_by: Any = None
     ) -> Solution:
-        """Return the solution that was packed by `pack_run`.
+        """Reconstruct a solution from the output of `pack_run`.
 
         Parameters
         ----------
         equations
-            The equations of the run; their start may be another one.
+            The equations of the run; their start may differ.
+        packed
+            The packed run, including its start.
         made_by
             The integrator of the run.
         """
@@ -346,6 +350,6 @@ class Solution(RunData, TimeSeries):
 
 
 def _unpickle(source: bytes, packed: PackedRun) -> Solution:
-    # CasADi expressions cannot be pickled; the equations are assembled again.
+    # CasADi expressions cannot be pickled, so the equations are assembled again.
     mechanism, made_by = pickle.loads(source)
     return Solution.from_packed(equations_of_motion(mechanism, AS_DRAWN), packed, made_by)

@@ -1,4 +1,4 @@
-"""Results over time: columns by name, tables, differences between runs, plots."""
+"""Time series of results: columns by name, tables, differences between runs and plots."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True, repr=False)
 class TimeSeries:
-    """Columns over time.
+    """Base class of results over time.
 
     Subclasses define `label`, `all_columns`, `coordinates` and `at_times`.
     """
@@ -35,19 +35,19 @@ class TimeSeries:
 
     @property
     def label(self) -> str:
-        """Short name for legends."""
+        """Short name shown in legends."""
         raise NotImplementedError
 
     def all_columns(self) -> dict[str, Array]:
-        """Return the columns of `table`, (k,) each, by header."""
+        """Return the columns (k,) of `table` by header."""
         raise NotImplementedError
 
     def coordinates(self) -> pd.DataFrame:
-        """Return time, coordinates, velocities and multipliers, named by part, with units."""
+        """Return time, coordinates, velocities and multipliers; headers contain names and units."""
         raise NotImplementedError
 
     def at_times(self, times: Array) -> TimeSeries:
-        """Return the result at other times, ascending and within the run [s]."""
+        """Return the result at other times [s], which must ascend and lie within the run."""
         raise NotImplementedError
 
     def __getitem__(self, name: str) -> pd.Series | pd.DataFrame:
@@ -56,15 +56,15 @@ class TimeSeries:
         Parameters
         ----------
         name
-            A header with or without its unit ("tip.y [m]" or "tip.y") of an observed column, an
-            energy, a coordinate, velocity or multiplier; or the name of an observable ("tip") for
-            all its columns. If an observable and a part have the same name, the observable is
+            Header of an observed column, energy, coordinate, velocity or multiplier, with or
+            without its unit ("tip.y [m]" or "tip.y"). The name of an observable ("tip") selects all
+            its columns. If an observable and a part have the same name, the observable is
             selected.
 
         Returns
         -------
         pandas.Series or pandas.DataFrame
-            One column, or all columns of an observable, over t [s].
+            One column, or all columns of an observable, indexed by time [s].
 
         Raises
         ------
@@ -85,31 +85,33 @@ class TimeSeries:
         return columns.iloc[:, 0] if columns.shape[1] == 1 else columns
 
     def table(self) -> pd.DataFrame:
-        """Return time, observed columns and the energy ledger; headers carry units."""
+        """Return time, observed columns and the energy ledger; headers contain units."""
         import pandas as pd
 
         return pd.DataFrame(self.all_columns())
 
     def difference(self, other: TimeSeries, *names: str) -> pd.DataFrame:
-        """Return columns of this run minus those of another one.
+        """Return the differences between columns of this run and of another run.
 
         Parameters
         ----------
         other
-            Another run, of the same or of another model. Between its output times it is evaluated
-            by its dense output.
+            The run to subtract, of the same model or a different one. Its dense output is evaluated
+            at the times of this run.
         names
-            Names of columns, see `solution[name]`; default all observed columns of both runs.
+            Names of columns, see `solution[name]`. Defaults to the observed columns that both runs
+            contain.
 
         Returns
         -------
         pandas.DataFrame
-            The differences at the times of this run [s] that both runs cover.
+            Differences at the output times of this run that the other run covers, indexed by time
+            [s].
 
         Raises
         ------
         BeamdaeError
-            If one of the runs has no such column, or they have no time in common.
+            If one of the runs does not contain a column, or the runs have no time in common.
 
         Examples
         --------
@@ -128,8 +130,9 @@ class TimeSeries:
         common = self.times[(self.times >= begin) & (self.times <= end)]
         if not len(common):
             raise BeamdaeError(
-                f"difference: the runs have no time in common, one is from {self.times[0]:g} to "
-                f"{self.times[-1]:g} s, the other from {other.times[0]:g} to {other.times[-1]:g} s."
+                "difference: the runs do not overlap in time, one covers "
+                f"{self.times[0]:g} to {self.times[-1]:g} s and the other "
+                f"{other.times[0]:g} to {other.times[-1]:g} s."
             )
         one, two = self.at_times(common), other.at_times(common)
         headers = [header for name in names for header in one._select(name)]
@@ -141,7 +144,10 @@ class TimeSeries:
         available = two._all_columns_by_header()
         missing = next((header for header in headers if header not in available), None)
         if missing is not None:
-            raise BeamdaeError(f"difference: only one of the runs has the column {missing!r}.")
+            raise BeamdaeError(
+                f"difference: only one of the runs has the column {missing!r}; observe the "
+                "same columns in both."
+            )
         return one._over_time(headers) - two._over_time(headers)
 
     def plot(self, *names: str) -> Plot:
@@ -150,14 +156,14 @@ class TimeSeries:
         Parameters
         ----------
         names
-            Names of columns, see `solution[name]`; default the most characteristic ones.
+            Names of columns, see `solution[name]`. Defaults to up to three characteristic columns.
         """
         return load_views().plot_time_series(self, *names)
 
     def to_parquet(self, path: str | Path) -> Path:
         """Write the table as Parquet and return the path.
 
-        This needs pyarrow: `pip install beamdae[parquet]`.
+        This requires pyarrow: `pip install beamdae[parquet]`.
 
         Raises
         ------
@@ -176,7 +182,7 @@ class TimeSeries:
         return file
 
     def _rows_at(self, times: Array, owner: str, advice: str) -> Array:
-        """Return the indices of the rows at these times [s], without interpolation."""
+        """Return the indices of the rows at exactly these times [s]."""
         rows = np.flatnonzero(np.isin(self.times, times))
         if not np.array_equal(self.times[rows], times):
             raise BeamdaeError(f"at_times: {owner} has no rows at some of the times; {advice}.")

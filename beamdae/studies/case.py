@@ -21,14 +21,13 @@ from beamdae.studies.store.fingerprints import FingerprintError, digest, digest_
 
 FINGERPRINT_LENGTH = 20  # hexadecimal digits: 80 bits
 _LABEL_HASH_LENGTH = 6
-_MAX_LABEL_LENGTH = 60  # characters of a parameter in labels
-MAX_CASES = 1_000_000  # of a study, and values of a parameter
+_MAX_LABEL_LENGTH = 60  # characters of a parameter value in a label
+MAX_CASES = 1_000_000  # cases of a study, or values of a parameter
 _REPRODUCIBLE_VALUES = (
     "a value that other processes can reproduce (numbers, strings, arrays, functions; lists, "
     "dicts, sets and objects of these)"
 )
-# Digests by the identity of a value; the value is stored with its digest, so that it stays alive
-# and no other object can get the same identity.
+# Digests by the id() of a value. Storing the value keeps it alive, so that its id is not reused.
 DigestCache = dict[int, tuple[Any, str]]
 
 
@@ -41,7 +40,7 @@ class Case:
     model
         Model function.
     parameters
-        Values that replace its defaults, by name.
+        Parameter values by name; they replace the defaults of the model.
     integrator
         Any `Integrator`, such as Ida(...), GeneralizedAlpha(...) or Radau(...).
 
@@ -79,26 +78,26 @@ class Case:
 
     @property
     def _settings(self) -> list[Any]:
-        # The time limit does not change the numbers.
+        # The time limit does not affect the results.
         return [f for f in fields(self.integrator) if f.name != "time_limit"]  # type: ignore[arg-type]
 
     @property
     def label(self) -> str:
-        """Label of the integrator, extended by all other settings that differ from defaults."""
+        """Label of the integrator, including all settings that differ from their defaults."""
         label = self.integrator.label
         others = [f"{k}={v}" for k, v in self.changed.items() if f"{k}=" not in label]
         return ", ".join([label.removesuffix(")"), *others]) + ")" if others else label
 
     @property
     def series(self) -> str:
-        """Label without the value of step or tolerance: equal for all points of one curve."""
+        """Label without the step or tolerance value; cases with the same series form one curve."""
         accuracy = self.integrator.accuracy.name
         others = [f"{k}={v}" for k, v in self.changed.items() if k != accuracy]
         return f"{self.integrator.method}({', '.join([accuracy, *others])})"
 
     @property
     def group(self) -> str:
-        """Model and parameters: equal for cases that share a reference."""
+        """Name of the model with the parameters of the case, such as `beam(elements=4)`."""
         values = ", ".join(f"{k}={format_parameter(v)}" for k, v in self.parameters.items())
         return f"{self.model.name}({values})" if values else self.model.name
 
@@ -115,15 +114,15 @@ class Case:
     def mechanism_fingerprint(self, digests: DigestCache | None = None) -> str:
         """Return a hash of everything the equations of motion depend on.
 
-        That is the model (its code with all values it refers to, and the files it declares), the
-        parameters, the versions, and the sources of beamdae. Pass one dict as `digests` to many
-        calls to compute the hash of a shared model once.
+        The hash covers the model (its code, the values that the code refers to, and the files it
+        declares), the parameters, the package versions and the source code of beamdae. Pass the
+        same dict as `digests` to several calls to hash a shared model only once.
 
         Raises
         ------
         BeamdaeError
-            If the model refers to a value, or a parameter is one, that other processes cannot
-            reproduce: a lock, a generator, an open file.
+            If a parameter, or a value that the model refers to, cannot be reproduced in another
+            process, such as a lock, a generator or an open file.
         """
         digests = {} if digests is None else digests
         return cached_digest(digests, self, lambda: self._digest_mechanism(digests))
@@ -143,8 +142,8 @@ class Case:
     ) -> str:
         """Return a hash of everything the result depends on, except files read during the run.
 
-        The files are known after the run only; its record has their hashes. For `digests` and
-        errors see `mechanism_fingerprint`.
+        These files are known only after the run; the record of the run contains their hashes. See
+        `mechanism_fingerprint` for `digests` and errors.
         """
         digests = {} if digests is None else digests
         kind = type(self.integrator)
@@ -155,7 +154,7 @@ class Case:
 
 
 def cached_digest(digests: DigestCache, value: Any, compute: Callable[[], str]) -> str:
-    """Return the digest of this object from the cache, or compute and add it."""
+    """Return the cached digest of `value`; compute and cache it first if it is missing."""
     if id(value) not in digests:
         digests[id(value)] = (value, compute())
     return digests[id(value)][1]
@@ -181,8 +180,8 @@ def _digest_model(model: Model) -> str:
         return digest([model.name, model.build])
     except FingerprintError as problem:
         raise BeamdaeError(
-            f"{model.name}: {problem.place} must be {_REPRODUCIBLE_VALUES}, got a {problem.kind}; "
-            "create it inside the function."
+            f"{model.name}: {problem.place} must be {_REPRODUCIBLE_VALUES}, got a "
+            f"{problem.kind}; create the object inside the function."
         ) from None
 
 
@@ -202,13 +201,13 @@ def _digest_environment() -> str:
 
 
 def format_parameter(value: Any) -> str:
-    """Return the text of a parameter for labels, or its type and hash if that is ambiguous."""
+    """Format a parameter value for labels; long or ambiguous text becomes the type and a hash."""
     try:
         text = str(value)
-    except Exception:  # Integers of thousands of digits, and __str__ of any object.
+    except Exception: # huge integers, or an error in __str__
         text = ""
     is_scalar = value is None or isinstance(value, (bool, int, float, str))
-    # NumPy abbreviates long arrays, and addresses differ in each process.
+    # NumPy abbreviates long arrays, and addresses differ between processes.
     is_ambiguous = not is_scalar and ("..." in text or " at 0x" in text)
     is_short = text.isprintable() and len(text) <= _MAX_LABEL_LENGTH
     if is_short and (text or value == "") and not is_ambiguous:
@@ -220,7 +219,7 @@ def format_parameter(value: Any) -> str:
 
 
 def default_integrators() -> tuple[Integrator, ...]:
-    """Return the integrators that `beamdae compare` runs a model with by default."""
+    """Return the integrators that `beamdae compare` uses for a model by default."""
     return (
         Ida(rtol=1e-4),
         Ida(rtol=1e-6),
@@ -236,7 +235,7 @@ def grid(**lists: Iterable[Any]) -> list[dict[str, Any]]:
     Raises
     ------
     BeamdaeError
-        If a value is no list, or there are more than a million combinations.
+        If a value is not a list, or there are more than a million combinations.
 
     Examples
     --------
@@ -248,15 +247,15 @@ def grid(**lists: Iterable[Any]) -> list[dict[str, Any]]:
     for name, values in lists.items():
         if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
             raise BeamdaeError(f"grid: {name} must be a list of values, got {short_repr(values)}.")
-        # The limit ends generators that do not end themselves.
+        # The limit stops infinite generators.
         values_by_name[name] = require_iterable(
             "grid", name, values, "a list of values", MAX_CASES + 1
         )
         combinations *= len(values_by_name[name])
     if combinations > MAX_CASES:
         raise BeamdaeError(
-            f"grid: {', '.join(lists)} must have at most {MAX_CASES} combinations, "
-            f"got {combinations} or more."
+            f"grid: {', '.join(lists)} must have at most {MAX_CASES} combinations, got "
+            f"{combinations} or more; use fewer values."
         )
     return [
         dict(zip(values_by_name, values, strict=True))

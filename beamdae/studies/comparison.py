@@ -1,4 +1,4 @@
-"""Comparison of a few cases in this process, without files."""
+"""Comparison of a few cases in the current process, without writing files."""
 
 from __future__ import annotations
 
@@ -36,28 +36,30 @@ def compare(
 ) -> pd.DataFrame:
     """Run cases one after the other and tabulate their cost and quality, failed runs included.
 
-    For more than a few cases write a study (`bd.study`) and run it with `beamdae compare`: it runs
-    in parallel, can be resumed, and computes its references by two methods.
+    For more than a few cases, define a study (`bd.study`) and run it with `beamdae compare`: a
+    study runs in parallel, can be resumed, and computes each reference with two methods.
 
     Parameters
     ----------
     cases
         Cases to run.
     reference
-        Solution that errors are measured against, or a case to run for it.
+        Solution that errors are measured against, or a case that is run to compute it. Without a
+        reference, no errors are computed.
     columns
-        Observed columns that errors are taken over; default: all positions and angles that move.
+        Observed columns used for the errors. Defaults to all positions and angles that move.
     t_end, output_step
-        End time and time between rows [s] of all cases, as in `simulate`.
+        End time and time between rows of all cases [s], as in `simulate`.
     progress
-        Function called repeatedly with the label of a case and the time it has reached [s].
+        Function that is called repeatedly with the label of the running case and the simulated time
+        [s].
 
     Returns
     -------
     DataFrame
-        One row per case. "error [-]" is the largest difference to the reference over the columns
-        and over the run, up to the time it has reached, relative to half the range of each column.
-        Further columns contain it by column: at the end, the maximum, and the root mean square.
+        One row per case. "error [-]" is the largest difference from the reference over all columns
+        and all times that the run has reached, relative to half the range of each column. Further
+        columns contain the final, maximum and root mean square error of each observed column.
 
     Raises
     ------
@@ -115,7 +117,7 @@ def _run_case(
     try:
         solution = case.solve(t_end, output_step, _label_progress(progress, case.label))
     except KeyboardInterrupt:
-        return Outcome(Status("interrupted", "interrupted before its start"))
+        return Outcome(Status("interrupted", "interrupted before the start"))
     except BeamdaeError as problem:
         return Outcome.failed(str(problem))
     except BaseException as problem:  # SystemExit included.
@@ -134,7 +136,7 @@ def _sample_reference(
         later = solution.t[solution.t > times[-1] * (1.0 + RELATIVE_TIME_TOLERANCE)]
         common = times[times <= solution.trajectory.end * (1.0 + RELATIVE_TIME_TOLERANCE)]
         solution = replace(solution, t=np.concatenate([common, later]))
-    # A shorter reference lacks the events after its end.
+    # A reference that ends earlier lacks later events.
     events = collect_event_values(solution, end) if solution.model["t_end"] >= end else {}
     method = str(solution.integrator.get("integrator", ""))
     return Reference(
@@ -152,11 +154,12 @@ def _solve_reference(
         raise
     except BaseException as problem:  # SystemExit included.
         raise BeamdaeError(
-            f"{case.model.name}: the reference failed, {label}: {describe_exception(problem)}."
+            f"{case.model.name}: the reference run with {label} failed: "
+            f"{describe_exception(problem)}."
         ) from problem
     if not solution.status.success:
         raise BeamdaeError(
-            f"{case.model.name}: the reference failed, {label}: {solution.status.sentence}."
+            f"{case.model.name}: the reference run with {label} failed: {solution.status.sentence}."
         )
     return solution
 

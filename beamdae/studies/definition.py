@@ -1,4 +1,4 @@
-"""A study: cases with common settings, and the decorator that makes one of a function."""
+"""Definition of a study: cases with common settings, and the decorator `study`."""
 
 from __future__ import annotations
 
@@ -31,37 +31,37 @@ _MAX_REPETITIONS = 1000
 
 @dataclass(frozen=True)
 class Study:
-    """Cases and the settings they share; created by `bd.study`.
+    """Cases with common settings; created by the decorator `bd.study`.
 
     Attributes
     ----------
     name
-        Name of the folder of results.
+        Name of the study and of its results folder.
     cases
         Cases to run.
     references
-        Two integrators with different methods; default `Radau(1e-7)` and `GeneralizedAlpha(1e-4)`.
-        The first computes the reference of each group of cases that differ only in their
-        integrator; its difference to the second is the uncertainty of the reference. An integrator
-        with a fixed step is run with half the step as well, and extrapolated (Richardson).
-        (): as `errors=False`.
+        Two integrators with different methods. Defaults to `Radau(1e-7)` and
+        `GeneralizedAlpha(1e-4)`. The first integrator computes the reference of each group of cases
+        that differ only in their integrator; the difference between both results is the uncertainty
+        of the reference. An integrator with a fixed step is also run with half the step, and the
+        results are extrapolated (Richardson). An empty tuple has the same effect as `errors=False`.
     columns
-        Observed columns that errors are taken over; default: positions and angles that move.
+        Observed columns used for the errors. Defaults to all positions and angles that move.
     t_end, output_step
-        End time and time between rows of all cases [s]; default: the end time of the model, and a
-        400th of it.
+        End time and time between rows of all cases [s]. The defaults are the end time of the model,
+        and the end time / 400.
     limits
-        Limits of wall time, memory and time without progress of a case.
+        Limits on the wall time, memory and time without progress of each case.
     repetitions
-        Number of runs of each case; its wall time is their median.
+        Number of runs of each case; the wall time of the case is their median.
     over
-        Parameter that is refined in a mesh study, such as "elements". Cases that differ only in
-        this parameter are compared with the largest value under the same integrator, so errors in
-        space and in time are not mixed.
+        Parameter that is refined in a mesh study, such as "elements". The reference of each group
+        of cases that differ only in this parameter is the case with the largest value; all use the
+        same integrator, so that errors in space and time are not mixed.
     errors
-        True: compute errors of all cases. False: compute none, and run no references. None: compute
-        errors if `references`, `columns` or `over` are given, and in groups with several cases
-        (same model and parameters, different integrators).
+        If True, compute errors of all cases. If False, compute no errors and run no references. If
+        None, compute errors if `references`, `columns` or `over` is given, and in groups with
+        several cases (same model and parameters, different integrators).
 
     Raises
     ------
@@ -107,7 +107,10 @@ class Study:
                 f"{self.name}: over must be the name of a parameter, got {short_repr(self.over)}."
             )
         if self.errors and self.references == () and self.over is None:
-            raise BeamdaeError(f"{self.name}: references must be two integrators for errors=True.")
+            raise BeamdaeError(
+                f"{self.name}: errors=True requires references of two integrators; pass "
+                "references= or errors=False."
+            )
         self._check_cases()
 
     def _check_cases(self) -> None:
@@ -128,12 +131,12 @@ class Study:
             fingerprints = {Case(x).mechanism_fingerprint(digests) for x in (model, case.model)}
             if len(fingerprints) > 1:
                 raise BeamdaeError(
-                    f"{self.name}: two different models are called {case.model.name!r}; "
-                    "rename one of them."
+                    f"{self.name}: two different models have the name "
+                    f"{case.model.name!r}; rename one model."
                 )
 
     def computes_errors(self, runs: int) -> bool:
-        """Return whether errors are computed in a group of this many different runs."""
+        """Return whether errors are computed for a group with this number of different runs."""
         if self.errors is not None:
             return self.errors
         if self.over is None and self.references == ():
@@ -141,13 +144,13 @@ class Study:
         return bool(self.over or self.references or self.columns) or runs > 1
 
     def tag(self, case: Case) -> str:
-        """Return the label of a case among those with the same reference."""
+        """Return the label that distinguishes a case from others with the same reference."""
         return case.label if self.over is None else f"{self.over}={case.parameters[self.over]}"
 
     def task(self, case: Case, reference: bool = False, digests: DigestCache | None = None) -> Task:
-        """Return the task of a case; references get ten times the time limit and one repetition.
+        """Return the task of a case; a reference has ten times the time limit and one repetition.
 
-        For `digests` see `Case.mechanism_fingerprint`.
+        See `Case.mechanism_fingerprint` for `digests`.
         """
         t_end = case.model.t_end if self.t_end is None else self.t_end
         output_step = t_end / _DEFAULT_OUTPUT_ROWS if self.output_step is None else self.output_step
@@ -174,9 +177,11 @@ def _require_cases(name: str, value: Any) -> tuple[Case, ...]:
         raise BeamdaeError(f"{name}: cases must be {allowed}, got {short_repr(value)}.")
     invalid = [case for case in cases if not isinstance(case, Case)]
     if invalid:
-        raise BeamdaeError(f"{name}: cases must be {allowed}, got {short_repr(invalid[0])} in it.")
+        raise BeamdaeError(
+            f"{name}: cases must be {allowed}, but one entry is {short_repr(invalid[0])}."
+        )
     if len(cases) > MAX_CASES:
-        raise BeamdaeError(f"{name}: cases must be at most {MAX_CASES}, got more.")
+        raise BeamdaeError(f"{name}: there are more than {MAX_CASES} cases; split the study.")
     return cases
 
 
@@ -198,7 +203,7 @@ def _require_references(name: str, value: Any) -> tuple[Integrator, ...] | None:
 def _require_entries(
     name: str, setting: str, value: Any, allowed: str, most: int
 ) -> tuple[Any, ...]:
-    """Return the entries of an ordered iterable; at most one more than allowed."""
+    """Return the entries of an ordered iterable, but at most `most + 1` of them."""
     is_unordered = isinstance(value, (str, bytes, set, frozenset))
     entries = require_iterable(name, setting, None if is_unordered else value, allowed, most + 1)
     return tuple(entries)
@@ -217,12 +222,12 @@ def study(
     over: str | None = None,
     errors: bool | None = None,
 ) -> Callable[[Callable[[], Iterable[Case]]], Study]:
-    """Decorate a function without arguments that returns cases; see `Study`.
+    """Return a decorator that turns a function returning cases into a study; see `Study`.
 
     Parameters
     ----------
     time_limit
-        Maximum wall time of a case [s]; None: no limit.
+        Maximum wall time of a case [s]; None means no limit.
     memory_limit
         Maximum memory of the process of a case [GB].
     patience
@@ -231,7 +236,7 @@ def study(
     Raises
     ------
     BeamdaeError
-        If a setting is invalid, or the function fails or returns no cases.
+        If a setting is invalid, the function fails, or it returns no cases.
     """
     for name, value in (
         ("time_limit", time_limit),
@@ -243,7 +248,9 @@ def study(
 
     def decorate(function: Callable[[], Iterable[Case]]) -> Study:
         if not callable(function) or not hasattr(function, "__name__"):
-            raise BeamdaeError(f"study: it must decorate a function, got {short_repr(function)}.")
+            raise BeamdaeError(
+                f"study: the decorated object must be a function, got {short_repr(function)}."
+            )
         return Study(
             function.__name__,
             call_definition(function, "cases"),
@@ -261,21 +268,21 @@ def study(
 
 
 def call_definition(function: Callable[[], Any], entries: str) -> Any:
-    """Return the `entries` (cases or values) that the function of a study or a sweep lists.
+    """Call the function of a study or sweep, and return the `entries` (cases or values).
 
     Raises
     ------
     BeamdaeError
-        If the function raises an exception, `SystemExit` included.
+        If the function raises an exception, including `SystemExit`.
     """
     try:
         listed = function()
-        # A generator runs the function while it is iterated.
+        # A generator function runs only when it is iterated.
         return list(islice(listed, MAX_CASES + 1)) if isinstance(listed, Iterator) else listed
     except (BeamdaeError, KeyboardInterrupt):
         raise
     except BaseException as problem:
         raise BeamdaeError(
-            f"{function.__name__}: it cannot list its {entries}, "
-            f"{describe_exception(problem, 'it')}."
+            f"{function.__name__}: the list of {entries} failed: "
+            f"{describe_exception(problem, 'the function')}."
         ) from problem

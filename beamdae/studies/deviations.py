@@ -11,15 +11,15 @@ import pandas as pd
 from beamdae.errors import BeamdaeError, require_iterable, short_repr, suggest
 from beamdae.results.columns import Header, observed_columns, select_columns
 
-RELATIVE_TIME_TOLERANCE = 1e-12  # output times this close are the same time
-# Smaller motions, relative to the largest one in the same unit, are those of points at joints.
+RELATIVE_TIME_TOLERANCE = 1e-12 # output times within it are considered equal
+# Relative to the largest motion in the same unit; points at joints move by less.
 _MIN_RELATIVE_MOTION = 1e-6
 _POSITION_UNITS = ("m", "rad")
 _REACTION_UNITS = ("N", "N m")
 
 
 def require_column_names(part: str, value: Any) -> tuple[str, ...]:
-    """Return names of columns as a tuple.
+    """Return column names as a tuple.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def require_column_names(part: str, value: Any) -> tuple[str, ...]:
 
 
 def select_observed_columns(part: str, names: Sequence[str], present: Sequence[str]) -> list[str]:
-    """Return the observed columns with these names, in their order; see `select_columns`.
+    """Return the observed columns that match `names`, in this order; see `select_columns`.
 
     Raises
     ------
@@ -48,22 +48,23 @@ def select_observed_columns(part: str, names: Sequence[str], present: Sequence[s
         except BeamdaeError:
             allowed = [*present, *(header.rpartition(" [")[0] for header in present)]
             raise BeamdaeError(
-                f"{part}: no observed column {short_repr(name)}{suggest(name, allowed)}, "
-                f"the columns are {', '.join(present) or 'none'}."
+                f"{part}: there is no observed column "
+                f"{short_repr(name)}{suggest(name, allowed)}; the columns are "
+                f"{', '.join(present) or 'none'}."
             ) from None
     return list(selected)
 
 
 def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -> list[str]:
-    """Return the observed columns that errors are taken over.
+    """Return the observed columns used for the errors.
 
-    They are `columns` if given. Otherwise they are those in m and rad (or all, if there are none)
-    that move by more than 1e-6 of the largest motion in the same unit.
+    These are `columns` if given. Otherwise, they are the columns in m and rad (or all columns, if
+    no column has these units) whose range exceeds 1e-6 of the largest range in the same unit.
 
     Raises
     ------
     BeamdaeError
-        If a column does not exist or does not move.
+        If a column does not exist or is constant.
     """
     present = observed_columns(reference)
     candidates = (
@@ -72,19 +73,22 @@ def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -
         or present
     )
     if not candidates:
-        raise BeamdaeError("compare: the model must observe something, see Mechanism.observe.")
+        raise BeamdaeError(
+            "compare: the model observes nothing to compare; add columns with Mechanism.observe."
+        )
     moving = _select_moving_columns(reference, candidates, 0.0 if columns else _MIN_RELATIVE_MOTION)
     constant = [c for c in candidates if c not in moving]
     if not moving or (columns and constant):
         raise BeamdaeError(
-            f"compare: {', '.join(constant)} must move in the reference, because errors are "
-            "relative to the range of a column."
+            f"compare: the columns {', '.join(constant)} are constant in the "
+            "reference, but errors are relative to the range of a column; select "
+            "columns that move."
         )
     return moving
 
 
 def select_reaction_columns(reference: pd.DataFrame) -> list[str]:
-    """Return the columns of forces and moments that vary."""
+    """Return the observed forces and moments that are not constant."""
     forces = [c for c in observed_columns(reference) if Header.of(c).unit in _REACTION_UNITS]
     return _select_moving_columns(reference, forces, _MIN_RELATIVE_MOTION)
 
@@ -103,7 +107,7 @@ def compute_amplitudes(reference: pd.DataFrame, columns: Sequence[str]) -> np.nd
 
 
 def count_common_rows(table: pd.DataFrame, other: pd.DataFrame) -> int:
-    """Return the number of leading rows with the same times."""
+    """Return the number of leading rows with the same times in both tables."""
     rows = min(len(table), len(other))
     times, other_times = (x.index.to_numpy()[:rows] for x in (table, other))
     differs = np.abs(times - other_times) > RELATIVE_TIME_TOLERANCE * np.abs(other_times)
@@ -113,10 +117,10 @@ def count_common_rows(table: pd.DataFrame, other: pd.DataFrame) -> int:
 def compute_deviations(
     table: pd.DataFrame, reference: pd.DataFrame, columns: Sequence[str]
 ) -> pd.DataFrame:
-    """Return |x - x_ref| / (half the range of x_ref) over time, for the times of both tables.
+    """Return |x - x_ref| / (half the range of x_ref) at the times common to both tables.
 
-    Both tables start with the same output times. They differ from the row at which an event, or a
-    failure, ended one of the runs; rows from there on are left out.
+    Both tables start with the same output times. If an event or a failure ends one of the runs, the
+    times differ from that row on; these rows are omitted.
 
     Raises
     ------
@@ -125,7 +129,10 @@ def compute_deviations(
     """
     missing = [name for name in columns if name not in table]
     if missing:
-        raise BeamdaeError(f"compare: {missing[0]} of the reference is not observed in a case.")
+        raise BeamdaeError(
+            f"compare: a case does not observe {missing[0]} of the reference; observe this "
+            "column in every case."
+        )
     rows = count_common_rows(table, reference)
     values = table[list(columns)].to_numpy()[:rows]
     reference_values = reference[list(columns)].to_numpy()[:rows]

@@ -142,9 +142,7 @@ def build_reference(
         return _missing_reference(
             labels, f"no reference, {study.over} has no effect on the two finest meshes"
         )
-    sentence = (
-        f"Reference: {labels[0]}; {labels[1]} differs from it by {uncertainty:.2g} of the amplitude"
-    )
+    sentence = f"Reference: {labels[0]}; {labels[1]} differs by {uncertainty:.2g} of the amplitude"
     events = _collect_method_events(methods[0], outcomes)
     return Reference(labels, table, tuple(columns), uncertainty, sentence, events)
 
@@ -153,7 +151,7 @@ def _missing_reference(methods: tuple[str, str], sentence: str) -> Reference:
     return Reference(methods, None, (), np.nan, sentence)
 
 
-REFERENCE_NOT_RUN = _missing_reference(("", ""), "no reference, it was not run")
+REFERENCE_NOT_RUN = _missing_reference(("", ""), "no reference, the reference was not run")
 
 
 def _label_method(tasks: list[Task], study: Study) -> str:

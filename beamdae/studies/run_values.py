@@ -76,7 +76,7 @@ def evaluate_outputs(
             value = unbox_scalar(function(solution))
         except Exception as problem:
             raise BeamdaeError(
-                f"the output {name!r} failed, {format_exception(problem)}."
+                f"the output {name!r} failed: {format_exception(problem)}."
             ) from problem
         number = as_real(value)
         if number is None and not isinstance(value, (bool, str, type(None))):
@@ -140,8 +140,8 @@ def describe_event_mismatch(values: Mapping[str, Any], reference: Mapping[str, A
     if not expected or all(events.get(name) == expected[name] for name in counts):
         return ""
     return (
-        f"other events than in the reference: {_format_counts(events)}; "
-        f"in the reference: {_format_counts(expected)}."
+        f"events differ from the reference: {_format_counts(events)} instead of "
+        f"{_format_counts(expected)}."
     )
 
 

@@ -110,14 +110,15 @@ def _create_notes(results: StudyResults) -> list[str]:
     notes = []
     if results.references:
         notes.append(
-            "Error: largest difference to the reference over the run and its columns, relative to "
-            f"half the range of each. Errors below {RESOLUTION_FACTOR:g} times the uncertainty of "
-            "the reference are upper bounds; their markers are hollow."
+            "Error: largest difference from the reference over the run and its "
+            "columns, relative to half the range of each. Errors below "
+            f"{RESOLUTION_FACTOR:g} times the uncertainty of the reference are upper "
+            "bounds; their markers are hollow."
         )
     if len(results.table) > _MAX_CURVES:
         notes.append(
-            f"Curves are shown for the first {_MAX_CURVES} cases; those of all cases are in "
-            "trajectories/."
+            f"Curves are shown for the first {_MAX_CURVES} cases; the curves of all "
+            "cases are in trajectories/."
         )
     if results.interrupted:
         notes.append("The study was interrupted; start it again to resume.")

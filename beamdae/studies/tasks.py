@@ -137,7 +137,7 @@ class Outcome:
         return cls(Status("failed", sentence))
 
 
-NOT_RUN = Outcome(Status("interrupted", "not run, the study was interrupted"))
+NOT_RUN = Outcome(Status("interrupted", "not run because the study was interrupted"))
 
 
 def describe_exception(problem: BaseException, function: str = "the model") -> str:

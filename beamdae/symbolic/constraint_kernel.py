@@ -13,7 +13,7 @@ from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 
-# Replaces the level of constraints that a formulation does not impose: their equation is mu = 0.
+# Level of constraints that a formulation does not impose; mu = 0 replaces their equation.
 NO_LEVEL = -1
 
 
@@ -38,7 +38,7 @@ class ConstraintKernel:
 
     @property
     def inputs(self) -> list[SX]:
-        """Symbols it may depend on: (time, q, data)."""
+        """Symbols on which it may depend: (time, q, data)."""
         return [self.local.time, self.local.q, self.local.data]
 
     @property
@@ -48,7 +48,7 @@ class ConstraintKernel:
 
     @classmethod
     def from_outputs(cls, local: Local, outputs: list[SX]) -> ConstraintKernel:
-        """Return the kernel of these `outputs`."""
+        """Return the kernel with these `outputs`."""
         (constraint,) = outputs
         return cls(local, constraint)
 
@@ -59,14 +59,14 @@ class ConstraintKernel:
 
     @cached_property
     def expression_error(self) -> str:
-        """Phrase that says what is wrong with the expression; '' if it is valid."""
+        """Error message about the expression; '' if it is valid."""
         return describe_column_error(
             "constraint", self.constraint, self.local.n_multipliers, *self.inputs
         )
 
     @cached_property
     def has_branches(self) -> bool:
-        """True if it depends on a law of several pieces."""
+        """True if it depends on a piecewise law."""
         return ca.depends_on(self.constraint, self.local.time[1])
 
     @property
@@ -77,7 +77,7 @@ class ConstraintKernel:
     def effective_levels(
         self, levels: tuple[int, ...], stabilized: bool
     ) -> tuple[tuple[int, ...], bool]:
-        """Return the levels it has in place of these, and whether it has G^T mu; see `NO_LEVEL`."""
+        """Return the levels that replace `levels`, and True if G^T mu occurs; see `NO_LEVEL`."""
         return levels, stabilized
 
     @cached_property
@@ -97,11 +97,11 @@ class ConstraintKernel:
         return self.local.partial_t(self.constraint)
 
     def _reaction_stiffness(self, multipliers: SX) -> SX:
-        """Return d(G^T multipliers)/dq; a Hessian has half the operations of the Jacobian."""
+        """Return d(G^T multipliers)/dq, as a Hessian with half the operations of a Jacobian."""
         return ca.hessian(ca.dot(multipliers, self.constraint), self.local.q)[0]
 
     def _stack_inputs(self, levels: tuple[int, ...], mu: SX) -> SX:
-        """Return (q, v, a, lam, mu, data), without v and a where no level needs them."""
+        """Return (q, v, a, lam, mu, data), without v and a unless a level needs them."""
         x = self.local
         v, a = x.v if max(levels, default=0) > 0 else SX(0, 1), x.a if 2 in levels else SX(0, 1)
         return ca.vertcat(x.q, v, a, x.lam, mu, x.data)
@@ -140,7 +140,8 @@ class ConstraintKernel:
         return Kernel.of("joint", x.time, self._stack_inputs(levels, mu), outputs)
 
     def matrices_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
-        """Return the kernel of the matrices of `residual_kernel`; shared are `MATRIX_SHARED`.
+        """Return the kernel of the matrices of `residual_kernel`; shared inputs are
+        `MATRIX_SHARED`.
 
         Outputs are G, c_l G, d(G^T lam)/dq; if `stabilized`, d(G^T mu)/dq; with level 1,
         c_h d g_dot/dq; with level 2, d g_ddot/dq, d g_ddot/dv and c_a G; with `NO_LEVEL`, diagonal
@@ -169,14 +170,14 @@ class ConstraintKernel:
 
     @cached_property
     def gradients(self) -> RowFunction:
-        """Rows of (time, q, data) -> rows of the non-zeros of dg/dq."""
+        """Function from rows of (time, q, data) to rows of the non-zeros of dg/dq."""
         nonzeros = ca.densify(ca.vec(self._jacobian.nz[:]))
         x = self.local
         return RowFunction(ca.Function("gradients", [x.time, x.q, x.data], [nonzeros]))
 
     @cached_property
     def balance_kernel(self) -> Kernel:
-        """Shared (t, branch), local (q, v, lam, data) -> G^T lam, g, g_dot, power of a driver."""
+        """Kernel of G^T lam, g, g_dot and driver power in (t, branch) and (q, v, lam, data)."""
         x = self.local
         power = ca.dot(self._g_dot_at_rest, x.lam)
         outputs = [self._jacobian.T @ x.lam, self._g, self._g_dot, power]
@@ -188,9 +189,9 @@ class ConstraintKernel:
 class NonholonomicKernel(ConstraintKernel):
     """Nonholonomic constraints 0 = A(time, q, data) v + b(time, q, data) of one joint.
 
-    They take the place of g_dot: G is A, and there is no g. A formulation that imposes positions
-    alone imposes these velocities instead; one that imposes both has no position correction for
-    them.
+    They replace g_dot: G is A, and g does not exist. Formulations that impose only g = 0 impose
+    these constraints instead; formulations that impose g = 0 and g_dot = 0 have no position
+    correction for them.
 
     Attributes
     ----------
@@ -200,17 +201,17 @@ class NonholonomicKernel(ConstraintKernel):
 
     @property
     def inputs(self) -> list[SX]:
-        """Symbols it may depend on: (time, q, v, data)."""
+        """Symbols on which it may depend: (time, q, v, data)."""
         x = self.local
         return [x.time, x.q, x.v, x.data]
 
     @cached_property
     def expression_error(self) -> str:
-        """Phrase that says what is wrong with the expression; '' if it is valid."""
+        """Error message about the expression; '' if it is valid."""
         x = self.local
         error = describe_column_error("constraint", self.constraint, x.n_multipliers, *self.inputs)
         if not error and not ca.is_linear(self.constraint, x.v):
-            return "its nonholonomic constraint must be linear in the velocities"
+            return "the nonholonomic constraint must be linear in the velocities"
         return error
 
     @property
@@ -221,7 +222,7 @@ class NonholonomicKernel(ConstraintKernel):
     def effective_levels(
         self, levels: tuple[int, ...], stabilized: bool
     ) -> tuple[tuple[int, ...], bool]:
-        """Return the levels with positions replaced by velocities; it never has G^T mu."""
+        """Return the levels with positions replaced by velocities, and False: G^T mu never occurs."""
         instead = NO_LEVEL if 1 in levels else 1
         return tuple(instead if level == 0 else level for level in levels), False
 

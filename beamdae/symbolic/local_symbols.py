@@ -28,13 +28,13 @@ class MatrixFactors(NamedTuple):
     Attributes
     ----------
     c_q, c_v, c_a
-        Of dF/dq, dF/dv and dF/da.
+        Factors of dF/dq, dF/dv and dF/da.
     c_l
-        Of derivatives by multipliers.
+        Factor of derivatives with respect to multipliers.
     c_h
-        Of constraints on velocity level.
+        Factor of constraints on velocity level.
     c_r
-        Multiplies the multipliers that are passed in, to give those of the equations.
+        Factor that converts the input multipliers to the multipliers of the equations.
     """
 
     c_q: SX
@@ -49,16 +49,15 @@ class MatrixFactors(NamedTuple):
 class Local:
     """Symbols of one local statement.
 
-    `time` is (t, branch). Laws read their values at t and choose their piece by branch, a time
-    inside the smooth interval under integration, so that an integrator can end a step exactly on a
-    breakpoint.
+    `time` is (t, branch). Laws are evaluated at t and select their piece by branch, a time inside
+    the current smooth interval, so that an integrator can end a step exactly on a breakpoint.
 
     Parameters
     ----------
     size
         Number of coordinates.
     n_data
-        Number of data of the model.
+        Number of data values.
     n_multipliers
         Number of multipliers.
     """
@@ -98,7 +97,9 @@ class Local:
         return SX.sym("lam", self.n_multipliers)
 
     def partial_t(self, expression: SX) -> SX:
-        """Return the partial derivative by t; the branch is constant on a smooth interval."""
+        """Return the partial derivative with respect to t; the branch is constant on a smooth
+        interval.
+        """
         return ca.jtimes(expression, self.time, SX([1, 0]))
 
     def dot(self, expression: SX) -> SX:
@@ -122,13 +123,13 @@ class Local:
 
 
 def describe_column_error(name: str, value: Any, rows: int, *symbols: SX) -> str:
-    """Return what is wrong with an expression that must be a column in these symbols, or ''."""
+    """Return an error message unless an expression is a column in these symbols, else ''."""
     if not isinstance(value, SX):
-        return f"its {name} must be a CasADi SX column, got {type(value).__name__}"
+        return f"{name} must be a CasADi SX column, got {type(value).__name__}"
     if value.shape != (rows, 1):
-        return f"its {name} must have shape {(rows, 1)}, got {value.shape}"
+        return f"{name} must have shape {(rows, 1)}, got {value.shape}"
     allowed_hashes = {symbol.element_hash() for symbol in ca.symvar(ca.vertcat(*symbols))}
     others = [x.name() for x in ca.symvar(value) if x.element_hash() not in allowed_hashes]
     if others:
-        return f"its {name} must not depend on {', '.join(others[:3])}"
+        return f"{name} must not depend on {', '.join(others[:3])}"
     return ""

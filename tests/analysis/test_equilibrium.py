@@ -25,17 +25,19 @@ def test_pendulum_hangs_down_under_its_weight():
 
 
 def test_motion_without_stiffness_is_named():
-    with pytest.warns(bd.BeamdaeWarning, match=r"bob\.angle: it is free to move without stiff"):
+    with pytest.warns(
+        bd.BeamdaeWarning, match=r"bob\.angle: this coordinate can move without stiff"
+    ):
         rest = bd.equilibrium(pendulum(gravity=(0.0, 0.0)))
     assert rest.status.success
     assert rest.loads == ()
-    with pytest.warns(bd.BeamdaeWarning, match=r"bob\.y: no equilibrium .* factor .* is 0"):
+    with pytest.warns(bd.BeamdaeWarning, match=r"bob\.y: no equilibrium .* factor: 0"):
         falling = bd.equilibrium(pendulum(hinged=False))
     assert falling.status.kind == "failed"
     assert len(falling.q) == 1
     mech = pendulum()
     mech.observe("bob", mech.parts["bob"].at(1.0, 0.0))
-    with pytest.warns(bd.BeamdaeWarning, match=r"bob\.angle is free to move without stiffness"):
+    with pytest.warns(bd.BeamdaeWarning, match=r"bob\.angle is free to move without load"):
         assert len(bd.equilibrium(mech, to={"bob.y": -0.5}).q) == 1
 
 
@@ -161,15 +163,18 @@ def test_equilibrium_of_a_constrained_system():
             {"loads": ["puhs"]},
             "loads contain 'puhs', but no part has this name .did you mean 'push'",
         ),
-        ({"loads": ["mass"]}, "loads must name parts that only apply forces, mass is a RigidBody"),
-        ({"loads": ["push", "push"]}, "loads must name 'push' only once"),
+        (
+            {"loads": ["mass"]},
+            "loads must name parts that only apply forces, but mass is a RigidBody",
+        ),
+        ({"loads": ["push", "push"]}, "loads contain 'push' more than once"),
         ({"loads": [["push"], []]}, "loads must not contain an empty stage"),
         ({"loads": 3}, "loads must be names of loads"),
-        ({"to": {}}, "to must be a load factor, several, or one observed position"),
+        ({"to": {}}, "to must be a load factor, a list of load factors, or one observed position"),
         ({"to": []}, "to must contain at least one number"),
         (
             {"to": {"mass.x": 1.0}},
-            "to names no observed position, got 'mass.x'; the observed positions are: none",
+            "to must name an observed position, got 'mass.x'; the observed positions are none",
         ),
         ({"control": "displacement"}, "use control='load'"),
         ({"control": "load", "switch": 1}, "use control='arc length'"),
@@ -189,7 +194,7 @@ def test_nonholonomic_constraints_are_rejected():
     sled = mech.add(bd.RigidBody("sled", 1.0, 1.0, (0.0, 0.0)))
     mech.add(bd.Skate("blade", sled.at(0.0, 0.0), (1.0, 0.0)))
     mech.add(bd.Force("push", sled.at(0.0, 0.0), (1.0, 0.0)))
-    with pytest.raises(bd.BeamdaeError, match=r"blade.*constrains velocities alone"):
+    with pytest.raises(bd.BeamdaeError, match=r"blade.*this constraint acts on velocities only"):
         bd.equilibrium(mech)
 
 

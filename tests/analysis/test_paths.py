@@ -52,11 +52,11 @@ def test_path_of_a_truss_passes_both_limit_points():
 
 
 def test_path_ends_at_the_limit_load_under_load_control():
-    with pytest.warns(bd.BeamdaeWarning, match=r"the last load factor .* is 3\.019"):
+    with pytest.warns(bd.BeamdaeWarning, match=r"last converged load factor: 3\.019"):
         path = bd.equilibrium(truss(), to=4.0)
     assert path.status.kind == "failed"
     assert "crown.y has lost" in path.status.sentence
-    assert "control='arc length' continues past it" in path.status.sentence
+    assert "use control='arc length' to continue past this point" in path.status.sentence
     # Cut back to a millionth of a step.
     assert path.factor == pytest.approx(LIMIT, rel=1e-6)
     assert np.all(np.diff(path.factors[:, 0]) > 0.0)
@@ -183,7 +183,7 @@ def test_path_exports_a_table_and_files(tmp_path):
     assert path.to_csv(tmp_path / "path.csv").read_text().startswith("load factor [-],crown.x [m]")
     assert '"kind": "limit point"' in (tmp_path / "path.json").read_text()
     assert len(path.coordinates()) == len(table)
-    with pytest.warns(bd.BeamdaeWarning, match="ended after 3 points"):
+    with pytest.warns(bd.BeamdaeWarning, match="stopped at the maximum of 3 points"):
         short = bd.equilibrium(truss(), to={"crown.y": -0.25}, most_points=3)
     assert short.status.kind == "limited"
     assert len(short.q) == 3
@@ -197,9 +197,9 @@ def test_path_has_a_repr_and_columns():
     assert heights.index.name == "load factor [-]"
     assert_allclose(truss_load(heights.to_numpy()), heights.index, rtol=1e-9, atol=1e-9)
     assert list(path["crown"].columns) == ["crown.x [m]", "crown.y [m]"]
-    with pytest.raises(bd.BeamdaeError, match=r"Equilibrium: no column has the name 'crwn'.*crown"):
+    with pytest.raises(bd.BeamdaeError, match=r"Equilibrium: there is no column 'crwn'.*crown"):
         path["crwn"]
-    with pytest.raises(bd.BeamdaeError, match="Equilibrium: no column has the name 3"):
+    with pytest.raises(bd.BeamdaeError, match="Equilibrium: there is no column 3"):
         path.plot(3)
 
 

@@ -554,11 +554,11 @@ BODY = bd.RigidBody("body", mass=1.0, inertia=1.0)
         ),
         (
             lambda: bd.Mechanism().add(bd.AirDrag("air", BEAM, 1.0)),
-            "air: it refers to 'beam', which must be added to this mechanism first",
+            "air: the part refers to 'beam', which is not part of this mechanism",
         ),
         (
             lambda: free_beam(VARIANTS[0]).add(bd.RayleighDamping("oil", BEAM)),
-            "oil: it refers to 'beam', which must be added to this mechanism first",
+            "oil: the part refers to 'beam', which is not part of this mechanism",
         ),
     ],
 )

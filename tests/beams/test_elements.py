@@ -641,7 +641,7 @@ def test_invalid_beam_settings_are_rejected():
         ({"continuity": "smooth"}, "continuity must be one of 'cartesian', 'local', got 'smooth'"),
         (
             {"elements_shape": "straight", "continuity": "local"},
-            "straight elements meet at kinks; continuity must be 'cartesian'",
+            "straight elements meet at kinks; set continuity='cartesian'",
         ),
         ({"frame": "mean"}, "frame must be one of 'tangent', 'chord', got 'mean'"),
         ({"elements": 0}, "elements must be a whole number of at least 1, got 0"),

@@ -229,7 +229,7 @@ def mechanism_of(body):
         ({"formulation": "Exact"}, r"formulation must be one of 'floating frame', 'exact'"),
         (
             {"formulation": "exact", "strain": "green", "continuity": "cartesian"},
-            "strain and continuity belong to formulation='floating frame'",
+            "strain and continuity must be omitted with formulation=",
         ),
         ({"formulation": "exact", "frame": "mean"}, "frame must be one of 'tangent', 'chord'"),
         ({"formulation": "exact", "quadrature": "none"}, "quadrature must be one of"),

@@ -246,7 +246,7 @@ def test_passing_an_end_is_an_event(ends):
         ),
         (
             lambda d, b: bd.SlidingOnBeam("slide", b.end, b),
-            "slide: the point must belong to another body than the beam, got beam at",
+            "slide: the point must belong to a body other than the beam, got beam at",
         ),
         (
             lambda d, b: bd.SlidingOnBeam("slide", d.at(*ARC.start), b.end),
@@ -265,5 +265,5 @@ def test_invalid_sliders_are_rejected(make, message):
 def test_beam_with_too_many_elements_is_rejected():
     mech, *_ = bead_on_rotating_rod(1e9, elements=32)
     assert "slide" in mech.parts
-    with pytest.raises(bd.BeamdaeError, match="at most 32 elements, rod has 33; use fewer"):
+    with pytest.raises(bd.BeamdaeError, match="at most 32 elements, but rod has 33; use fewer"):
         bead_on_rotating_rod(1e9, elements=33)

@@ -120,22 +120,22 @@ def create_frame(points=None, members=("AB",), section=SLENDER):
         (lambda: create_frame(points=[(0, 0)]), "f: points must be a dictionary of positions"),
         (lambda: create_frame(members=["AC"]), "f: no point 'C' of the member 'AC'"),
         (lambda: create_frame(members=["ABA"]), "f A-B: section must be a Section"),
-        (lambda: create_frame(members=["A"]), "f: a member must be a pair of names"),
-        (lambda: create_frame(members=["AB", "BA"]), "f: the member B-A comes twice"),
+        (lambda: create_frame(members=["A"]), "f: a member must be a pair of point names"),
+        (lambda: create_frame(members=["AB", "BA"]), "f: the member B-A is listed twice"),
         (lambda: create_frame(members="AB"), "f: members must be a list"),
         (lambda: create_frame(members=["AA"]), "Line: start and end must differ"),
-        (lambda: create_frame(section=None), "f: the member A-B needs a section"),
+        (lambda: create_frame(section=None), "f: the member A-B has no section"),
         (lambda: create_frame(points={"A": (0, 0), "B": 1.0}), "f: point B must be a pair"),
         (lambda: bd.frame(3, "f", POINTS, ["AB"], SLENDER), "frame: mechanism must be a Mechanism"),
         (
             lambda: bd.welded_beams(bd.Mechanism(), "w", bd.Arc(1.0, 2.0), SLENDER, 3, closed=True),
-            "w: closed=True needs a curve whose ends meet; they lie 1.68 m apart",
+            "w: closed=True requires a curve whose ends meet, but the ends are 1.68 m apart",
         ),
         (
             lambda: bd.welded_beams(
                 bd.Mechanism(), "w", bd.Arc(1.0, 2.0 * np.pi), SLENDER, 1, closed=True
             ),
-            "w: closed=True needs at least 2 bodies, got 1",
+            "w: closed=True requires at least 2 bodies, got 1",
         ),
     ],
 )

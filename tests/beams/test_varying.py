@@ -252,16 +252,19 @@ def test_models_with_different_tapers_share_their_structure():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: bd.Beam("b", LINE, lambda s: 3.0), "b: section must be a Section, or a function"),
+        (lambda: bd.Beam("b", LINE, lambda s: 3.0), "b: section must be a Section or a function"),
         (lambda: bd.Beam("b", LINE, bd.Section), "b: section must be a Section, .*got <class"),
-        (lambda: bd.Beam("b", LINE, lambda s: 1 / 0), "at s = 0 it failed, ZeroDivisionError"),
+        (
+            lambda: bd.Beam("b", LINE, lambda s: 1 / 0),
+            "the call failed at s = 0: ZeroDivisionError",
+        ),
         (
             lambda: bd.Beam("b", LINE, lambda s: bd.Section.circle(ALLOY, 0.01 - 0.02 * s)),
-            "b: at s = 0.5 m, Section.circle: diameter must be positive, got 0",
+            "b, section at s = 0.5 m: Section.circle: diameter must be positive, got 0",
         ),
         (
             lambda: bd.Beam("b", LINE, wedge).section.EA,
-            r"b: its section varies along the beam; use section.at\(s\).EA",
+            r"b: the section varies along the beam; use section.at\(s\).EA",
         ),
         (lambda: bd.Beam("b", LINE, wedge).strain(1.0, 0.006), "half the height .* 0.005 m"),
         (lambda: bd.taper("round", ALLOY), "taper: shape must be a function such as"),
@@ -277,13 +280,13 @@ def test_models_with_different_tapers_share_their_structure():
         (lambda: bd.taper(bd.Section.circle, ALLOY, width=1.0), "unexpected keyword .*width"),
         (
             lambda: bd.Beam("b", LINE, STRIP, free_curve=bd.Line((0, 0), (1.1, 0))),
-            "b: free_curve is 1.1 m long; its length must be within 1% of the curve.s 1 m",
+            "length of free_curve must be within 1% of the length of the curve, 1 m, got 1.1 m",
         ),
         (lambda: bd.Beam("b", LINE, STRIP, free_curve=1.0), "b, free_curve: curve must be a Line"),
         (lambda: bd.Beam("b", LINE, STRIP).strain(0.5, "left"), "offset must be one of 'top'"),
         (
             lambda: bd.Beam("b", LINE, bd.Section(ALLOY, 1e-4, 1e-9)).stress(0.5, "top"),
-            "b: offset 'top' needs the height of the section",
+            "b: offset 'top' requires the height of the section",
         ),
     ],
 )

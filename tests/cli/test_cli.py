@@ -312,7 +312,7 @@ def test_compare_writes_tables_pictures_and_a_page(command):
     )
     assert [x.stem for x in parquet_files] == [x.stem for x in tables]
     assert all(Path(path).stat().st_size > 0 for path in written)
-    assert "differs from it by" in " ".join(result.stdout.split())
+    assert "differs by" in " ".join(result.stdout.split())
     assert "failed" in result.stderr.splitlines()[-1]
 
 
@@ -344,7 +344,7 @@ def widths():
     table = pd.read_csv("results/widths/cases.csv")
     assert list(table["width"]) == [0.01, 0.02]
     assert_usage_error(
-        command("compare", study, "--set", "width=1"), "a study sets its own parameters"
+        command("compare", study, "--set", "width=1"), "a study defines all parameters"
     )
     assert_usage_error(command("compare", study, "--model", "wdths"), "did you mean 'widths'")
     assert_usage_error(command("compare", study, "--jobs", "0"), "--jobs", "at least 1")
@@ -467,7 +467,7 @@ def test_a_model_function_that_returns_nothing_is_an_error(command):
     empty = "import beamdae as bd\n\n@bd.model(t_end=1.0)\ndef empty():\n    pass\n"
     result = command("run", empty)
     assert result.exit_code == 2
-    assert "empty: the function must return the mechanism, got None." in result.stderr
+    assert "empty: the function must return a Mechanism, got None." in result.stderr
 
 
 def test_the_error_of_an_interrupted_run_is_not_estimated(command, monkeypatch):

@@ -272,7 +272,7 @@ def test_a_second_interrupt_within_half_a_second_is_ignored(monkeypatch):
 # Models that exit.
 
 ENDS = {
-    "exit on import": ("# importing", "sys.exit()", "it called sys.exit()", "line 24"),
+    "exit on import": ("# importing", "sys.exit()", "sys.exit() was called", "line 24"),
     "exit while building": ("# building", "sys.exit(3)", "arm: ", "sys.exit(3)", "line 20"),
     "generator exit": ("# building", "raise GeneratorExit('x')", "GeneratorExit at line 20: x"),
     "exception of another base class": (
@@ -427,7 +427,10 @@ def test_other_pictures_are_drawn_after_a_failure(here, monkeypatch):
     monkeypatch.setattr("beamdae.studies.study_pictures._draw_comparison", broken)
     result = CliRunner().invoke(app, ["compare", "model.py"])
     assert result.exit_code == 1
-    assert "failed: comparison: it cannot be drawn, ValueError: [/b] odd data" in result.stderr
+    assert (
+        "failed: comparison: the picture cannot be drawn: ValueError: [/b] odd data"
+        in result.stderr
+    )
     written = [line for line in result.stdout.splitlines() if line.startswith("written")]
     names = [Path(line).name for line in written]
     assert names[2:] == ["report.html", "work_precision.png", "work_precision.svg"]

@@ -75,7 +75,7 @@ class EulerSteps:
             if np.max(np.abs(change)) <= 1e-10 * (1.0 + np.max(np.abs(self.y))):
                 self.yp = (self.y - last) / h
                 return self.t, self.form.unpack(self.y, self.yp)
-        raise StepError("Newton's iteration did not converge; take a smaller step")
+        raise StepError("Newton's iteration did not converge; use a smaller step")
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def test_built_in_names_come_before_variables_of_the_file(run):
         ),
         (
             ["--integrator", "ShortSteps", "--step", "1"],
-            "run: --integrator ShortSteps: its construction failed with ValueError at line 71: "
+            "run: --integrator ShortSteps: the constructor failed: ValueError at line 71: "
             "steps longer than 0.01 s are not supported.",
         ),
     ],

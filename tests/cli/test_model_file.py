@@ -49,7 +49,7 @@ def test_regression_two_models_of_one_name_are_refused(file):
         "def build(n):\n" + "".join(f"    {x}\n" for x in MODEL.splitlines()) + "    return swing\n"
     )
     path = file(f"{HEAD}{factory}few, many = build(1), build(2)\n")
-    assert "2 models are called 'swing'; give their functions different names." in refusal(path)
+    assert "2 models are called 'swing'; give the functions different names." in refusal(path)
     assert refusal(path, "swing") == refusal(path)
     assert bd.load_model(file(f"{HEAD}{MODEL}again = swing\n")).name == "swing"
 
@@ -95,9 +95,9 @@ def test_encodings_of_python_files_are_read(file, content):
         ),
         (bytes(range(256)), "model.py: the file is neither in UTF-8 nor"),
         (b"", "model.py: the file contains no model; decorate a function"),
-        (b"#" * 10_000_001, "model.py: the file is larger than 10 MB; move its data"),
-        (HEAD + "def broken(:\n", "model.py: the import failed with SyntaxError at line 2: "),
-        ("(" * 1000, "model.py: the import failed with SyntaxError at line 1: too many nested"),
+        (b"#" * 10_000_001, "model.py: the file is larger than 10 MB; move data"),
+        (HEAD + "def broken(:\n", "model.py: the import failed: SyntaxError at line 2: "),
+        ("(" * 1000, "model.py: the import failed: SyntaxError at line 1: too many nested"),
     ],
 )
 def test_regression_files_without_a_model_are_refused(file, content, message):
@@ -108,10 +108,10 @@ def test_unreadable_paths_are_refused(file, tmp_path):
     (tmp_path / "folder.py").mkdir()
     if hasattr(os, "mkfifo"):
         os.mkfifo(tmp_path / "pipe.py")
-        assert refusal("pipe.py").startswith("pipe.py: this is not a regular file")
-    assert refusal("folder.py").startswith("folder.py: this is not a regular file")
+        assert refusal("pipe.py").startswith("pipe.py: the path is not a regular file")
+    assert refusal("folder.py").startswith("folder.py: the path is not a regular file")
     assert refusal("missing.py") == "missing.py: there is no such file."
-    assert refusal("a" * 300 + ".py").endswith("the file cannot be read, File name too long.")
+    assert refusal("a" * 300 + ".py").endswith("the file cannot be read: File name too long.")
     assert refusal("a\0.py") == r"path: 'a\x00.py' is not a valid file name."
     assert refusal(3) == "load_model: path must be a model file, got 3."
     assert "there is no model ['swing'] (did you mean 'swing'?); the models are swing." in refusal(
@@ -153,8 +153,8 @@ def test_a_file_that_deletes_itself_is_a_model(file):
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("raise SystemExit(3)", "SystemExit at line 2: it called sys.exit(3)."),
-        ("exit('now')", "SystemExit at line 2: it called sys.exit('now')."),
+        ("raise SystemExit(3)", "SystemExit at line 2: sys.exit(3) was called."),
+        ("exit('now')", "SystemExit at line 2: sys.exit('now') was called."),
         ("raise GeneratorExit", "GeneratorExit at line 2."),
         ("raise BaseException('no\\nway')", "BaseException at line 2: no way."),
         ("def f(): f()\nf()", "RecursionError at line 2: maximum recursion depth exceeded"),
@@ -202,19 +202,19 @@ def test_mistyped_names_are_reported_with_a_suggestion(file, line, message):
 @pytest.mark.parametrize(
     ("body", "message"),
     [
-        ("return None", "swing: the function must return the mechanism, got None."),
-        ("return swing", "swing: the function must return the mechanism, got the model swing."),
-        ("return other", "swing: the function must return the mechanism, got the model other."),
+        ("return None", "swing: the function must return a Mechanism, got None."),
+        ("return swing", "swing: the function must return a Mechanism, got the model swing."),
+        ("return other", "swing: the function must return a Mechanism, got the model other."),
         ("return bd.Mechanism", "expected a model or a mechanism, got <class"),
         ("yield bd.Mechanism()", "expected a model or a mechanism, got <generator object swing>."),
         (
             "raise SystemExit",
-            "swing: the model function in model.py failed with SystemExit at line 5: it called sys",
+            "swing: the model function in model.py failed: SystemExit at line 5: sys",
         ),
         ("return bd.Mechanism().prat", "AttributeError at line 5: 'Mechanism' object has no attr"),
         (
             "return swing()",
-            "swing: the model function in model.py failed with RecursionError at line 5: maximum",
+            "swing: the model function in model.py failed: RecursionError at line 5: maximum",
         ),
     ],
 )
@@ -229,16 +229,16 @@ def test_invalid_returns_and_exceptions_of_a_model_function(file, body, message)
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("mech.add(mech.part('bob'))", "Mechanism: the name 'bob' is taken"),
+        ("mech.add(mech.part('bob'))", "Mechanism: the name 'bob' is in use"),
         ("mech.add(bd.Weld('w', bd.Mechanism().ground.at(0, 0), bar.at(0, 0)))", "another mech"),
         ("mech.add(bd.Weld('w', 'here', bar.at(0, 0)))", "w: first attachment must be an attach"),
         (
             "mech.add(bd.Weld('w', bar.at(0, 0), bar.at(0, 0)))",
-            "w: a joint must connect two bodies",
+            "w: a joint must connect two different bodies",
         ),
         (
             "mech.add(bd.Force('f', bd.RigidBody('bar', 1, 1).at(0, 0), (1, 0)))",
-            "f: it refers to 'bar', which must be added to this mechanism first",
+            "f: the part refers to 'bar', which is not part of this mechanism",
         ),
     ],
 )

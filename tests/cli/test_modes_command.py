@@ -62,7 +62,7 @@ def test_several_speeds_make_a_campbell_diagram(modes, tmp_path):
 def test_an_immobile_model_has_an_empty_table(modes, tmp_path):
     result = modes("--set", "locked=True")
     assert result.exit_code == 0
-    assert "nothing vibrates: joints and drivers fix every coordinate" in result.stdout
+    assert "there are no modes because joints and drivers fix every coordinate" in result.stdout
     assert len(pd.read_csv(tmp_path / "results/cross_modes.csv")) == 0
 
 
@@ -72,14 +72,14 @@ def test_an_immobile_model_has_an_empty_table(modes, tmp_path):
         (["--about", "rest"], "--about must be"),
         (
             ["--about", "equilibrium", "--speed", "1"],
-            "--about equilibrium and --speed exclude each other; omit one.",
+            "--about equilibrium and --speed are mutually exclusive; omit one.",
         ),
         (
             ["--speed", "1", "--speed", "2", "--animate", "1"],
             "--animate requires modes at one --speed",
         ),
         (["--animate", "9"], "--animate must be"),
-        (["--speed", "1", "--set", "weight=9.81"], "do not turn with the mechanism"),
+        (["--speed", "1", "--set", "weight=9.81"], "do not rotate with the mechanism"),
         (["-n", "0"], "n must be"),
     ],
 )

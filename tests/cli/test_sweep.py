@@ -40,20 +40,20 @@ def test_values_of_over(name, text, values):
         (["--over", "speed=1:2"], "--over speed=1:2: values must have the form VALUE,VALUE,"),
         (["--over", "speed=0:2:3:log"], "both ends must be positive for :log."),
         (["--over", "turns=1:2:4"], "turns must be of type int, got 1.3333333"),
-        (["--over", "speed"], "--over speed: it must have the form name=value."),
+        (["--over", "speed"], "--over speed: the setting must have the form name=value."),
         (
             ["--over", "speed=1", "--over", "speed=2"],
-            "--over: a parameter is given more than once in speed=1, speed=2; give",
+            "--over: a parameter is repeated in speed=1, speed=2; give",
         ),
         (
             ["--over", "speed=1", "--set", "speed=2"],
-            "--over speed: --set sets this parameter, too; omit one.",
+            "--over speed: the parameter is also set by --set; omit one of the options.",
         ),
         (["--over", "section=a,b"], "section must be of type Section, got 'a'."),
         ([], "the file contains no sweep; vary a parameter with --over NAME=VALUES (speed, turns"),
         (
             ["--rtol", "1e-3"],
-            "sweep: --rtol requires --over; a sweep in a file defines its own settings.",
+            "sweep: --rtol requires --over; a sweep in a file defines these settings.",
         ),
     ],
 )
@@ -122,15 +122,15 @@ def test_sweep_of_a_file_runs_and_resumes(tmp_path):
     document = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)
     assert [case["status"] for case in document["cases"]] == ["ok", "failed"]
     compared = CliRunner().invoke(app, ["compare", str(path)])
-    assert "speeds is a sweep; run it with beamdae sweep." in compared.output
+    assert "speeds is a sweep; use beamdae sweep." in compared.output
 
 
 def test_regression_compare_refuses_sweeps(tmp_path):
     path = tmp_path / "sweeps.py"
     path.write_text(MODEL + SWEEP + SWEEP.replace("def speeds", "def others"))
     for arguments, message in (
-        (["compare", str(path)], "speeds is a sweep; run it with beamdae sweep."),
-        (["compare", str(path), "--model", "speeds"], "speeds is a sweep; run"),
+        (["compare", str(path)], "speeds is a sweep; use beamdae sweep."),
+        (["compare", str(path), "--model", "speeds"], "speeds is a sweep; use"),
         (
             ["compare", str(path), "--model", "nine"],
             "there is no model 'nine'; the models are swing.",

@@ -262,22 +262,28 @@ nan = float("nan")
         (lambda: bd.Arc(1.0, 1.0, angle="up"), "Arc: angle must be a number, got 'up'"),
         (lambda: bd.Parabola(0.0, 1.0), "Parabola: span must be positive, got 0"),
         (lambda: bd.Parabola(1.0, nan), "Parabola: rise must be finite, got nan"),
-        (lambda: bd.Curve(), "Curve: give either a function with its interval x, or points"),
-        (lambda: bd.Curve(np.sin, x=(0, 1), points=CIRCLE), "Curve: give either a function"),
-        (lambda: bd.Curve(np.sin), r"Curve: a function needs its interval x=\(x_start, x_end\)"),
+        (lambda: bd.Curve(), "Curve: pass either function and x, or points"),
+        (lambda: bd.Curve(np.sin, x=(0, 1), points=CIRCLE), "Curve: pass either function"),
+        (
+            lambda: bd.Curve(np.sin),
+            r"Curve: a function requires an interval; pass x=\(x_start, x_end\)",
+        ),
         (lambda: bd.Curve(np.sin, x=(1.0, 1.0)), r"Curve: the interval x must not be empty"),
         (
             lambda: bd.Curve(lambda x: 1.0 / x if x else nan, x=(0.0, 1.0)),
-            "Curve: the function must be finite, at x = 0 it is not",
+            "Curve: the function is inf at x = 0; the value must be finite for every x in",
         ),
         (
             lambda: bd.Curve(lambda x: 1.0 / (x - 0.5), x=(0.0, 1.0)),
-            r"Curve: the function must return a number .* failed: .*division",
+            r"Curve: the function must return a number .* failed at .*: .*division",
         ),
         (lambda: bd.Curve(lambda x: "high", x=(0, 1)), "Curve: the function must return a number"),
         (lambda: bd.IntrinsicCurve(2.0, 1.0), "IntrinsicCurve: law must be a function of s, got 2"),
         (lambda: bd.IntrinsicCurve(np.sin, 0.0), "IntrinsicCurve: length must be positive, got 0"),
-        (lambda: bd.IntrinsicCurve(lambda s: 1 / s, 1.0), "at s = 0 it failed, ZeroDivisionError"),
+        (
+            lambda: bd.IntrinsicCurve(lambda s: 1 / s, 1.0),
+            "the call failed at s = 0: ZeroDivisionError",
+        ),
         (lambda: bd.IntrinsicCurve(lambda s: nan, 1.0), "the curvature at s = 0 must be finite"),
         (lambda: bd.IntrinsicCurve(lambda s: 1e4, 1.0), "turns by 25 rad within 1/400"),
         (lambda: bd.Curve(points=CIRCLE[:3]), "Curve: points must be at least 4 pairs"),
@@ -288,7 +294,7 @@ nan = float("nan")
         ),
         (
             lambda: bd.Curve(points=[(0, 0), (1, 2), (1, 2), (3, 0)]),
-            r"Curve: the point \(1, 2\) comes twice in a row",
+            r"Curve: the point \(1, 2\) is repeated",
         ),
         (
             lambda: bd.Curve(points=[(0, 0), (1, 0), (2, 0), (1.5, 0), (3, 0)]),

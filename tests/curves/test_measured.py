@@ -79,19 +79,19 @@ def test_smooth_points_do_not_warn(points):
     [
         (
             lambda: bd.Beam("b", bd.Arc(1.0, 6.0), STRIP, elements=3),
-            "b: its curve turns by 2 rad within an element, .* take elements=4 or more",
+            "b: the curve turns by 2 rad within an element, .* use elements=4 or more",
         ),
         (
             lambda: bd.Beam("b", bd.Arc(1.0, 2.0), STRIP, elements=4, elements_shape="straight"),
-            "b: its curve turns by 0.5 rad within an element, .* take elements=10 or more",
+            "b: the curve turns by 0.5 rad within an element, .* use elements=10 or more",
         ),
         (
             lambda: bd.Beam("b", bd.Arc(1.0, 2.0), bd.Section.circle(STEEL, 0.5)),
-            "b: its section is 0.5 times as high as .* off by 3.[78]% and the stress .* by 17%",
+            "the section height is 0.5 times the radius .* 3.[78]% in .* and 17% in the stress",
         ),
         (
             lambda: bd.Beam("b", bd.Arc(1.0, 2.0), lambda s: bd.Section.circle(STEEL, 0.1 + s)),
-            "b: its section is 2.1 times as high",
+            "b: the section height is 2.1 times",
         ),
     ],
 )
@@ -115,7 +115,7 @@ def test_gentle_curves_do_not_warn():
             lambda: bd.Curve(points=measured_points(0.0), noise=0.0),
             "Curve: noise must be positive, got 0",
         ),
-        (lambda: bd.Curve(np.sin, x=(0, 1), noise=1e-3), "Curve: noise applies to points"),
+        (lambda: bd.Curve(np.sin, x=(0, 1), noise=1e-3), "Curve: noise applies only to points"),
     ],
 )
 def test_invalid_noise_is_rejected(make, message):

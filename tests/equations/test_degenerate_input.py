@@ -22,8 +22,8 @@ def test_regression_more_elements_than_fit_into_memory_are_rejected_at_once(elem
     begin = time.perf_counter()
     with pytest.raises(
         bd.BeamdaeError,
-        match=rf"^beam: a run of elements={elements} needs about .* GB of memory, .* GB are left; "
-        r"take at most elements=\d+\.$",
+        match=rf"^beam: a run with elements={elements} needs about .* GB of memory, but .*; "
+        r"use at most elements=\d+\.$",
     ):
         bd.Beam("beam", LINE, STRIP, elements=elements)
     assert time.perf_counter() - begin < 1.0
@@ -31,7 +31,7 @@ def test_regression_more_elements_than_fit_into_memory_are_rejected_at_once(elem
 
 def test_the_suggested_number_of_elements_fits(monkeypatch):
     monkeypatch.setattr(memory, "_free_physical_memory", lambda: 1e7)
-    with pytest.raises(bd.BeamdaeError, match=r"take at most elements=37\.$"):
+    with pytest.raises(bd.BeamdaeError, match=r"use at most elements=37\.$"):
         bd.Beam("beam", LINE, STRIP, elements=38)
     assert bd.Beam("beam", LINE, STRIP, elements=37).mesh.elements == 37
 
@@ -54,8 +54,8 @@ def test_regression_a_circle_of_one_chord_is_rejected(section):
     ring = bd.Arc(radius=0.3, length=2.0 * np.pi * 0.3)
     with pytest.raises(
         bd.BeamdaeError,
-        match=r"^ring: elements=1 of 2 nodes are too few for the curve, nodes \S+ m apart stand "
-        r"for 1\.88 m of it; take more elements",
+        match=r"^ring: elements=1 with 2 nodes each are too few for the curve, where nodes \S+ m "
+        r"apart bound an arc of 1\.88 m; use more elements",
     ):
         bd.Beam("ring", ring, section, elements=1, nodes=2)
 

@@ -93,7 +93,9 @@ def test_regression_a_load_acts_on_the_body_of_its_attachment_whatever_its_field
 def test_an_attachment_of_a_foreign_body_is_rejected_by_add():
     stranger = disk("stranger")
     for part in (Push("push", stranger.at(0.0, 0.0)), Pin("pin", stranger.at(0.0, 0.0))):
-        with pytest.raises(bd.BeamdaeError, match=f"^{part.name}: it refers to 'stranger', which"):
+        with pytest.raises(
+            bd.BeamdaeError, match=f"^{part.name}: the part refers to 'stranger', which"
+        ):
             bd.Mechanism().add(part)
 
 
@@ -119,7 +121,9 @@ def test_attachments_are_detected_in_containers():
     stranger = disk("stranger").at(0.0, 0.0)
     for part in (Hidden("push", {"there": stranger}), Slotted("push", [("a", [stranger])])):
         assert part.attachments == (stranger,)
-        with pytest.raises(bd.BeamdaeError, match=r"^push: it refers to 'stranger', which must be"):
+        with pytest.raises(
+            bd.BeamdaeError, match=r"^push: the part refers to 'stranger', which is not"
+        ):
             bd.Mechanism().add(part)
 
 
@@ -128,14 +132,19 @@ def test_a_foreign_body_without_a_field_is_rejected_by_assembly():
     mech = bd.Mechanism()
     mech.add(disk())
     mech.add(stating(lambda: Push("made", stranger).forces(np.zeros(2))))
-    with pytest.raises(bd.BeamdaeError, match=r"^made: it refers to 'stranger', which must be"):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"^made: the part refers to 'stranger', which is not"
+    ):
         bd.equations_of_motion(mech)
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"columns": 1}, "push: the operator on 'second' must have 3 columns, one per coordinate of the body, got 4"),
+        (
+            {"columns": 1},
+            "push: the operator on 'second' must have 3 columns, .* got 4",
+        ),
         ({"rows": 1}, "push: the operators must have 1 x 3 rows, one per local coordinate, got 4"),
         (
             {"data": (3.0, 1.0)},
@@ -190,10 +199,10 @@ def stating(forces=lambda: [], constraints=lambda: []):
         (stating(lambda: [force(ca.SX.zeros(2))]), r"its force must have shape \(3, 1\), got \(2,"),
         (stating(lambda: [force([0, 0, 0])]), "force must be a CasADi SX column, got list"),
         (stating(lambda: [force(energies=ca.SX(1))]), r"its energies must have shape \(3, 1\)"),
-        (stating(lambda: [force(powers=ca.SX.zeros(4))]), r"its powers must have shape \(2, 1\)"),
+        (stating(lambda: [force(powers=ca.SX.zeros(4))]), r"powers must have shape \(2, 1\)"),
         (
             stating(lambda: [force(ca.SX.sym("stray", 3))]),
-            "its force must not depend on stray_0, stray_1, stray_2",
+            "force must not depend on stray_0, stray_1, stray_2",
         ),
         (stating(lambda: [force(data=[1.0])]), r"data must be an array of shape \(1, number"),
         (
@@ -211,17 +220,17 @@ def stating(forces=lambda: [], constraints=lambda: []):
         ),
         (
             stating(constraints=lambda: [constraint(LOCAL.q[:2])]),
-            r"its constraint must have shape \(1, 1\), got \(2, 1\)",
+            r"constraint must have shape \(1, 1\), got \(2, 1\)",
         ),
         # It was accepted, and 11 % of the energy was lost.
         (
             stating(constraints=lambda: [constraint(LOCAL.q[0] + 0.3 * LOCAL.v[0])]),
-            "its constraint must not depend on v_0",
+            "constraint must not depend on v_0",
         ),
         # The first branch of the law was used for the whole run.
         (
             stating(lambda: [force(bd.run_up(1.0, 0.1)(LOCAL.time) * ca.SX.ones(3))]),
-            "the part uses a piecewise law that its property 'laws' does not list",
+            "the part uses a piecewise law that the property 'laws' does not list",
         ),
     ],
 )
@@ -254,7 +263,7 @@ def test_regression_ambiguous_headers_are_rejected():
             motion_quantity(place), columns=(Variable("", "m"), *motion_quantity(place).columns[1:])
         ),
     )
-    with pytest.raises(bd.BeamdaeError, match=r"its headers must differ, c.x \[m\] comes twice"):
+    with pytest.raises(bd.BeamdaeError, match=r"headers must be unique, but c.x \[m\] is repeated"):
         bd.equations_of_motion(mech)
 
 
@@ -331,7 +340,7 @@ class Body(bd.Part):
             Body((Variable("x", " m"),)),
             "body: units must be strings such as 'm' and 'rad', got ' m'",
         ),
-        (Body((Variable("x", "m"),) * 2), "body: its coordinates must differ, x comes twice"),
+        (Body((Variable("x", "m"),) * 2), "body: coordinates must be unique, but x is repeated"),
         (Body((Variable("x", "m"),), (0.0, 1.0)), r"body: initial_position must have shape \(1,\)"),
     ],
 )

@@ -276,7 +276,7 @@ def test_table_ends_at_the_event(tmp_path):
         ({"what": "ball.y", "direction": "left"}, "direction must be"),
         ({"what": "ball.y", "do": "jump"}, "do must be"),
         ({"what": "ball.y", "crosses": np.nan}, "crosses must be"),
-        ({"what": "ball.y", "name": "impact"}, "the name 'impact' is taken"),
+        ({"what": "ball.y", "name": "impact"}, "the name 'impact' is in use"),
         ({"what": "ball.y", "name": ""}, "the name must be"),
     ],
 )

@@ -136,7 +136,7 @@ def errors(solution, answer):
         ({"rtol": "tight"}, ["rtol", "number", "'tight'"]),
         ({"rtol": 1e-4, "family": "newmark"}, ["rtol", "second order", "'newmark'", "0.8"]),
         ({"rtol": 1e-4, "max_steps": 0}, ["max_steps", "at least 1", "0"]),
-        ({"max_steps": 100}, ["max_steps", "needs rtol", "100"]),
+        ({"max_steps": 100}, ["max_steps", "requires rtol", "100"]),
     ],
 )
 def test_invalid_setting_is_named_with_its_value(settings, words):
@@ -647,7 +647,7 @@ def test_newton_failure_shrinks_the_step(formulation):
     solution = bd.simulate(torn, integrator, 10.0)
     assert not solution.status.success
     assert "t = 1 s" in solution.status.sentence
-    assert "take a smaller step" not in solution.status.sentence
+    assert "use a smaller step" not in solution.status.sentence
     assert solution.statistics.rejected_steps > 3
     assert_allclose(solution.trajectory.end, 1.0, rtol=0.0, atol=1e-4)
     assert np.all(np.isfinite(solution.q))

@@ -102,9 +102,9 @@ def test_regression_stalled_run_is_stopped():
     solution = bd.simulate(ball(), PrescribedSteps(lambda k: 1e-10), 1.0)
     assert solution.status.kind == "limited"
     for words in (
-        "no end in sight, steps of 1e-10 s",
+        "steps have shrunk to 1e-10 s",
         "1e+10 more",
-        "check these and their units",
+        "check values and units",
         "max_steps",
         "stopped at t = 1.0304e-06 s",
     ):
@@ -158,7 +158,8 @@ def test_regression_extreme_inputs_end_with_a_reason(integrator, what, monkeypat
     solution = bd.simulate(equations(**what), integrator, 1.0)
     assert solution.status.kind in ("limited", "failed")
     reasons = (
-        "no end in sight",
+        "steps have shrunk to",
+        "switched parts",
         "the step is too small",
         "even with a step of",
         "did not converge",

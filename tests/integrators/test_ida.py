@@ -44,7 +44,7 @@ def test_regression_sksundae_with_copied_vectors_is_rejected(monkeypatch):
     """Runs were off by 600 rtol, without any warning."""
     use_scikit_sundae(monkeypatch)
     monkeypatch.setattr(python_solver, "IDA", Copying)
-    with pytest.raises(bd.BeamdaeError, match=r"^Ida: scikit-sundae .* hands out copies of IDA's"):
+    with pytest.raises(bd.BeamdaeError, match=r"^Ida: scikit-sundae .* copies the vectors of IDA"):
         bd.simulate(PENDULUM.equations, bd.Ida(rtol=1e-6), 1.0)
 
 

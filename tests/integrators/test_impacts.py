@@ -180,5 +180,5 @@ def test_invalid_impacts_are_rejected():
     ):
         with pytest.raises(bd.BeamdaeError, match=sentence):
             bd.impact(*arguments)
-    with pytest.raises(bd.BeamdaeError, match="must be added to this mechanism first"):
+    with pytest.raises(bd.BeamdaeError, match="is not part of this mechanism; add"):
         bouncing(0.5).when("ball.y", do=bd.impact(gap), name="other")

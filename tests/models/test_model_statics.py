@@ -15,11 +15,11 @@ from beamdae.cli.app import app
 # Messages of models without a unique equilibrium.
 SENTENCES = {
     # The torque starts at zero.
-    "hub_beam": "hub.angle: it is free to move without stiffness",
+    "hub_beam": "hub.angle: this coordinate can move without stiffness",
     # The bead and its position on the rail slide off.
-    "sliding_mass": ": no equilibrium was found, this coordinate moves without end",
+    "sliding_mass": ": no equilibrium was found because this coordinate moves without limit",
     # Only friction and speed balance the driving weight.
-    "governor": "rotor.angle: no equilibrium was found, this coordinate moves without end",
+    "governor": "rotor.angle: no equilibrium was found because this coordinate moves without limit",
     "quick_return": "friction depends on the sliding velocity and is zero at rest",
 }
 ENDS = {"sliding_mass": 1, "governor": 2}

@@ -213,7 +213,7 @@ def test_loop_that_numba_cannot_compile_warns_once(cache):
         pytest.warns(
             KernelWarning, match=r"numba cannot compile loops \(.+\); runs take"
         ) as warned,
-        pytest.raises(MachineCodeError, match="read_missing_field: it cannot be compiled"),
+        pytest.raises(MachineCodeError, match="read_missing_field: the loop cannot be compiled"),
     ):
         CompiledLoop(read_missing_field, instance)
     assert len(warned) == 1

@@ -107,7 +107,7 @@ POLYGON = bd.RigidBody.polygon
         ),
         (
             lambda: bd.RigidBody.disk("d", (0, 0), 1.0, mass=1.0, inertia=1.0),
-            "d: a shape takes only velocity and angular_velocity .*, got inertia",
+            "d: a shape accepts only velocity and angular_velocity .*, got inertia",
         ),
         (lambda: POLYGON("p", [(0, 0), (1, 0)], mass=1.0), "p: points must be at least 3 pairs"),
         (
@@ -116,7 +116,7 @@ POLYGON = bd.RigidBody.polygon
         ),
         (
             lambda: POLYGON("p", [(0, 0), (2, 2), (2, 0), (0, 1)], mass=1.0),
-            r"p: points must go around the polygon, its edges from .* cross",
+            r"p: the edges from .* cross; list the points in order around",
         ),
         (
             lambda: POLYGON("p", [(0, 0), (2, 0), (2, 0), (0, 1)], mass=1.0),
@@ -125,11 +125,11 @@ POLYGON = bd.RigidBody.polygon
         (
             # A spike, and a corner on another edge.
             lambda: POLYGON("p", [(0, 0), (2, 0), (1, 0), (1, 1)], mass=1.0),
-            "p: points must go around",
+            "p: the edges from",
         ),
         (
             lambda: POLYGON("p", [(0, 0), (2, 0), (2, 1), (1, 0), (0, 1)], mass=1.0),
-            "p: points must go around",
+            "p: the edges from",
         ),
         (lambda: bd.RigidBody("b", 1.0, 1.0, shape=3), r"b: shape must be points \(x, y\), got 3"),
     ],

@@ -174,7 +174,10 @@ FLOOR = bd.LineSurface(GROUND)
     [
         (lambda: bd.Contact("c", 3.0, FLOOR, 1.0), "c: point must be an attachment"),
         (lambda: bd.Contact("c", BALL, GROUND, 1.0), "c: surface must be a LineSurface or a Circ"),
-        (lambda: bd.Contact("c", GROUND, FLOOR, 1.0), "c: neither the point nor the surface moves"),
+        (
+            lambda: bd.Contact("c", GROUND, FLOOR, 1.0),
+            "c: neither the point nor the surface can move",
+        ),
         (lambda: bd.Contact("c", BALL, FLOOR, 0.0), "c: stiffness must be positive, got 0"),
         (lambda: bd.Contact("c", BALL, FLOOR, 1.0, 0.5), r"c: exponent must lie in \[1, 10\], got"),
         (
@@ -183,7 +186,7 @@ FLOOR = bd.LineSurface(GROUND)
         ),
         (
             lambda: bd.Contact("c", BALL, FLOOR, 1.0, restitution=0.5),
-            "c: restitution=0.5 needs impact_speed=",
+            "c: restitution=0.5 requires impact_speed=",
         ),
         (
             lambda: bd.Contact("c", BALL, FLOOR, 1.0, friction_speed=0.0),

@@ -170,7 +170,7 @@ ON = BODY.at(0.0, 0.0)
         (lambda: bd.Moment("twist", ON, lambda t: [t]), "twist: the law must return one number"),
         (
             lambda: bd.Moment("twist", bd.PointMass("bob", 1.0, at=(1.0, 2.0)).point, 1.0),
-            r"twist: bob at \(1, 2\) is a particle and has no angle",
+            r"twist: bob at \(1, 2\) is a particle without an angle",
         ),
         (lambda: bd.Moment(3, ON, 1.0), "Moment: the name must be a non-empty string, got 3"),
     ],

@@ -207,20 +207,20 @@ PIN, LINE = bd.Revolute("pin", *ENDS), bd.PointOnLine("line", *ENDS)
     ("make", "message"),
     [
         (lambda: bd.Friction("f", PIN, 0.1, 1e-3), "f: friction in pin needs radius=, of the bear"),
-        (lambda: bd.Friction("f", LINE, 0.1, 1e-3, radius=1.0), "f: radius has no meaning for lin"),
+        (lambda: bd.Friction("f", LINE, 0.1, 1e-3, radius=1.0), "f: radius does not apply to lin"),
         (lambda: bd.Friction("f", LINE, -0.1, 1e-3), "f: coefficient must not be negative"),
         (lambda: bd.Friction("f", LINE, 0.1, 0.0), "f: regularization must be positive, got 0"),
         (lambda: bd.Friction("f", LINE, 0.1, 1e-3, smoothing=0), "f: smoothing must be positive"),
-        (lambda: bd.Friction("f", LINE, 0.1, 1e-3, 0.2), "f: static and stribeck must be given bo"),
+        (lambda: bd.Friction("f", LINE, 0.1, 1e-3, 0.2), "f: static and stribeck must be given to"),
         (
             lambda: bd.Friction("f", LINE, 0.1, 1e-3, 0.05, 0.1),
-            "f: static must be at least the coefficient, .* got 0.05 and 0.1",
+            "f: static must be at least coefficient, .* got 0.05 and 0.1",
         ),
         (
             lambda: bd.Friction("f", bd.Weld("w", *ENDS), 0.1, 1e-3),
-            "f: joint must be one that turns or slides, .* got Weld",
+            "f: joint must be a rotating or sliding joint .* got Weld",
         ),
-        (lambda: bd.Friction("f", BODY.at(0, 0), 0.1, 1e-3), "f: joint must be one that turns"),
+        (lambda: bd.Friction("f", BODY.at(0, 0), 0.1, 1e-3), "f: joint must be a rotating"),
     ],
 )
 def test_error_messages(make, message):
@@ -238,7 +238,7 @@ def test_its_joint_must_be_part_of_the_mechanism():
     mech = bd.Mechanism()
     body = mech.add(bd.RigidBody("body", 1.0, 0.1))
     line = bd.PointOnLine("line", mech.ground.at(0, 0), body.at(0, 0))
-    with pytest.raises(bd.BeamdaeError, match="it refers to 'line', which must be added"):
+    with pytest.raises(bd.BeamdaeError, match="the part refers to 'line', which is not part"):
         mech.add(bd.Friction("f", line, 0.1, 1e-3))
 
 

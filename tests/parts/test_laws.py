@@ -171,9 +171,9 @@ def test_numbers_and_numpy_formulas_are_laws(law, t, expected):
         (lambda t: 1.0 / 0.0, "motor: the law must be a formula in t .* division by zero"),
         (lambda t: t if t > 1.0 else 0.0, "motor: the law must be a formula in t"),
         (lambda t: np.array([1.0, 2.0]), "motor: the law must return one number"),
-        (lambda t: ca.SX.sym("x"), "motor: the law must depend on t alone, not on x"),
-        (lambda t: np.nan, "motor: the law must be finite, at t = 0 it is nan"),
-        (lambda t: 1.0 / t, "motor: the law must be finite, at t = 0 it is inf"),
+        (lambda t: ca.SX.sym("x"), "motor: the law must depend only on t, not on x"),
+        (lambda t: np.nan, "motor: the law must be finite, got nan at t = 0"),
+        (lambda t: 1.0 / t, "motor: the law must be finite, got inf at t = 0"),
     ],
 )
 def test_invalid_laws_are_rejected(law, message):
@@ -198,10 +198,10 @@ def test_invalid_laws_are_rejected(law, message):
         (lambda: bd.piecewise((1.0, 1.0), (1.0, 2.0), 0.0), "piecewise: end times must ascend"),
         (lambda: bd.piecewise((np.inf, 1.0), 0.0), "piecewise: end time must be finite, got inf"),
         (lambda: bd.piecewise((1.0, "fast"), 0.0), "piecewise: law must be a number, got 'fast'"),
-        (lambda: bd.piecewise((1.0, bd.run_up(1.0, 1.0)), 0.0), "a piece must be smooth"),
+        (lambda: bd.piecewise((1.0, bd.run_up(1.0, 1.0)), 0.0), "a piece must not be piecewise"),
         (
             lambda: bd.piecewise((1.0, 2.0), lambda t: 1.0 / (t - 1.0)),
-            "piecewise: the law must be finite, at t = 1 it is inf",
+            "piecewise: the law must be finite, got inf at t = 1",
         ),
         (lambda: bd.table([0.0, 1.0], [1.0, 2.0]), "table: .* of the same length, at least 3"),
         (lambda: bd.table([0.0, 1.0, 2.0], [1.0, 2.0]), "table: .* of the same length, at least 3"),
@@ -253,7 +253,7 @@ def test_nonsmooth_laws_are_rejected(law, what):
 @pytest.mark.parametrize(
     ("pieces", "breakpoints", "message"),
     [
-        (1, (1.0,), "1 pieces need 0 breakpoints, got 1"),
+        (1, (1.0,), "1 pieces require 0 breakpoints, got 1"),
         (3, (2.0, 1.0), "breakpoints must ascend"),
     ],
 )

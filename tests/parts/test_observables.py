@@ -143,11 +143,11 @@ BOB = bd.PointMass("bob", 1.0, at=(1.0, 2.0))
     [
         (
             lambda: bd.relative_displacement(of=BOB.point, on=DISK.at(0.0, 0.0)),
-            r"^relative_displacement: bob at \(1, 2\) is a particle and has no angle\b.*\.$",
+            r"^relative_displacement: bob at \(1, 2\) is a particle without an angle\b.*\.$",
         ),
         (
             lambda: bd.relative_displacement(of=DISK.at(0.0, 0.0), on=BOB.point),
-            r"^relative_displacement: bob at \(1, 2\) is a particle and has no angle\b.*\.$",
+            r"^relative_displacement: bob at \(1, 2\) is a particle without an angle\b.*\.$",
         ),
         (
             lambda: bd.relative_displacement(of=DISK, on=DISK.at(0.0, 0.0)),

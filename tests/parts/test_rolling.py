@@ -208,8 +208,8 @@ CENTER = DISK.at(0.0, 1.0)
         ),
         (
             lambda: bd.RollingOnCircle("r", GROUND.at(0, 0), CENTER, (0.5, 0.4)),
-            r"r: the disk must touch the circle .* are 1 m apart, which is neither the sum nor the "
-            "difference of the radii 0.5 m and 0.4 m",
+            r"r: the disk must touch the circle .* 1 m, is neither the sum nor the difference of the "
+            "radii 0.5 m and 0.4 m",
         ),
         (
             lambda: bd.RollingOnCircle("r", GROUND.at(0, 0), CENTER, 0.5),
@@ -221,7 +221,7 @@ CENTER = DISK.at(0.0, 1.0)
         ),
         (
             lambda: bd.Skate("s", bd.PointMass("p", 1.0, at=(0, 0)).point),
-            r"s: p at \(0, 0\) is a particle and has no angle",
+            r"s: p at \(0, 0\) is a particle without an angle",
         ),
         (lambda: bd.Skate("s", GROUND.at(0, 0)), r"s: ground at \(0, 0\) does not move"),
         (lambda: bd.Skate("s", CENTER, (0, 0)), "s: direction must not be zero"),

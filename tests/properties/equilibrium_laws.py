@@ -14,7 +14,7 @@ from properties.state_laws import consistent_state, similarity_transformations
 import beamdae as bd
 
 # Parts of the errors about mechanisms without a unique equilibrium.
-NO_EQUILIBRIUM = ("no equilibrium was found", "constrains velocities alone")
+NO_EQUILIBRIUM = ("no equilibrium was found", "acts on velocities only")
 
 
 class EquilibriumState(MechanismState):

@@ -19,7 +19,7 @@ T = TypeVar("T")
 # Parts of the errors about contradictory drawings.
 CONTRADICTIONS = (
     *("depend on each other", "Painleve", "cannot be closed"),
-    *("are drawn at one place", "that lie apart in the reference drawing"),
+    *("coincide in the reference configuration", "coincide in the reference configuration"),
 )
 
 

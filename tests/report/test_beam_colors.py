@@ -45,13 +45,13 @@ def test_colors_equal_the_observed_values_along_the_beam(what):
 
 def test_unavailable_colors_are_rejected():
     solution = simulate(hub_beam(elements=1))
-    with pytest.raises(bd.BeamdaeError, match="offset 'top' needs the height of the section"):
+    with pytest.raises(bd.BeamdaeError, match="offset 'top' requires the height of the section"):
         solution.animate(color="stress")
     with pytest.raises(bd.BeamdaeError, match=r"animate: color must be .*'strian'"):
         solution.animate(color="strian")
     ball = bd.Mechanism()
     ball.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
     with pytest.raises(
-        bd.BeamdaeError, match="color 'M' requires a beam, the mechanism has none; leave out color"
+        bd.BeamdaeError, match="color 'M' requires a beam, but the mechanism has none; omit color"
     ):
         simulate(ball).animate(color="M")

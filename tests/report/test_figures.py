@@ -93,7 +93,7 @@ def test_figures_do_not_change_the_settings_of_matplotlib(tmp_path):
 
 def test_an_unwritable_figure_is_an_error(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(bd.BeamdaeError, match=r"run\.png: it cannot be written"):
+    with pytest.raises(bd.BeamdaeError, match=r"run\.png: the file cannot be written"):
         time_plots.save_run_figure(tmp_path / "file" / "run.png", FRAME, "title")
 
 

@@ -89,7 +89,7 @@ def test_unknown_columns_are_rejected(run, name):
     if name == "energy":
         assert len(run[name].columns) == 7
         return
-    with pytest.raises(bd.BeamdaeError, match=r"Solution: no column has the name .*\.$"):
+    with pytest.raises(bd.BeamdaeError, match=r"Solution: there is no column .*\.$"):
         run[name]
 
 
@@ -118,7 +118,7 @@ def test_observables_added_after_a_run_equal_those_added_before(of):
 def test_invalid_observables_are_rejected(run):
     mech, beam = create_pendulum()
     beam_of_run = run.equations.mechanism.parts["beam"]
-    with pytest.raises(bd.BeamdaeError, match="'beam' is not a part of the mechanism"):
+    with pytest.raises(bd.BeamdaeError, match="'beam' is not part of the mechanism"):
         run.observe("seen", beam.end)
     with pytest.raises(bd.BeamdaeError, match="only attachments and quantities"):
         run.observe("seen", "tip")
@@ -126,7 +126,7 @@ def test_invalid_observables_are_rejected(run):
         run.observe("tip", beam_of_run.start)
     solution = bd.simulate(mech, ALPHA, t_end=0.02)
     late = mech.add(bd.PointMass("late", 1.0, at=(3.0, 0.0)))
-    with pytest.raises(bd.BeamdaeError, match="'late' is not a part of the mechanism that ran"):
+    with pytest.raises(bd.BeamdaeError, match="'late' is not part of the mechanism that ran"):
         solution.observe("seen", late.point)
     assert len(solution.observe("seen", beam.end)["seen.x"]) == len(solution.t)
 
@@ -182,13 +182,13 @@ def test_characteristic_columns_are_plotted_by_default(run):
 def test_labels_replace_the_names_of_runs(run):
     figure = bd.plot([run, run], "tip.y", labels=["_one", "$two$"]).figure
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["_one", "$two$"]
-    with pytest.raises(bd.BeamdaeError, match="labels must be 2 different texts"):
+    with pytest.raises(bd.BeamdaeError, match="labels must be 2 different strings"):
         bd.plot([run, run], "tip.y", labels=["one", "one"])
 
 
 @pytest.mark.parametrize(("wrong", "words"), [([], "got none"), ([3], "got 3"), (3, "got 3")])
 def test_only_runs_can_be_plotted(wrong, words):
-    with pytest.raises(bd.BeamdaeError, match=rf"plot: solutions must be .*{words}\."):
+    with pytest.raises(bd.BeamdaeError, match=rf"plot: solutions must .*{words}\."):
         bd.plot(wrong)
 
 
@@ -254,9 +254,9 @@ def test_a_missing_ffmpeg_is_reported(run, tmp_path, monkeypatch):
 def test_equations_without_a_mechanism_cannot_be_drawn():
     solution = bd.simulate(PENDULUM.build(), ALPHA, t_end=0.1)
     assert "<svg" not in solution._repr_html_()
-    with pytest.raises(bd.BeamdaeError, match="not one of a mechanism"):
+    with pytest.raises(bd.BeamdaeError, match="has no mechanism"):
         solution.animate()
-    with pytest.raises(bd.BeamdaeError, match="not one of a mechanism"):
+    with pytest.raises(bd.BeamdaeError, match="has no mechanism"):
         solution.observe("x", None)
 
 

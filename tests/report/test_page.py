@@ -155,7 +155,7 @@ def test_all_entries_except_ids_are_optional(tmp_path):
     [
         (
             {"cases": [{"id": "0", "group": "a"}]},
-            r"^page: case '0' refers to the unknown group 'a'; add the group or correct it\.$",
+            r"^page: case '0' refers to the unknown group 'a'; add the group or correct",
         ),
         (
             {"groups": [{"id": "a"}, {"id": "a"}]},
@@ -175,7 +175,7 @@ def test_inconsistent_ids_are_rejected(tmp_path, page, message):
 
 def test_pages_that_cannot_be_written(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(bd.BeamdaeError, match=r"page\.html: it cannot be written"):
+    with pytest.raises(bd.BeamdaeError, match=r"page\.html: the file cannot be written"):
         write_page(tmp_path / "file" / "page.html", study_page())
 
 

@@ -81,7 +81,7 @@ def test_the_old_file_stays_if_the_new_one_cannot_be_written(
     before = read_folder(tmp_path)
     make_fail(monkeypatch, where, OSError(number, os.strerror(number)))
     name = path.with_suffix(".json").name if path.suffix == ".csv" else path.name
-    words = rf"({path.name}|{name}): it cannot be written, {os.strerror(number)}\.$"
+    words = rf"({path.name}|{name}): the file cannot be written: {os.strerror(number)}\.$"
     with pytest.raises(BeamdaeError, match=words):
         writer(tmp_path)
     assert read_folder(tmp_path) == before
@@ -104,7 +104,7 @@ def test_a_block_that_fails_keeps_the_old_file(tmp_path):
 
     with pytest.raises(ZeroDivisionError):
         write_half(ZeroDivisionError())
-    with pytest.raises(BeamdaeError, match=r"file\.txt: it cannot be written, of its own\.$"):
+    with pytest.raises(BeamdaeError, match=r"file\.txt: the file cannot be written: of its own\.$"):
         write_half(OSError("of its own"))
     assert read_folder(tmp_path) == {"file.txt": b"old"}
 
@@ -117,14 +117,14 @@ def test_a_table_that_cannot_be_written_keeps_the_old_metadata(tmp_path, monkeyp
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(files, "_write_columns", full)
-    with pytest.raises(BeamdaeError, match=r"run\.csv: it cannot be written, No space left"):
+    with pytest.raises(BeamdaeError, match=r"run\.csv: the file cannot be written: No space left"):
         write_table(tmp_path / "run.csv", TABLE, {"model": "new"})
     assert read_folder(tmp_path) == before
 
 
 def test_the_table_is_written_even_if_the_metadata_cannot_be(tmp_path):
     (tmp_path / "run.json").mkdir()
-    with pytest.raises(BeamdaeError, match=r"run\.json: it cannot be written, "):
+    with pytest.raises(BeamdaeError, match=r"run\.json: the file cannot be written: "):
         write_table(tmp_path / "run.csv", TABLE, {})
     assert_frame_equal(pd.read_csv(tmp_path / "run.csv"), TABLE)
 
@@ -142,7 +142,9 @@ def test_a_full_disk_is_reported_and_a_device_is_not_replaced(monkeypatch):
     # Protects the devices of this machine.
     make_fail(monkeypatch, "replace", AssertionError("a device would be replaced"))
     monkeypatch.setattr(Path, "touch", os.replace)
-    with pytest.raises(BeamdaeError, match=r"^/dev/full: it cannot be written, No space left"):
+    with pytest.raises(
+        BeamdaeError, match=r"^/dev/full: the file cannot be written: No space left"
+    ):
         write_text(Path("/dev/full"), "text")
 
 
@@ -190,7 +192,7 @@ def test_a_disk_that_fills_up_keeps_the_old_result(tmp_path):
         timeout=120,
     )
     assert run.returncode == 0, run.stderr
-    assert run.stdout.endswith("run.csv: it cannot be written, No space left on device.\n")
+    assert run.stdout.endswith("run.csv: the file cannot be written: No space left on device.\n")
 
 
 @posix
@@ -221,7 +223,9 @@ def test_a_write_protected_file_is_not_replaced(tmp_path, monkeypatch):
     path = write_text(tmp_path / "file.txt", "mine")
     # Root has write access to all files.
     monkeypatch.setattr(os, "access", lambda *_: False)
-    with pytest.raises(BeamdaeError, match=r"file\.txt: it cannot be written, Permission denied"):
+    with pytest.raises(
+        BeamdaeError, match=r"file\.txt: the file cannot be written: Permission denied"
+    ):
         write_text(path, "new")
     assert read_folder(tmp_path) == {"file.txt": b"mine"}
 

@@ -49,7 +49,7 @@ def particle(force, start=0.0, **settings):
 @pytest.mark.parametrize("integrator", [bd.Auto(), bd.GeneralizedAlpha()])
 def test_regression_a_law_with_a_pole_is_rejected(law, integrator):
     """Fixed steps skipped the pole, and the run reached its end."""
-    with pytest.raises(bd.BeamdaeError, match=r"^push: its law becomes infinite near t = 0\.\d+ s"):
+    with pytest.raises(bd.BeamdaeError, match=r"^push: the law becomes infinite near t = 0\.\d+ s"):
         bd.simulate(bar(law), integrator, 1.0)
 
 
@@ -210,7 +210,9 @@ def test_observables_may_have_the_names_of_drift_columns():
     mech = bar(angle=1.0)
     mech.observe("drift", mech.parts["bar"].at(0.0, 0.0))
     mech.observe("drift.position", mech.parts["bar"].at(0.0, 0.0))
-    with pytest.raises(bd.BeamdaeError, match=r"the observable name 'energy\.x' is taken"):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"the observable name 'energy\.x' is in use or reserved"
+    ):
         mech.observe("energy.x", mech.parts["bar"].at(0.0, 0.0))
     solution = bd.simulate(mech, bd.Ida(1e-3), 1.0)
     names = list(solution.observed)

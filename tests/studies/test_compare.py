@@ -157,7 +157,7 @@ def test_given_columns_must_exist_and_move(fine):
     constant = pd.DataFrame({"end.x [m]": [1.0, 1.0]})
     with pytest.raises(bd.BeamdaeError, match=r"end.x \[m\] must move"):
         deviations.select_error_columns(constant)
-    with pytest.raises(bd.BeamdaeError, match="must observe something"):
+    with pytest.raises(bd.BeamdaeError, match="observes nothing to compare"):
         deviations.select_error_columns(pd.DataFrame(index=[0, 1]))
 
 
@@ -207,7 +207,7 @@ def test_failed_runs_are_compared_up_to_the_time_they_reached():
 
 def test_failed_references_raise():
     with pytest.raises(
-        bd.BeamdaeError, match=r"singular_torque: the reference failed, .*stopped at t = 0.2"
+        bd.BeamdaeError, match=r"singular_torque: the reference run with  .*stopped at t = 0.2"
     ):
         bd.compare([bd.Case(swing, {}, ALPHA)], bd.Case(singular_torque, {}, ALPHA))
 
@@ -220,7 +220,9 @@ def test_invalid_cases_and_references_are_refused():
 
 
 def test_cases_must_have_the_columns_of_the_reference(fine):
-    with pytest.raises(bd.BeamdaeError, match=r"end.x \[m\] of the reference is not observed"):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"a case does not observe end.x \[m\] of the reference"
+    ):
         bd.compare([bd.Case(singular_torque, {}, ALPHA)], fine)
 
 
@@ -233,7 +235,7 @@ def test_an_interrupted_comparison_returns_all_rows():
     assert list(table["status"]) == ["interrupted"] * 2
     first, second = table["reason"]
     assert first.startswith("interrupted at t = ")
-    assert second == "not run, the study was interrupted"
+    assert second == "not run because the study was interrupted"
 
 
 def test_progress_receives_the_label_of_the_case():
@@ -276,14 +278,16 @@ def test_regression_columns_with_names_of_table_columns_are_compared():
 def test_observables_with_names_of_the_ledger_are_refused():
     mech = swing()
     for name in ("energy", "energy.x", "t"):
-        with pytest.raises(bd.BeamdaeError, match=f"the observable name '{name}' is taken"):
+        with pytest.raises(
+            bd.BeamdaeError, match=f"the observable name '{name}' is in use or reserved"
+        ):
             mech.observe(name, mech.part("bob").at(2.0, 0.0))
 
 
 def test_warnings_of_a_run_are_in_its_row():
-    with pytest.warns(bd.BeamdaeWarning, match="strip: it bends"):
+    with pytest.warns(bd.BeamdaeWarning, match="strip: the beam bends"):
         table = bd.compare([bd.Case(bending, {}, bd.GeneralizedAlpha(2e-4))])
-    assert table["warnings"][0].startswith("strip: it bends")
+    assert table["warnings"][0].startswith("strip: the beam bends")
 
 
 @pytest.mark.slow(reason="a study; the row of one case is in the test above")
@@ -292,4 +296,4 @@ def test_cases_of_studies_do_not_emit_their_warnings():
     with warnings.catch_warnings():
         warnings.simplefilter("error", bd.BeamdaeWarning)
         outcome = run_task(task.serialize({}))
-    assert outcome.values["warnings"].startswith("strip: it bends")
+    assert outcome.values["warnings"].startswith("strip: the beam bends")

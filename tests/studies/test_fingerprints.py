@@ -221,7 +221,7 @@ def test_fingerprints_depend_on_declared_files_which_must_exist(tmp_path):
     assert fingerprint(first) != before
     (tmp_path / "curve.h5").unlink()
     with pytest.raises(
-        bd.BeamdaeError, match=r"falling: data names a file 'curve.h5' that does not exist"
+        bd.BeamdaeError, match=r"falling: data names the file 'curve.h5', which does not exist"
     ):
         write_study(tmp_path, **named)
     for wrong in ("curve.h5", [1], 5, None):

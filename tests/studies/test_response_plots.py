@@ -38,7 +38,7 @@ def test_curves_connect_runs_in_order_of_the_parameter():
         swept.plot("tipp")
     with pytest.raises(bd.BeamdaeError, match="no parameter 'radius' varies; choose speed"):
         swept.plot(x="radius")
-    with pytest.raises(bd.BeamdaeError, match="a map needs two varied parameters, got 1 "):
+    with pytest.raises(bd.BeamdaeError, match="a map requires two varied parameters, got 1 "):
         swept.map()
 
 

@@ -196,7 +196,7 @@ def test_unreadable_records_are_reported(filled):
 def test_a_folder_in_the_place_of_a_file_is_refused_before_the_first_run(tmp_path):
     Store(tmp_path).record_path(TASK).mkdir(parents=True)
     with pytest.raises(
-        bd.BeamdaeError, match=r"\.json: it must be a file, but is a folder; remove"
+        bd.BeamdaeError, match=r"\.json: the path must be a file, but is a folder; remove"
     ):
         study_run.run_study(STUDY, tmp_path, SerialPool())
 
@@ -289,7 +289,9 @@ def test_regression_a_full_disk_ends_the_study_with_an_error(tmp_path, monkeypat
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", write_three_files)
-        with pytest.raises(bd.BeamdaeError, match="it cannot be written, No space left on device"):
+        with pytest.raises(
+            bd.BeamdaeError, match="the file cannot be written: No space left on device"
+        ):
             study_run.run_study(STUDY, tmp_path, SerialPool())
     assert not list(tmp_path.rglob("*.scratch"))
     seen = []

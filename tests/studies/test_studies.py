@@ -347,7 +347,7 @@ def test_cases_of_killed_workers_are_repeated_and_others_are_not_lost(tmp_path):
     study = create_study([*SWINGS[:2], once, always], t_end=0.1)
     results = run(study, tmp_path / "out", LocalPool(2))
     assert list(results.table["status"][:2]) == ["ok", "ok"]
-    assert results.table["reason"][3].startswith("its process died 2 times")
+    assert results.table["reason"][3].startswith("the process died 2 times")
     # One run of `once` was killed, perhaps its reference, and repeated.
     assert results.table["status"][2] == "ok"
     assert marker.read_text() == "x"
@@ -524,7 +524,7 @@ def test_fingerprints_depend_on_closures_and_arrays():
 
 
 def test_different_models_of_the_same_name_are_refused():
-    with pytest.raises(bd.BeamdaeError, match="two different models are called 'falling'"):
+    with pytest.raises(bd.BeamdaeError, match="two different models have the name 'falling'"):
         create_study(
             [bd.Case(create_model(1.0), {}, ALPHA), bd.Case(create_model(10.0), {}, ALPHA)]
         )
@@ -576,7 +576,7 @@ def test_interrupted_studies_are_resumed(tmp_path, monkeypatch):
     assert process.returncode == 130, errors
     assert "run the same command again to resume" in errors
     first = pd.read_csv(tmp_path / "out" / "masses" / "cases.csv")
-    assert "not run, the study was interrupted" in set(first["reason"])
+    assert "not run because the study was interrupted" in set(first["reason"])
     stored = len(list(outcomes.glob("*.json")))
     monkeypatch.chdir(tmp_path)
     # Figures take longer than the runs.

@@ -44,14 +44,14 @@ INVALID_NAMES += ["nul.txt", "com1", "", " a", "a ", "a.", "a:b", "\u202ea", "\u
 @pytest.mark.parametrize("name", INVALID_NAMES)
 def test_regression_names_that_are_no_folder_names_are_rejected(name):
     """Such names used to write outside of --out."""
-    with pytest.raises(bd.BeamdaeError, match="study: its name must be a valid folder name"):
+    with pytest.raises(bd.BeamdaeError, match="study: the name must be a valid folder name"):
         bd.Study(name, (bd.Case(swing),))
 
     def build(mass=1.0):
         return swing()
 
     build.__name__ = name
-    with pytest.raises(bd.BeamdaeError, match="model: build: its name must be a valid folder name"):
+    with pytest.raises(bd.BeamdaeError, match="model: build: the name must be a valid folder name"):
         bd.model(t_end=1.0)(build)
 
 
@@ -151,18 +151,21 @@ def create_listing(result):
         (create_listing(None), "listing: cases must be a list of at least one Case, got None"),
         (create_listing(5), "listing: cases must be a list of at least one Case, got 5"),
         (create_listing([]), "listing: cases must be a list of at least one Case, got "),
-        (create_listing([1]), "listing: cases must be a list of at least one Case, got 1 in it"),
+        (
+            create_listing([1]),
+            "listing: cases must be a list of at least one Case, but one entry is 1",
+        ),
         (
             create_listing(lambda: (1 / 0 for _ in "a")),
-            "listing: it cannot list its cases, ZeroDivisionErr",
+            "listing: the list of cases failed:  ZeroDivisionErr",
         ),
         (
             create_listing(lambda: sys.exit(3)),
-            r"listing: it cannot list its cases, it called sys.exit\(3\)",
+            r"listing: the list of cases failed:  sys.exit\(3\) was called",
         ),
-        (lambda x: [CASE], "it cannot list its cases, TypeError"),
-        (5, "study: it must decorate a function, got 5"),
-        (None, "study: it must decorate a function, got None"),
+        (lambda x: [CASE], "the list of cases failed:  TypeError"),
+        (5, "study: the decorated object must be a function, got 5"),
+        (None, "study: the decorated object must be a function, got None"),
     ],
 )
 def test_regression_wrong_study_functions_are_rejected(function, message):

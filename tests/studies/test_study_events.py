@@ -56,7 +56,7 @@ def test_a_case_with_other_events_than_the_reference_warns():
     case = bd.Case(pendulum, {"turn": 4.0}, FINE)
     table = bd.compare([case], reference=bd.Case(pendulum, {}, FINE))
     assert table["warnings"][0] == (
-        "other events than in the reference: bottom; in the reference: bottom, caught."
+        "events differ from the reference: bottom instead of bottom, caught."
     )
     # Events of a longer reference count up to the end of the case.
     later = bd.compare([case], reference=bd.simulate(pendulum, FINE), t_end=0.6)

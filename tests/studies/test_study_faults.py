@@ -114,7 +114,9 @@ def test_regression_compare_has_a_row_for_each_exception(tmp_path, monkeypatch):
     table = bd.compare([*create_faulty_cases(*REASONS, "long"), bd.Case(swing, {}, ALPHA)])
     assert list(table["reason"][:-2]) == list(REASONS.values())
     assert list(table["status"]) == ["failed"] * 6 + ["ok"]
-    with pytest.raises(bd.BeamdaeError, match=r"the reference failed, .*sys\.exit\(3\)"):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"the reference run with .* failed: .*sys\.exit\(3\)"
+    ):
         bd.compare([bd.Case(swing)], reference=create_faulty_cases("exit")[0])
     interrupted = bd.compare([*create_faulty_cases("interrupt"), bd.Case(swing, {}, ALPHA)])
     assert list(interrupted["status"]) == ["interrupted"] * 2
@@ -261,11 +263,11 @@ def test_processes_that_die_or_hang_are_rows(tmp_path, monkeypatch, capfd):
     sentences = {kind: x.outcome.status.sentence for kind, x in results.items()}
     assert {kind: sentences[kind] for kind in REASONS} == REASONS
     assert sentences["interrupt"] == "the model raised KeyboardInterrupt"
-    died = "its process died 2 times: it"
+    died = "the process died 2 times; the last one"
     assert sentences["at once"] == f"{died} ended with exit code 0"
     assert sentences["at once, 3"] == f"{died} ended with exit code 3"
     assert sentences["killed"] == f"{died} was killed by SIGKILL"
-    assert sentences["hanging"] == "killed because it did not stop at its time limit"
+    assert sentences["hanging"] == "killed because it did not stop at the time limit"
     assert "memory" in sentences["greedy"]
     assert all(results[kind].outcome.status.success for kind in harmless)
     assert [kind for kind, x in results.items() if not x.storable] == [

@@ -100,9 +100,7 @@ class Arm(tuple):
 
 def test_parameter_of_a_user_type_is_serialized_with_the_model(monkeypatch):
     calls = []
-    monkeypatch.setattr(
-        "beamdae.studies.tasks.serialize_with_model", lambda *_: calls.append(1)
-    )
+    monkeypatch.setattr("beamdae.studies.tasks.serialize_with_model", lambda *_: calls.append(1))
     task = replace(
         sweep({}).task(sweep({}).cases[0]), case=bd.Case(swing, {"arm": Arm((1.0, 0.0))})
     )
@@ -246,7 +244,7 @@ def test_page_without_references_has_one_group_and_the_curves_of_the_first_cases
     has_curves = [case["curves"] is not None for case in page["cases"]]
     assert has_curves == [True, False, True, True, False, False]
     assert page["notes"] == [
-        "Curves are shown for the first 4 cases; those of all cases are in trajectories/."
+        "Curves are shown for the first 4 cases; the curves of all cases are in trajectories/."
     ]
     assert write_page(tmp_path / "report.html", page).stat().st_size > 10_000
     assert list_plots(swept) == {}

@@ -73,8 +73,8 @@ def test_outputs_are_columns():
 @pytest.mark.parametrize(
     ("output", "reason"),
     [
-        (lambda run: run["tipp"], "the output 'peak' failed, BeamdaeError: "),
-        (lambda run: 1 / 0, "the output 'peak' failed, ZeroDivisionError: division by zero."),
+        (lambda run: run["tipp"], "the output 'peak' failed: BeamdaeError: "),
+        (lambda run: 1 / 0, "the output 'peak' failed: ZeroDivisionError: division by zero."),
         (lambda run: run["tip.x"], "the output 'peak' must be a number, a bool, a string or"),
     ],
 )
@@ -144,7 +144,7 @@ def test_function_with_defaults_is_a_model():
         ({"folder": 3}, "turning_sweep: folder must be the path of a folder of results, got 3."),
         ({"progress": 3}, "turning_sweep: progress must be a function, got 3."),
         ({"model": 3}, "sweep: model must be a function with parameters that builds a mechanism"),
-        ({"model": lambda speed=1.0: 0}, "sweep: <lambda> has no default end time; give"),
+        ({"model": lambda speed=1.0: 0}, "sweep: <lambda> has no default end time; pass"),
         (
             {"over": None, "jobs": 2},
             "sweep: folder, jobs, scheduler and progress are not arguments",
@@ -180,7 +180,7 @@ def test_runs_are_looked_up_by_their_parameters(speed_radius_sweep):
     ):
         speed_radius_sweep.run(sped=9.0)
     with pytest.raises(
-        bd.BeamdaeError, match=r"radius=0 has no rows, turning: radius must .*, got 0.0.$"
+        bd.BeamdaeError, match=r"radius=0 has no rows: turning: radius must .*, got 0.0.$"
     ):
         speed_radius_sweep.run(speed=2.0, radius=0.0)
 

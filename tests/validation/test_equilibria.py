@@ -121,7 +121,7 @@ def test_path_of_a_frame_passes_turning_points():
     factors = [[point.factor for point in path.critical] for path in (coarse, fine)]
     # Mesh error of four elements.
     assert_allclose(factors[0], factors[1], rtol=3e-5)
-    with pytest.warns(bd.BeamdaeWarning, match="continues where a displacement turns back"):
+    with pytest.warns(bd.BeamdaeWarning, match="to continue where a displacement reverses"):
         bd.equilibrium(equilibria.lee_frame(4), to={"load.y": 30.0})
 
 

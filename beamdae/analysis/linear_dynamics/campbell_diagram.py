@@ -1,4 +1,4 @@
-"""Campbell diagram: natural frequencies and growth rates over the speed of rotation."""
+"""Campbell diagram: natural frequencies and growth rates as functions of the rotation speed."""
 
 from __future__ import annotations
 
@@ -20,25 +20,28 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# Modes computed beyond those requested, so that none is lost where frequencies cross.
+# Number of additional modes computed at each speed, so that no mode is lost where frequencies
+# cross.
 _EXTRA_MODES = 4
-# Weight of decaying modes in the assignment: where a vibration splits into growth and decay, the
-# diagram follows the growth.
+# Weight of decaying modes in the assignment: if a vibration splits into a growing and a decaying
+# mode, the diagram follows the growing mode.
 _DECAY_WEIGHT = 0.5
 
 
 @dataclass(frozen=True, repr=False)
 class Campbell:
-    """Modes over the speed of rotation; see `campbell`.
+    """Modes as functions of the rotation speed; see `campbell`.
 
     Attributes
     ----------
     speeds
-        (s,) [rad/s].
+        Rotation speeds [rad/s], (s,).
     eigenvalues
-        (s, k) complex [1/s]; each column is one mode, followed from speed to speed by its shape.
+        Complex eigenvalues [1/s], (s, k); each column follows one mode from speed to speed by its
+        shape.
     modes
-        Modes at each speed, lowest first; more of them than are followed.
+        All modes computed at each speed, lowest first, including modes that are not in
+        `eigenvalues`.
     """
 
     speeds: Array
@@ -57,7 +60,7 @@ class Campbell:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings of the modes at each speed."""
+        """Warnings about the modes at each speed."""
         return tuple(
             f"at {speed:g} rad/s {sentence}"
             for speed, at_speed in zip(self.speeds, self.modes, strict=True)
@@ -85,7 +88,7 @@ def campbell(
 ) -> Campbell:
     """Compute the Campbell diagram of a mechanism in steady rotation.
 
-    Modes of successive speeds are paired by the modal assurance criterion; see `rotation` for the
+    Modes at successive speeds are matched by the modal assurance criterion. See `rotation` for the
     state and `modes` for the eigenvalues.
 
     Parameters
@@ -93,13 +96,13 @@ def campbell(
     model
         A model function (with its defaults), a mechanism, a constrained system or equations.
     speeds
-        Angular speeds [rad/s], in the order in which modes are followed.
+        Rotation speeds [rad/s]; modes are followed in this order.
     n
         Number of modes.
     center
-        Center of rotation in the reference drawing [m].
+        Center of rotation in the reference configuration [m].
     damping
-        False: undamped modes; see `modes`.
+        Set False for undamped modes; see `modes`.
 
     Returns
     -------
@@ -130,7 +133,7 @@ def campbell(
         for speed in require_sequence("campbell", "speeds", speeds, "a list of speeds [rad/s]")
     ]
     if not values:
-        raise BeamdaeError("campbell: speeds must contain at least one speed [rad/s].")
+        raise BeamdaeError("campbell: speeds must contain at least one value [rad/s], got none.")
     count = require_count("campbell", "n", n)
     if isinstance(model, Model):
         model = model()

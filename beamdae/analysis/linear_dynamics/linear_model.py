@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy.linalg as la
 
-from beamdae.analysis.linear_dynamics.linearization import REFERENCE, Linearization, linearize_about
+from beamdae.analysis.linear_dynamics.linearization import (
+    REFERENCE,
+    Linearization,
+    linearize_about,
+    massless_error,
+)
 from beamdae.analysis.linear_dynamics.steady_rotation import RotatingCoordinates
 from beamdae.equations.assembly.building import build_equations
 from beamdae.equations.assembly.coordinate_map import map_coordinates
@@ -30,27 +35,28 @@ Array = np.ndarray
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
-# State matrices are dense.
+# State matrices are dense, so that memory grows with the square of this number.
 _MAX_COORDINATES = 2000
 
 
 @dataclass(frozen=True, repr=False)
 class LinearModel:
-    """State-space model of small deviations from a state; see `linearize`.
+    """Linear state-space model of small deviations from a state; see `linearize`.
 
     Attributes
     ----------
     A, B, C, D
-        Arrays of x' = A x + B u, y = C x + D u. `tuple(model)` gives all four, as `scipy.signal`
-        and python-control take them: `control.ss(*model, inputs=[u.name for u in model.inputs])`.
+        Arrays of x' = A x + B u, y = C x + D u. `tuple(model)` returns all four, for `scipy.signal`
+        and python-control: `control.ss(*model, inputs=[u.name for u in model.inputs])`.
     states
-        Names and units: independent coordinates of the mechanism, then their rates.
+        Names and units of the states: independent coordinates of the mechanism, then their rates.
     inputs
-        Names and units: "push.Fy" [N]; for drivers the acceleration, "motor.angle_ddot" [rad/s^2].
+        Names and units of the inputs, such as "push.Fy" [N]; for drivers the acceleration,
+        "motor.angle_ddot" [rad/s^2].
     outputs
         Names and units of the observed columns.
     state_values, output_values
-        Values of states and outputs in the state from which deviations are measured.
+        Values of states and outputs at the state about which the model is linearized.
     about
         Description of the state.
     warnings
@@ -96,7 +102,7 @@ class LinearModel:
         Returns
         -------
         numpy.ndarray
-            Complex, (k, outputs, inputs); units of the outputs over those of the inputs.
+            Complex, (k, outputs, inputs), in units of output per unit of input.
 
         Raises
         ------
@@ -119,8 +125,9 @@ class LinearModel:
                 row[:] = np.nan
             if not np.all(np.isfinite(row)):
                 raise BeamdaeError(
-                    f"frequency_response: the response at {f:g} Hz is not finite, which is the "
-                    "frequency of an undamped mode or of a free motion; choose other frequencies."
+                    f"frequency_response: the response at {f:g} Hz is infinite because "
+                    "an undamped mode or a free motion has this frequency; choose "
+                    "other frequencies."
                 )
         return response
 
@@ -145,8 +152,8 @@ def linearize(
     model, about, t
         See `modes`.
     inputs
-        Names of forces, moments and drivers. Defaults to all of them; the others keep their value
-        in the state.
+        Names of forces, moments and drivers. Defaults to all of them. Those not named keep their
+        value at the state.
     outputs
         Names of observables. Defaults to all of them.
 
@@ -158,7 +165,8 @@ def linearize(
     Raises
     ------
     BeamdaeError
-        If there is no such state, input or output, or the model has more than 2000 coordinates.
+        If the state, an input or an output does not exist, or the model has more than 2000
+        coordinates.
 
     Examples
     --------
@@ -181,23 +189,23 @@ def linearize(
     observables = _resolve_outputs(lin, outputs)
     if lin.equations.n > _MAX_COORDINATES:
         raise BeamdaeError(
-            f"linearize: the model has {lin.equations.n} coordinates, more than "
-            f"{_MAX_COORDINATES}; use fewer elements."
+            f"linearize: the model has {lin.equations.n} coordinates, more than the "
+            f"maximum of {_MAX_COORDINATES}; use fewer elements."
         )
     return _StateReduction(lin, model_inputs).linear_model(observables)
 
 
 class ModelInput(NamedTuple):
-    """An input of a linear model.
+    """Input of a linear model.
 
     Attributes
     ----------
     quantity
-        Name and unit: "push.Fy" [N]; for drivers the acceleration they prescribe.
+        Name and unit, such as "push.Fy" [N]; for drivers, the prescribed acceleration.
     force
-        Change of F by one unit of it, (n,).
+        Change of F per unit of the input, (n,).
     constraints
-        Change of the constraints by one unit of it, by name; empty for loads.
+        Change of the constraints per unit of the input, by name; empty for loads.
     """
 
     quantity: Variable
@@ -208,7 +216,7 @@ class ModelInput(NamedTuple):
 def _resolve_inputs(
     mechanism: Any, lin: Linearization, part_names: Sequence[str] | None
 ) -> list[ModelInput]:
-    """Return the inputs of the named parts; None: of all parts with inputs."""
+    """Return the inputs of the named parts, or of all parts if `part_names` is None."""
     parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
     candidates = {name: part for name, part in parts.items() if part.inputs}
     if part_names is None:
@@ -217,8 +225,9 @@ def _resolve_inputs(
     for name in require_sequence("linearize", "inputs", part_names, "names"):
         if not isinstance(name, str) or name not in candidates:
             raise BeamdaeError(
-                f"linearize: no input {short_repr(name)}{suggest(name, candidates)}; inputs are "
-                "names of forces, moments and drivers of the mechanism."
+                "linearize: there is no input "
+                f"{short_repr(name)}{suggest(name, candidates)}; inputs are names of "
+                "forces, moments and drivers of the mechanism."
             )
         inputs += _part_inputs(mechanism, candidates[name], lin)
     return inputs
@@ -229,7 +238,7 @@ def _part_inputs(mechanism: Mechanism, part: Part, lin: Linearization) -> list[M
     values = [law.at(t) for law in part.laws]
     inputs = []
     for k, law_quantity in enumerate(part.inputs):
-        # Loads and drivers are linear in their laws, so the difference is exact for any step.
+        # Loads and drivers depend linearly on their laws, so the difference is exact for any step.
         step = max(1.0, abs(values[k]))
         ends = []
         for sign in (1.0, -1.0):
@@ -252,7 +261,7 @@ def _part_inputs(mechanism: Mechanism, part: Part, lin: Linearization) -> list[M
 def _part_residual(
     mechanism: Mechanism, part: Part, lin: Linearization
 ) -> tuple[EquationsOfMotion, Array]:
-    """Return the equations of one part on the coordinates of all, and their residual."""
+    """Return the equations of one part in the coordinates of the mechanism, and their residual."""
     coordinate_map, e = map_coordinates(mechanism), lin.equations
     forces, constraints, _ = collect_statements(part, mechanism.gravity, coordinate_map.sizes)
     equations = build_equations(
@@ -275,7 +284,7 @@ def _part_residual(
 def _resolve_outputs(
     lin: Linearization, observable_names: Sequence[str] | None
 ) -> list[Observable]:
-    """Return the observables of these names; None: all of them."""
+    """Return the named observables, or all observables if `observable_names` is None."""
     observables = {o.name: o for o in lin.full_equations.observables}
     if observable_names is None:
         observable_names = list(observables)
@@ -283,8 +292,9 @@ def _resolve_outputs(
     for name in names:
         if not isinstance(name, str) or name not in observables:
             raise BeamdaeError(
-                f"linearize: no output {short_repr(name)}{suggest(name, observables)}; outputs are "
-                "names of observables."
+                "linearize: there is no output "
+                f"{short_repr(name)}{suggest(name, observables)}; outputs are names of "
+                "observables."
             )
     return [observables[name] for name in names]
 
@@ -292,7 +302,7 @@ def _resolve_outputs(
 class _StateReduction:
     """Reduction to independent coordinates x and rates w: dq = Z x, dv = Y w + W x.
 
-    W is nonzero only for constraints on velocities, where V W = -J Z.
+    W is nonzero only if velocities are constrained; it satisfies V W = -J Z.
     """
 
     def __init__(self, lin: Linearization, inputs: Sequence[ModelInput]) -> None:
@@ -325,14 +335,14 @@ class _StateReduction:
             tangent.mass, tangent.reactions, tangent.acceleration_jacobian(e)
         )
         if solve is None:
-            raise BeamdaeError("linearize: a coordinate has no inertia; add mass or a joint.")
+            raise massless_error(e, tangent)
         self.solve = solve
 
     def linear_model(self, observables: Sequence[Observable]) -> LinearModel:
         """Return the state-space model with these outputs."""
         e, lin, tangent = self.e, self.lin, self.lin.tangent
         nx, nw = len(self.x_indices), len(self.w_indices)
-        # Derivatives by the columns (x, w, u).
+        # Derivatives with respect to (x, w, u), by columns.
         dq = np.hstack([self.z, np.zeros((e.n, nw + len(self.inputs)))])
         dv = np.hstack([self.w, self.y, np.zeros((e.n, len(self.inputs)))])
         right = np.zeros((e.n + e.m, dq.shape[1]))
@@ -369,9 +379,10 @@ class _StateReduction:
     def _differentiate_outputs(
         self, observables: Sequence[Observable], dq: Array, dv: Array, dlam: Array
     ) -> tuple[Array, Array, tuple[Variable, ...]]:
-        """Return the derivatives of the outputs by (x, w, u), their values and their names."""
+        """Return the derivatives of the outputs by (x, w, u), their values, and their names."""
         lin, full = self.lin, self.lin.full_equations
-        # Multipliers of inactive or redundant constraints are zero: the entry appended last.
+        # Multipliers of inactive or redundant constraints are zero; row -1 refers to the appended
+        # zero.
         rows = [self.rows.get(name, -1) for name in full.lam_names]
         lam = np.append(lin.state.lam, 0.0)[rows] if rows else np.zeros(0)
         full_dlam = np.vstack([dlam, np.zeros((1, dlam.shape[1]))])[rows]
@@ -379,8 +390,9 @@ class _StateReduction:
         for o in observables:
             if full.redundant and o.rows.stop > o.rows.start and self.e.m < full.m:
                 raise BeamdaeError(
-                    f"linearize: {o.name} cannot be an output, reactions of redundant joints are "
-                    "not defined by the linear model; choose other outputs."
+                    f"linearize: {o.name} cannot be an output because the linear model "
+                    "does not determine reactions of redundant joints; choose other "
+                    "outputs."
                 )
             q, v = o.operator @ lin.state.q, o.operator @ lin.state.v
             data = full.p[o.data]
@@ -396,9 +408,9 @@ class _StateReduction:
 
 
 def _independent_coordinates(rows: Array, scales: Array) -> tuple[Array, Array]:
-    """Return independent coordinates under rows @ dq = 0 and Z of dq = Z dq[independent].
+    """Return independent coordinates for rows @ dq = 0, and Z with dq = Z dq[independent].
 
-    They are chosen by QR factorization with column pivoting, in natural sizes.
+    They are chosen by QR factorization with column pivoting of the rows scaled by natural sizes.
     """
     n = rows.shape[1]
     matrix = rows * scales

@@ -1,4 +1,4 @@
-"""Linearization of a mechanism about a state: as drawn, at rest, in steady rotation or in motion.
+"""Linearization of a mechanism about a state: at rest, in steady rotation or in motion.
 
     M x'' + C x' + K x + H mu = 0,    J x + V x' = 0
 
@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy.linalg as la
 import scipy.sparse as sp
 
 from beamdae.analysis.linear_dynamics.steady_rotation import (
@@ -38,20 +39,22 @@ Array = np.ndarray
 TangentFunction = Callable[[State], Tangent]
 
 REFERENCE = "reference"
-# Load factors within this of one count as one: Newton's method does not reach it exactly.
+# Load factors that differ from one by less than this count as one, because Newton's method does not
+# reach one exactly.
 _FACTOR_TOLERANCE = 1e-9
-# Forces beyond this share of the largest one, and beyond rounding, are unbalanced.
+# Net forces above rounding and above this fraction of the largest force mean that the state is not
+# an equilibrium.
 _UNBALANCED_FORCE_RATIO = 1e-6
-# Where forces are unbalanced, elements leave squared frequencies of zero below this share of the
-# largest acceleration in natural sizes.
+# If forces are unbalanced, zero squared frequencies are computed with errors below this fraction of
+# the largest acceleration in natural sizes.
 _ZERO_SQUARE_RATIO = 1e-6
-# Step, in natural sizes, of the finite difference of the mass matrix.
+# Step, in natural sizes, of the finite differences of the mass matrix.
 _MASS_DIFFERENCE_STEP = 1e-3
 
 
 @dataclass(frozen=True)
 class Linearization:
-    """A mechanism linearized about a state.
+    """Mechanism linearized about a state.
 
     Attributes
     ----------
@@ -62,15 +65,15 @@ class Linearization:
     about
         Description of the state.
     time, state
-        (t, branch), and coordinates, velocities, accelerations and multipliers.
+        (t, branch), and the state (q, v, a, lam).
     tangent
-        The matrices.
+        Matrices of the linearized equations.
     warnings
         Limits of the validity of the result.
     zero_square
-        Squared frequencies up to this are zero [1/s^2].
+        Squared frequencies up to this value count as zero [1/s^2].
     rotation
-        The steady rotation, or None; coordinates are then those of the rotating frame.
+        Steady rotation, or None. If set, coordinates refer to the rotating frame.
     """
 
     equations: EquationsOfMotion
@@ -85,7 +88,7 @@ class Linearization:
 
     @property
     def nonholonomic(self) -> Array:
-        """Mask (m,) of the constraints on velocities."""
+        """Mask of the constraints on velocities, (m,)."""
         mask = np.zeros(self.equations.m, bool)
         mask[self.equations.nonholonomic_rows] = True
         return mask
@@ -108,7 +111,7 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
     Raises
     ------
     BeamdaeError
-        If `about` is invalid or there is no such state.
+        If `about` is invalid, or no such state exists.
     """
     if isinstance(about, Equilibrium):
         return _linearize_path_end(name, model, about)
@@ -126,8 +129,9 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
         return _linearize_rest(as_equations(name, model, AS_DRAWN), REFERENCE, t)
     if not isinstance(about, (str, Mapping)):
         raise BeamdaeError(
-            "about: it must be 'reference', 'equilibrium', positions by name, bd.rotation(...), "
-            f"solution.at(t) or a result of bd.equilibrium, got {short_repr(about)}."
+            "linearization: about must be 'reference', 'equilibrium', positions by "
+            "name, bd.rotation(...), solution.at(t) or a result of bd.equilibrium, "
+            f"got {short_repr(about)}."
         )
     require_start("about", about)
     full_equations = apply_initial_conditions(as_equations(name, model, AS_DRAWN), about, t)
@@ -140,7 +144,7 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
 def _active_equations(
     full_equations: EquationsOfMotion, instant: Instant | None, t: float
 ) -> tuple[EquationsOfMotion, Array]:
-    """Return the equations of the active parts without redundant constraints, and (t, branch)."""
+    """Return the equations of active parts without redundant constraints, and (t, branch)."""
     active = full_equations
     configurations = full_equations.configurations
     if configurations is not None:
@@ -161,11 +165,11 @@ def _active_equations(
 
 
 def _linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Linearization:
-    """Linearize about an instant of a run, whose state is held constant."""
+    """Linearize about an instant of a run; position and velocity are frozen."""
     if len(instant.state.q) != full_equations.n:
         raise BeamdaeError(
-            f"about: the solution is not one of this model, it has {len(instant.state.q)} "
-            f"coordinates instead of {full_equations.n}."
+            f"about: the solution has {len(instant.state.q)} coordinates, but this "
+            f"model has {full_equations.n}; pass a solution of this model."
         )
     equations, time = _active_equations(full_equations, instant, instant.t)
     state = ConsistencySolver(equations).state(time, instant.state.q, instant.state.v)
@@ -181,7 +185,7 @@ def _linearize_rest(full_equations: EquationsOfMotion, description: str, t: floa
 
 
 def _linearize_path_end(name: str, model: Any, path: Equilibrium) -> Linearization:
-    """Linearize about the last equilibrium of a path, under the loads there."""
+    """Linearize about the last equilibrium of a path, under the loads at that point."""
     full_equations = path.to_checkpoint().start_equations(as_equations(name, model, AS_DRAWN))
     stages = [list(stage) for stage in path.loads] or None
     loading = build_loading(model, full_equations, stages, path.t)
@@ -201,12 +205,13 @@ def _linearize_path_end(name: str, model: Any, path: Equilibrium) -> Linearizati
 def linearize_at_rest(
     e: EquationsOfMotion, time: Array, tangent_at: TangentFunction
 ) -> tuple[State, Tangent, tuple[str, ...], float]:
-    """Linearize about rest at the start of `e`, with the reactions there and drivers fixed.
+    """Linearize about the start positions of `e` at rest, with drivers fixed.
 
     Returns
     -------
     tuple
-        State, matrices, warnings, and the bound [1/s^2] up to which squared frequencies are zero.
+        State, matrices, warnings, and the bound [1/s^2] up to which squared frequencies count as
+        zero.
     """
     solver = ConsistencySolver(e)
     solver.require_inertia()
@@ -219,29 +224,40 @@ def linearize_at_rest(
     acceleration = np.abs(state.a) / e.position_scales
     worst = int(np.argmax(acceleration))
     warning = (
-        f"{e.q_names[worst]}: this state is not an equilibrium, the coordinate accelerates by "
-        f"{state.a[worst]:.3g} when released; use about='equilibrium' unless you want frequencies "
-        "of the second derivatives of the potential."
+        f"{e.q_names[worst]}: the coordinate accelerates by {state.a[worst]:.3g} when "
+        "released, so this state is not an equilibrium; use about='equilibrium' "
+        "unless you want frequencies of the second derivatives of the potential."
     )
     return state, tangent, (warning,), _ZERO_SQUARE_RATIO * float(acceleration[worst])
 
 
+def massless_error(e: EquationsOfMotion, tangent: Tangent) -> BeamdaeError:
+    """Return the error that names the coordinate without inertia of a singular mass matrix."""
+    rows = tangent.acceleration_jacobian(e)
+    matrix = (
+        sp.block_array([[tangent.mass, tangent.reactions], [rows, None]]) if e.m else tangent.mass
+    )
+    motion = la.svd(np.nan_to_num(matrix.toarray()))[2][-1, : e.n]
+    name = e.q_names[int(np.argmax(np.abs(motion)))]
+    return BeamdaeError(f"{name}: this coordinate has no inertia; add mass or a joint.")
+
+
 def _release(e: EquationsOfMotion, tangent_at: TangentFunction, rest: State) -> State:
-    """Return the accelerations and reactions at rest: M a + F + G^T lam = 0, J a = 0."""
+    """Return the state released from rest, with M a + F + G^T lam = 0 and J a = 0."""
     tangent = tangent_at(rest)
     solve = factorize_saddle_point(
         tangent.mass, tangent.reactions, tangent.acceleration_jacobian(e)
     )
     if solve is None:
-        raise BeamdaeError("modes: a coordinate has no inertia; add mass or a joint.")
+        raise massless_error(e, tangent)
     solution = solve(np.concatenate([-tangent.residual[: e.n], np.zeros(e.m)]))
     return rest._replace(a=solution[: e.n], lam=solution[e.n :])
 
 
 def _is_unbalanced(e: EquationsOfMotion, tangent: Tangent, state: State, force: Array) -> bool:
-    """Return True if accelerations exceed the rounding of an equilibrium.
+    """Return True if accelerations exceed rounding errors, so that the state is no equilibrium.
 
-    `force` is F + G^T lam without inertia.
+    `force` is F + G^T lam at zero acceleration.
     """
     inertia = np.abs(tangent.mass @ state.a)
     reactions = np.abs(tangent.reactions @ state.lam)
@@ -253,14 +269,15 @@ def _is_unbalanced(e: EquationsOfMotion, tangent: Tangent, state: State, force: 
 def _covariant_stiffness(
     e: EquationsOfMotion, tangent_at: TangentFunction, state: State, tangent: Tangent
 ) -> sp.csc_array:
-    """Return the stiffness that does not depend on the choice of coordinates, at rest.
+    """Return the stiffness at rest, independent of the choice of coordinates.
 
-    Where a is not zero, the derivative of F at constant a depends on the coordinates. The
+    If a is not zero, the derivative of F at constant a depends on the choice of coordinates. The
     covariant derivative in the metric of the mass matrix does not:
 
         K - (N - N^T + dM) / 2,    N = d(M a)/dq at constant a,    dM = dM/dq[a]
 
-    For a potential V it is the Hessian of V on the manifold of admissible positions.
+    If the forces have a potential V, it is the Hessian of V on the manifold of admissible
+    positions.
     """
     unaccelerated = tangent_at(state._replace(a=np.zeros(e.n)))
     inertial_stiffness = tangent.stiffness - unaccelerated.stiffness
@@ -268,7 +285,7 @@ def _covariant_stiffness(
     masses = [
         tangent_at(state._replace(q=state.q + k * step * state.a)).mass for k in (-2, -1, 1, 2)
     ]
-    # Central difference of fourth order.
+    # Fourth-order central difference.
     mass_rate = (masses[0] - 8.0 * masses[1] + 8.0 * masses[2] - masses[3]) / (12.0 * step)
     asymmetry = inertial_stiffness - inertial_stiffness.T
     return sp.csc_array(tangent.stiffness - 0.5 * (asymmetry + mass_rate))

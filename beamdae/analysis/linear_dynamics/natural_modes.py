@@ -1,4 +1,4 @@
-"""Natural modes: frequencies, damping ratios, shapes and energy shares of the parts."""
+"""Natural modes: frequencies, damping ratios, shapes and kinetic energy fractions of the parts."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ Array = np.ndarray
 
 # Kinds of modes.
 RIGID, VIBRATION, DECAY, UNSTABLE = "free motion", "vibration", "decay", "unstable"
-# Real parts up to this share of the eigenvalue are rounding.
+# Real parts below this fraction of the eigenvalue are rounding errors.
 _GROWTH_TOLERANCE = 1e-9
-# Least share of the kinetic energy for a part to be named in the table.
+# Least fraction of the kinetic energy for a part to be listed in the table.
 _MIN_NAMED_SHARE = 0.005
-# Effective masses below this share of the moving mass are rounding.
+# Effective masses below this fraction of the moving mass are rounding errors.
 _MASS_ROUNDING = 1e-20
-# Number of frequencies in the repr.
+# Number of frequencies shown in the repr.
 _REPR_FREQUENCIES = 5
-# Asymmetry that counts as none, relative to the largest entry: of exact matrices, and of matrices
-# with derivatives by differences.
+# Largest asymmetry of a matrix that counts as symmetric, relative to the largest entry: for exact
+# matrices, and for matrices with finite differences.
 _EXACT_TOLERANCE = 1e-12
 _DIFFERENCE_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, repr=False)
 class Modes:
-    """Natural modes of a mechanism about a state, lowest first; see `modes`.
+    """Natural modes of a mechanism about a state, in ascending order; see `modes`.
 
     Small motions about the state are sums of Re(shape exp(eigenvalue t)).
 
@@ -50,17 +50,18 @@ class Modes:
     about
         Description of the state.
     eigenvalues
-        (k,) complex [1/s]; of a conjugate pair the one with positive imaginary part.
+        Complex eigenvalues [1/s], (k,). Each conjugate pair is represented by the eigenvalue with
+        positive imaginary part.
     shapes
-        (k, n) coordinates of each mode, normalized to x^H M x = 1 and as real as possible. In the
-        rotating frame if the state is a rotation.
+        Mode shapes, (k, n), normalized to x^H M x = 1 and as real as possible; in the rotating
+        frame if the state is a steady rotation.
     kinds
         "vibration"; "free motion" (eigenvalue zero); "decay" (without oscillation); or "unstable"
         (growing).
     q
         Coordinates of the state, (n,).
     mechanism
-        The mechanism to draw, or None.
+        Mechanism for pictures of the modes, or None.
     warnings
         Limits of the validity of the result.
     """
@@ -100,7 +101,7 @@ class Modes:
 
     @cached_property
     def shares(self) -> dict[str, Array]:
-        """Share of each part in the kinetic energy of each mode, (k,) by name; the sum is 1."""
+        """Kinetic energy fraction of each part in each mode, (k,) by name; the sum is 1."""
         e = self._linearization.equations
         momentum = self._linearization.tangent.mass @ self.shapes.T
         energy = np.real(self.shapes.conj().T * momentum)
@@ -111,8 +112,8 @@ class Modes:
     def effective_masses(self) -> Array:
         """Effective modal masses |x^H M r|^2 along x and y [kg], (k, 2).
 
-        r is the unit translation of all coordinates along the axis. For a mechanism that only the
-        ground supports, the masses of all modes add up to the mass that can move.
+        r is the unit translation of all coordinates along the axis. If only the ground supports the
+        mechanism, the effective masses of all modes add up to the mass that can move.
         """
         lin = self._linearization
         coordinates, mass = RotatingCoordinates.from_equations(lin.equations), lin.tangent.mass
@@ -138,7 +139,7 @@ class Modes:
         return pd.DataFrame(columns)
 
     def mac(self, other: Modes) -> Array:
-        """Return the modal assurance criterion with other modes of the same mechanism.
+        """Return the modal assurance criterion (MAC) with other modes of the same mechanism.
 
         |x^H M y|^2 / (x^H M x y^H M y): one for equal shapes (Allemang & Brown 1982, here in the
         metric of the mass matrix), zero for different modes of one undamped state.
@@ -146,17 +147,17 @@ class Modes:
         Parameters
         ----------
         other
-            Modes with the same coordinates, about this or another state.
+            Modes with the same coordinates, about the same or a different state.
 
         Returns
         -------
         numpy.ndarray
-            (k, number of other modes), dimensionless, 0 to 1.
+            MAC values from 0 to 1, (k, number of other modes).
 
         Raises
         ------
         BeamdaeError
-            If `other` has other coordinates.
+            If `other` has different coordinates.
         """
         if not isinstance(other, Modes) or other.shapes.shape[1] != self.shapes.shape[1]:
             raise BeamdaeError(
@@ -181,7 +182,7 @@ class Modes:
 def modes(
     model: Any, about: Any = REFERENCE, n: int | None = 10, damping: bool = True, t: float = 0.0
 ) -> Modes:
-    """Compute natural modes: the lowest eigenvalues of the equations linearized about a state.
+    """Compute the natural modes of the equations linearized about a state.
 
     The modes Re(x exp(l t)) solve M x'' + C x' + K x + H mu = 0 under the linearized constraints.
     The matrices contain prestress, weight, the geometric stiffness of reactions, gyroscopic and
@@ -193,32 +194,33 @@ def modes(
     model
         A model function (with its defaults), a mechanism, a constrained system or equations.
     about
-        The state; drivers are fixed in all of them:
+        State about which to linearize; drivers are fixed:
 
-        - "reference": at rest as drawn, with the reactions to the loads there. If this is no
-          equilibrium, the stiffness is the second derivative of the potential, with a warning.
+        - "reference": at rest in the reference configuration, with the reactions to the loads. If
+          this is not an equilibrium, the stiffness is the second derivative of the potential, and a
+          warning is given.
         - "equilibrium": at rest under the loads.
-        - positions by name, {"crank.angle": 0.3}: at rest there.
+        - positions by name, such as {"crank.angle": 0.3}: at rest at these positions.
         - `rotation(speed)`: steady rotation of the whole mechanism.
         - `solution.at(time)`: an instant of a run, with its velocities frozen.
-        - an `Equilibrium`: at rest at the end of its path, under the loads there.
+        - an `Equilibrium`: at rest at the end of its path, under the loads at this point.
     n
-        Number of modes nearest to zero; None: all of them, by dense matrices.
+        Number of modes, those with the smallest eigenvalues. None: all modes, by dense matrices.
     damping
-        False: undamped modes, by the symmetric parts of M and K alone.
+        Set False for undamped modes, from the symmetric parts of M and K alone.
     t
         Time [s] at which laws are evaluated, for states at rest and rotations.
 
     Returns
     -------
     Modes
-        Free motions first, each once; then ascending by the size of the eigenvalue.
+        Free motions, then the other modes in ascending order of the magnitude of the eigenvalue.
 
     Raises
     ------
     BeamdaeError
-        If there is no such state, a coordinate has no inertia, or constraints are dependent
-        without `redundant="minimum norm"`.
+        If the state does not exist, a coordinate has no inertia, or constraints are dependent and
+        the model does not set `redundant="minimum norm"`.
 
     Examples
     --------
@@ -239,7 +241,7 @@ def modes(
     kinds = tuple(_classify_mode(complex(value)) for value in solution.values)
     warnings = list(lin.warnings)
     if lin.equations.n <= lin.equations.m:
-        warnings.append("nothing vibrates: joints and drivers fix every coordinate.")
+        warnings.append("there are no modes because joints and drivers fix every coordinate.")
     growing = [
         float(value.real)
         for value, kind in zip(solution.values, kinds, strict=True)
@@ -272,14 +274,15 @@ def _classify_mode(value: complex) -> str:
 
 
 class EigenSolution(NamedTuple):
-    """Eigenvalues with their shapes, zeros first, then ascending by size.
+    """Eigenvalues and mode shapes, in ascending order of magnitude.
 
     Attributes
     ----------
     values
-        (k,) [1/s]; of conjugate pairs the one with positive imaginary part.
+        Eigenvalues [1/s], (k,). Each conjugate pair is represented by the eigenvalue with positive
+        imaginary part.
     shapes
-        (n, k), with x^H M x = 1.
+        Mode shapes, (n, k), with x^H M x = 1.
     """
 
     values: Array
@@ -288,7 +291,7 @@ class EigenSolution(NamedTuple):
 
 @single_threaded
 def solve_eigenproblem(lin: Linearization, count: int | None, damped: bool = True) -> EigenSolution:
-    """Return the `count` lowest modes; None: all. See `modes` for `damped`."""
+    """Return the `count` lowest modes, or all modes if `count` is None."""
     undamped = SymmetricProblem(lin).solve(count)
     if not damped or is_conservative(lin):
         values = np.where(undamped.squares < 0.0, 0j, 1j) * np.sqrt(np.abs(undamped.squares))
@@ -307,7 +310,7 @@ def is_conservative(lin: Linearization) -> bool:
         return False
     if not lin.equations.m:
         return True
-    # At rest, constraints on velocities are constraints on the shape of a vibration.
+    # At rest, constraints on velocities constrain the shapes of vibrations.
     nonholonomic = lin.nonholonomic
     if nonholonomic.any() and abs(tangent.position_jacobian[nonholonomic]).max() > 0.0:
         return False
@@ -325,14 +328,14 @@ def _is_symmetric(matrix: sp.csc_array) -> bool:
 def _normalize(
     lin: Linearization, values: Array, shapes: Array, count: int | None
 ) -> EigenSolution:
-    """Sort the lowest modes and scale them to x^H M x = 1, as real as possible."""
+    """Return the lowest modes, sorted and scaled to x^H M x = 1, as real as possible."""
     mass = lin.tangent.mass
     order = np.argsort(np.abs(values), kind="stable")[:count]
     values, shapes = values[order], shapes[:, order]
     size = np.sqrt(np.abs(np.einsum("ij,ij->j", shapes.conj(), mass @ shapes)))
     phase = np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", shapes, mass @ shapes)))
     shapes = shapes * phase / np.where(size > 0.0, size, 1.0)
-    # The sign makes the largest coordinate positive.
+    # The sign is chosen so that the largest coordinate is positive.
     if shapes.size:
         relative = shapes.real / lin.equations.position_scales[:, None]
         largest = relative[np.argmax(np.abs(relative), axis=0), np.arange(shapes.shape[1])]

@@ -1,8 +1,8 @@
 """Damped and gyroscopic modes: (l^2 M + l C + K) x + H mu = 0, (J + l V) x = 0.
 
 The quadratic eigenvalue problem is linearized and inverted about a real shift (Tisseur &
-Meerbergen, SIAM Rev. 43 (2001) 235): all eigenvalues of small systems by dense matrices, those near
-zero of large systems by Arnoldi's method.
+Meerbergen, SIAM Rev. 43 (2001) 235). Dense matrices give all eigenvalues of small systems;
+Arnoldi's method gives the eigenvalues near zero of large systems.
 """
 
 from __future__ import annotations
@@ -23,31 +23,33 @@ from beamdae.linear.saddle_point import factorize_saddle_point
 
 Array = np.ndarray
 
-# Eigenvalues that count as zero, relative to the shift: a double zero is off by the square root of
-# rounding. The second ratio bounds their strain energy, relative to that of a zero square.
+# Eigenvalues below this ratio to the shift may be zero, because a double zero has an error of the
+# square root of rounding. Their strain energy must then not exceed this factor times its rounding
+# error.
 _ZERO_RATIO = 1e-5
 _ZERO_ENERGY_FACTOR = 1e4
-# Shift relative to the geometric mean of the lowest and highest frequency of interest; the factor
-# keeps it off the frequency of a single mode. If all modes are requested, the lowest ten count.
+# Shift relative to the geometric mean of the lowest and highest frequency of interest; a factor of
+# one would hit the frequency of a single mode. If all modes are requested, the lowest ten determine
+# the shift.
 _SHIFT_RATIO = 0.6
 _DEFAULT_MODE_COUNT = 10
-# Steps of the power iteration that prepare the start vector of Arnoldi's method.
+# Number of power iterations that prepare the start vector of Arnoldi's method.
 _START_ITERATIONS = 3
-# Eigenvalues of the inverse below this share of the largest one are lost in rounding.
+# Eigenvalues of the inverse below this fraction of the largest eigenvalue are lost in rounding.
 _MIN_INVERSE_RATIO = 1e-13
-# Real and imaginary parts that count as zero, relative to the eigenvalue.
+# Bounds of real and imaginary parts that count as zero, relative to the eigenvalue.
 _REAL_TOLERANCE = 1e-12
 _IMAGINARY_TOLERANCE = 1e-9
-# Singular values of free motions, relative to the largest one, below which they are dependent.
+# Free motions are dependent if their singular value is below this fraction of the largest one.
 _RANK_TOLERANCE = 1e-3
-# Avoids division by zero.
+# Prevents division by zero.
 _TINY = 1e-300
 
 
 class QuadraticProblem:
     """(l^2 M + l C + K) x + H mu = 0, (J + l V) x = 0.
 
-    With y = (x, l x) it reads l E y = A y; the eigenvalues of (A - s E)^-1 E are 1 / (l - s).
+    With y = (x, l x), it becomes l E y = A y; the eigenvalues of (A - s E)^-1 E are 1 / (l - s).
 
     Parameters
     ----------
@@ -56,12 +58,13 @@ class QuadraticProblem:
     squares
         Squared frequencies of the undamped problem [1/s^2], which determine the shift.
     count
-        Number of modes of interest; None: all.
+        Number of modes of interest, or None for all modes.
     """
 
     def __init__(self, lin: Linearization, squares: Array, count: int | None) -> None:
         self.lin, self.tangent, self.e = lin, lin.tangent, lin.equations
-        # In the middle of the modes of interest: low and high ones lose equally to rounding.
+        # The shift is in the middle of the modes of interest, so that low and high modes lose equal
+        # accuracy.
         rates = np.sort(np.sqrt(np.abs(squares[squares != 0.0])))[: count or _DEFAULT_MODE_COUNT]
         self.shift = float(_SHIFT_RATIO * np.sqrt(rates[0] * rates[-1])) if len(rates) else 1.0
         tangent, s = self.tangent, self.shift
@@ -72,21 +75,23 @@ class QuadraticProblem:
         )
         if solve is None:
             raise BeamdaeError(
-                "modes: the linearized equations are singular; add mass or stiffness to what can "
-                "move."
+                "modes: the linearized equations are singular; add mass or stiffness "
+                "to the parts that can move."
             )
         self._solve_shifted = solve
 
     def solve(self, count: int | None) -> tuple[Array, Array]:
-        """Return eigenvalues (k,) [1/s] and shapes (n, k) nearest to zero.
+        """Return the eigenvalues nearest to zero, (k,) [1/s], and their mode shapes, (n, k).
 
-        At least `count` of them, or all; of conjugate pairs the one with positive imaginary part.
+        At least `count` modes are returned if that many exist, and all modes if `count` is None.
+        Each conjugate pair is represented by the eigenvalue with positive imaginary part.
         """
         e, n = self.e, self.e.n
         available = 2 * (n - e.m) + len(e.nonholonomic_rows)
         if not available:
             return np.zeros(0, complex), np.zeros((n, 0), complex)
-        # Both of each pair, and some more because the order by 1 / (l - s) is not that by l.
+        # Twice the number, for conjugate pairs, and six more because ordering by 1 / (l - s)
+        # differs from ordering by l.
         number = available if count is None else min(available, 2 * count + 6)
         scales = np.tile(e.position_scales, 2)
         scales[n:] *= self.shift
@@ -105,7 +110,7 @@ class QuadraticProblem:
                 lambda y: self._apply_inverse(np.ravel(y) * scales) / scales,
                 dtype=float,
             )
-            # Any vector that is not orthogonal to a mode; the same in every run.
+            # Deterministic start vector that is not orthogonal to any mode.
             start = np.cos(np.arange(2 * n) ** 2.0)
             for _ in range(_START_ITERATIONS):
                 start = operator @ start
@@ -128,7 +133,7 @@ class QuadraticProblem:
         return np.concatenate([solution, x + s * solution])
 
     def _select(self, values: Array, shapes: Array) -> tuple[Array, Array]:
-        """Keep one of each conjugate pair and each free motion once; remove rounding errors."""
+        """Keep one eigenvalue per conjugate pair and free motion; remove rounding errors."""
         tangent = self.tangent
         stiffness, mass, damping = tangent.stiffness, tangent.mass, tangent.damping
         inertia = np.abs(np.einsum("ij,ij->j", shapes.conj(), mass @ shapes))
@@ -140,8 +145,8 @@ class QuadraticProblem:
         is_zero &= energy <= _ZERO_ENERGY_FACTOR * zero_energy
         is_zero |= size**2 <= self.lin.zero_square
         is_upper = ~is_zero & (values.imag > -_IMAGINARY_TOLERANCE * size)
-        # Rounding of the stiffness moves an undamped eigenvalue off the imaginary axis; that is
-        # removed unless dampers exchange more energy than rounding.
+        # Rounding of the stiffness moves an undamped eigenvalue off the imaginary axis. The real
+        # part is removed unless dampers dissipate more energy than rounding.
         power = np.abs(np.real(np.einsum("ij,ij->j", shapes.conj(), damping @ shapes)))
         is_damped = power > quadratic_form_rounding(damping, shapes)
         off_axis = np.where(is_damped, 0.0, 0.5 * rounding / np.maximum(size, _TINY))
@@ -154,7 +159,7 @@ class QuadraticProblem:
         return values, np.hstack([free, shapes[:, is_upper]])
 
     def _independent_free_motions(self, shapes: Array) -> Array:
-        """Return a basis of the motions without stiffness among these shapes."""
+        """Return a basis of the motions without stiffness in the span of these shapes."""
         if not shapes.shape[1]:
             return shapes
         scales = self.e.position_scales[:, None]
@@ -162,8 +167,8 @@ class QuadraticProblem:
         parts = parts / np.maximum(np.linalg.norm(parts, axis=0), _TINY)
         left_vectors, singular, _ = la.svd(parts, full_matrices=False)
         basis = scales * left_vectors[:, singular > _RANK_TOLERANCE * singular[0]]
-        # A double zero, as where the speed of a rotation may change, has one free motion; its
-        # generalized eigenvector, which stretches the mechanism, is removed here.
+        # A double zero eigenvalue, which occurs if the rotation speed may change, has only one free
+        # motion. Its generalized eigenvector stretches the mechanism and is removed here.
         stiffness, mass = (
             basis.T @ (x @ basis) for x in (self.tangent.stiffness, self.tangent.mass)
         )

@@ -1,4 +1,4 @@
-"""Steady rotation of a whole mechanism: its state, and the equations linearized about it.
+"""Steady rotation of a whole mechanism: state and linearized equations.
 
 An observer who rotates with the mechanism sees the coordinates z, with
 q = c + D(W t) (z - c) + W t e; see `RotatingCoordinates`. A constant z has the velocity
@@ -28,33 +28,34 @@ from beamdae.linear.saddle_point import factorize_saddle_point
 
 Array = np.ndarray
 
-# Names of coordinates that are points of the plane, and of those that are inertial angles.
+# Names of coordinates of points, and of inertial angles.
 _POINT_NAME = re.compile(r"([xy])(\d*)")
 _ANGLE_NAME = re.compile(r"(?:angle|theta|psi)\d*")
 # Rounding error of elastic forces, relative to |K| times the natural sizes.
 STIFFNESS_ROUNDING = 1e-13
-# Forces rotate with the mechanism if they change by no more than this, relative to the largest one.
+# Forces rotate with the mechanism if they change by less than this fraction of the largest force.
 _FORCE_TOLERANCE = 1e-8
 # Angle by which the mechanism is rotated to compare forces [rad].
 _TEST_ANGLE = 1.0
-# Newton corrections in natural sizes. Rounding of stiff beams may prevent full convergence, so a
-# correction below the second tolerance also counts once it stops halving.
+# Tolerances of the Newton corrections in natural sizes. Rounding errors of stiff beams may prevent
+# full convergence, so that a correction below the second tolerance is accepted once it stops
+# halving.
 _CONVERGENCE_TOLERANCE = 1e-11
 _STAGNATION_TOLERANCE = 1e3 * _CONVERGENCE_TOLERANCE
 _STAGNATION_RATIO = 0.5
 _DIVERGENCE_LIMIT = 0.5
 _MAX_ITERATIONS = 30
-# Least increment of the speed, relative to the requested speed.
+# Smallest increment of the speed, relative to the requested speed.
 _MIN_SPEED_STEP = 2.0**-10
-# Multiple of the mass matrix added to the stiffness, because the angle may have no stiffness:
-# relative to W^2 and to the largest ratio of stiffness to mass.
+# A multiple of the mass matrix is added to the stiffness, because the rotation angle may have no
+# stiffness. Factors of W^2 and of the largest ratio of stiffness to mass.
 _SPEED_REGULARIZATION = 1e-9
 _STIFFNESS_REGULARIZATION = 1e-16
 
 
 @dataclass(frozen=True)
 class Rotation:
-    """A steady rotation at `speed` [rad/s] about the point `center` [m]; see `rotation`."""
+    """Steady rotation at `speed` [rad/s] about the point `center` [m]; see `rotation`."""
 
     speed: float
     center: tuple[float, float] = (0.0, 0.0)
@@ -64,21 +65,21 @@ def rotation(speed: float, center: tuple[float, float] = (0.0, 0.0)) -> Rotation
     """Specify a steady rotation of the whole mechanism, for `modes`, `linearize` and `campbell`.
 
     The ground is a turntable: joints to the ground rotate with it, and drivers keep their value at
-    t = 0 relative to it. Coordinates are those of a corotating observer, so that frequencies are
-    those a strain gauge on the mechanism measures. Forces must rotate with the mechanism: weight,
+    t = 0 relative to it. Coordinates refer to the corotating frame, so that frequencies are as
+    measured by a strain gauge on the mechanism. Forces must rotate with the mechanism: weight,
     loads of fixed direction, and springs and dampers to the ground off the center are rejected.
 
     Parameters
     ----------
     speed
-        Angular speed [rad/s], positive counter-clockwise.
+        Angular speed [rad/s], positive counterclockwise.
     center
-        Center of rotation in the reference drawing [m].
+        Center of rotation in the reference configuration [m].
 
     Returns
     -------
     Rotation
-        To be given as `about`.
+        Value for the parameter `about`.
 
     Raises
     ------
@@ -98,9 +99,9 @@ def rotation(speed: float, center: tuple[float, float] = (0.0, 0.0)) -> Rotation
 
 @dataclass(frozen=True)
 class RotatingCoordinates:
-    """Coordinates under a rotation of everything: q = c + D (z - c) + angle * e.
+    """Transformation of coordinates under a rigid rotation: q = c + D (z - c) + angle * e.
 
-    D rotates the pairs (x, y); inertial angles grow by the angle; coordinates measured within a
+    D rotates the pairs (x, y), inertial angles increase by the angle, and coordinates relative to a
     body do not change. z are the coordinates in the rotating frame.
 
     Attributes
@@ -108,9 +109,9 @@ class RotatingCoordinates:
     n
         Number of coordinates.
     x, y
-        Indices of the coordinates that are points of the plane, in pairs.
+        Indices of the x and y coordinates of points, in pairs.
     angles
-        Indices of the coordinates that are inertial angles.
+        Indices of the inertial angles.
     """
 
     n: int
@@ -120,7 +121,7 @@ class RotatingCoordinates:
 
     @classmethod
     def from_equations(cls, e: EquationsOfMotion) -> RotatingCoordinates:
-        """Classify coordinates by name: x and y, angle, theta or psi, optionally numbered."""
+        """Classify coordinates by name: x and y, angle, theta or psi, with optional numbers."""
         x, y, angles = [], [], []
         index = {name: k for k, name in enumerate(e.q_names)}
         for name, k in index.items():
@@ -139,28 +140,28 @@ class RotatingCoordinates:
         return bool(len(self.x) or len(self.angles))
 
     def rotation_matrix(self, angle: float) -> sp.csr_array:
-        """Return D at an angle [rad], (n, n)."""
+        """Return D for an angle [rad], (n, n)."""
         diagonal = np.ones(self.n)
         diagonal[self.x] = diagonal[self.y] = np.cos(angle)
         return sp.csr_array(sp.diags_array(diagonal) + np.sin(angle) * self.generator)
 
     @property
     def generator(self) -> sp.csr_array:
-        """S = dD/d(angle) at 0, (n, n)."""
+        """S = dD/d(angle) at angle 0, (n, n)."""
         ones = np.ones(len(self.x))
         entries = np.concatenate([ones, -ones])
         positions = (np.concatenate([self.y, self.x]), np.concatenate([self.x, self.y]))
         return sp.csr_array((entries, positions), shape=(self.n, self.n))
 
     def center_vector(self, center: tuple[float, float]) -> Array:
-        """Return c, (n,): the center in all pairs (x, y)."""
+        """Return c, (n,), which contains the center in all pairs (x, y)."""
         vector = np.zeros(self.n)
         vector[self.x], vector[self.y] = center
         return vector
 
     @property
     def angle_vector(self) -> Array:
-        """e, (n,): one for each inertial angle."""
+        """e, (n,): 1 for inertial angles, 0 otherwise."""
         vector = np.zeros(self.n)
         vector[self.angles] = 1.0
         return vector
@@ -175,27 +176,28 @@ class RotatingCoordinates:
 def find_steady_rotation(
     e: EquationsOfMotion, time: Array, rotation: Rotation, guess: Array | None = None
 ) -> tuple[State, Tangent]:
-    """Return the state of steady rotation, and the equations linearized in the rotating frame.
+    """Return the state of steady rotation and the equations linearized in the rotating frame.
 
     Parameters
     ----------
     guess
-        Coordinates at which the iteration begins. Defaults to the reference drawing, from which
-        the speed is increased.
+        Coordinates at which the iteration begins. By default, the speed is increased from zero in
+        the reference configuration.
 
     Raises
     ------
     BeamdaeError
-        If no coordinate can rotate, forces do not rotate with the mechanism, or no state is found.
+        If no coordinate rotates, forces do not rotate with the mechanism, or no state is found.
     """
     frame = RotatingCoordinates.from_equations(e)
     if not frame.can_rotate:
         raise BeamdaeError(
-            "rotation: the model has no coordinates x and y, angle, theta or psi that can rotate."
+            "rotation: the model has no coordinates that can rotate (x and y, angle, "
+            "theta or psi); release a body from the ground."
         )
     q = ConsistencySolver(e).state(time, e.q0, np.zeros(e.n)).q if guess is None else guess
     lam, share, step = np.zeros(e.m), 0.0, 1.0
-    # Checked first because there may be no state to find where forces do not rotate.
+    # Checked first, because no steady state may exist if forces do not rotate.
     drawing = _rotating_state(frame, rotation, rotation.speed, q, lam)
     _require_rotating_forces(e, time, frame, rotation, drawing)
     while share < 1.0:
@@ -207,9 +209,9 @@ def find_steady_rotation(
             step *= 0.5
             if step < _MIN_SPEED_STEP:
                 raise BeamdaeError(
-                    f"rotation: the model has no steady state at speed {rotation.speed:g} rad/s "
-                    f"about the center {rotation.center}; none was found beyond "
-                    f"{share * rotation.speed:g} rad/s."
+                    f"rotation: no steady state was found at {rotation.speed:g} rad/s "
+                    f"about the center {rotation.center}; the search from rest ended "
+                    f"at {share * rotation.speed:g} rad/s."
                 )
             continue
         (q, lam), share, step = solution, next_share, 2.0 * step
@@ -227,7 +229,7 @@ def _rotating_state(
 
 
 def _to_rotating_frame(tangent: Tangent, frame: RotatingCoordinates, speed: float) -> Tangent:
-    """Transform the linearized equations to the rotating frame; formulas at the top."""
+    """Transform the linearized equations to the rotating frame; see the module docstring."""
     s = frame.generator
     return tangent._replace(
         damping=sp.csc_array(tangent.damping + 2.0 * speed * (tangent.mass @ s)),
@@ -284,7 +286,7 @@ def _require_rotating_forces(
     rotation: Rotation,
     state: State,
 ) -> None:
-    """Reject forces that differ in the rotating frame once the mechanism has rotated."""
+    """Reject forces that do not rotate with the mechanism."""
     d, c = frame.rotation_matrix(_TEST_ANGLE), frame.center_vector(rotation.center)
     q = c + d @ (state.q - c) + _TEST_ANGLE * frame.angle_vector
     rotated = State(q, d @ state.v, d @ state.a, np.zeros(e.m))
@@ -299,6 +301,7 @@ def _require_rotating_forces(
     if np.any(is_different):
         worst = int(np.argmax(np.where(is_different, difference, 0.0)))
         raise BeamdaeError(
-            f"{e.q_names[worst]}: the forces on it do not turn with the mechanism; remove weight, "
-            "loads of fixed direction, and springs and dampers to the ground off the center."
+            f"{e.q_names[worst]}: the forces on this coordinate do not rotate with the "
+            "mechanism; remove weight, loads of fixed direction, and springs and "
+            "dampers to the ground off the center."
         )

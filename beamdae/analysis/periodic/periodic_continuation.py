@@ -41,20 +41,21 @@ from beamdae.results.periodic_motion import floquet_multipliers
 Array = np.ndarray
 
 _NAME = "frequency_response"
-# Corrector: maximum number of Newton iterations, and largest change relative to the amplitudes and
-# to the range of the parameter.
+# Maximum number of Newton iterations of the corrector, and largest correction relative to the
+# amplitudes and to the range of the parameter.
 _MAX_ITERATIONS = 8
 _MAX_CHANGE = 0.3
-# Step of finite differences by the parameter, relative to its range.
+# Step of the finite difference by the parameter, relative to its range.
 _DIFFERENCE_STEP = 1e-5
-# Least cosine of the angle between the directions at both ends of a step.
+# Least cosine of the angle between the tangents at both ends of a step.
 _MIN_COSINE = 0.8
-# Newton iterations of the corrector up to which the step grows, and from which on it shrinks.
+# The step grows up to the first number of corrector iterations, and shrinks from the second number
+# on.
 _MAX_ITERATIONS_TO_GROW = 3
 _MIN_ITERATIONS_TO_SHRINK = 5
 _GROWTH_FACTOR = 1.5
 _CUT_FACTOR = 0.5
-# Least step, relative to the first one.
+# Least step, relative to the first step.
 _MIN_STEP_RATIO = 1e-3
 _NOT_CONVERGED = "Newton's method does not converge"
 _SHARP_TURN = "the curve turns too sharply for the steps"
@@ -73,39 +74,40 @@ def frequency_response(
     most_points: int = 400,
     begin: float = 0.0,
 ) -> FrequencyResponse:
-    """Follow the periodic motion of a model over the frequency of its loads or another parameter.
+    """Follow a periodic motion of a model over the frequency of its loads or another parameter.
 
     Pseudo-arc-length continuation (Keller 1977) of the single shooting of `periodic`. It passes
-    folds, at which the parameter turns around, and follows unstable motions.
+    folds, where the parameter reverses, and follows unstable motions.
 
     Parameters
     ----------
     model
-        A model function; the motions are those of `model(**{parameter: value})`.
+        Model function, called as `model(**{parameter: value})`.
     parameter
         Name of one of its numeric parameters.
     between
-        Values of the parameter at which the curve begins and ends, in either direction.
+        Values of the parameter at which the curve begins and ends, ascending or descending.
     period
-        Period [s] of the loads as a function of the parameter. Defaults to its reciprocal, for a
-        frequency in Hz.
+        Function that returns the period of the loads [s] for a value of the parameter. Defaults to
+        the reciprocal of the parameter, for a frequency in Hz.
     integrator
-        Integrator of the periods. Defaults to Radau(1e-8).
+        Integrator. Defaults to Radau(1e-8).
     step, longest_step
-        First and largest step of the curve, relative to the range of the parameter.
+        First and largest step along the curve, relative to the range of the parameter.
     settle
-        Number of periods run before the first motion.
+        Number of periods to run before the first periodic motion is sought.
     tolerance
-        Largest deviation of the state after a period from its start, relative to the amplitudes.
+        Largest difference between the states at the end and at the start of a period, relative to
+        the amplitudes.
     most_points
-        Maximum number of motions.
+        Maximum number of points on the curve.
     begin
         Time [s] at which periods begin.
 
     Returns
     -------
     FrequencyResponse
-        The motions in the order of the curve. If the curve ends early or no first motion is found,
+        The motions in order along the curve. If the curve ends early or no first motion is found,
         `status` gives the reason.
 
     Raises
@@ -124,7 +126,7 @@ def frequency_response(
     ends = require_finite(_NAME, "between", first), require_finite(_NAME, "between", last)
     if ends[0] == ends[1]:
         raise BeamdaeError(
-            f"{_NAME}: between must be two values that differ, got {short_repr(between)}."
+            f"{_NAME}: between must be two different values, got {short_repr(between)}."
         )
     require_choice(_NAME, "parameter", parameter, tuple(model.parameters))
     model.complete({parameter: ends[0]})
@@ -152,7 +154,7 @@ def frequency_response(
 def _follow_curve(
     curve: ResponseCurve, settle: int, first_step: float, max_step: float, max_points: int
 ) -> tuple[tuple[ResponsePoint, ...], Status]:
-    """Return the points of the curve, and the status at its end."""
+    """Return the points of the curve and the final status."""
     step, (first, last) = first_step, curve.ends
     sign = 1.0 if last > first else -1.0
     point, reason = curve.first_point(settle)
@@ -171,32 +173,32 @@ def _follow_curve(
         if sign * (point.value - last) >= 0.0:
             return tuple(points), Status("ok", "reached the end of the range")
         if sign * (point.value - first) < 0.0:
-            return tuple(points), Status("ok", "came back to the begin of the range")
+            return tuple(points), Status("ok", "returned to the start of the range")
         if point.iterations <= _MAX_ITERATIONS_TO_GROW:
             step = min(step * _GROWTH_FACTOR, max_step)
         elif point.iterations >= _MIN_ITERATIONS_TO_SHRINK:
             step *= _CUT_FACTOR
-    sentence = f"{curve.describe(point.value)}: reached the maximum of {max_points} points"
+    sentence = f"stopped at the maximum of {max_points} points, at {curve.describe(point.value)}"
     return tuple(points), Status("limited", sentence)
 
 
 @dataclass(frozen=True, eq=False)
 class CurvePoint:
-    """A periodic motion on a response curve.
+    """Periodic motion on a response curve.
 
     Attributes
     ----------
     result
         One period of the motion.
     value, period
-        Value of the parameter, and period [s].
+        Value of the parameter, and duration of the period [s].
     direction
-        Tangent of the curve: in (q, v), and in the parameter relative to its range, (2 n + 1,).
+        Tangent of the curve in (q, v) and in the parameter relative to its range, (2 n + 1,).
     orientation
         Sign of the determinant of the extended Jacobian with the tangent as its last row; it is
         constant along a curve.
     iterations
-        Newton iterations of the corrector.
+        Number of Newton iterations of the corrector.
     """
 
     result: ShootingResult
@@ -213,7 +215,7 @@ class CurvePoint:
         return np.concatenate([first.q[0], first.v[0]])
 
     def as_response_point(self, sign: float) -> ResponsePoint:
-        """Return the point of the result; `sign` is the direction of the range."""
+        """Convert to a point of the result; `sign` is the sign of the range of the parameter."""
         multipliers = floquet_multipliers(self.result.monodromy)
         forward = sign * self.direction[-1] > 0.0
         return ResponsePoint(self.value, self.period, self.result.solution, multipliers, forward)
@@ -221,16 +223,16 @@ class CurvePoint:
 
 @dataclass(frozen=True, eq=False)
 class ResponseCurve:
-    """The curve of periodic motions of a family of mechanisms.
+    """Curve of periodic motions as a function of one model parameter.
 
     Attributes
     ----------
     model, parameter
-        The model function and the parameter of the curve.
+        Model function, and name of its parameter.
     ends
         Values of the parameter at which the curve begins and ends.
     period
-        Period [s] as a function of the parameter.
+        Function that returns the period [s] for a value of the parameter.
     integrator, begin, tolerance
         See `periodic`.
     """
@@ -244,7 +246,7 @@ class ResponseCurve:
     tolerance: float
 
     def describe(self, value: float) -> str:
-        """Return the parameter with a value, for messages."""
+        """Return the text "parameter = value" for messages."""
         return f"{self.parameter} = {value:.6g}"
 
     @property
@@ -252,20 +254,19 @@ class ResponseCurve:
         return self.ends[1] - self.ends[0]
 
     def _period_map(self, value: float) -> PeriodMap:
-        """Return the period map of the mechanism at a value of the parameter."""
+        """Return the period map of the model for a value of the parameter."""
         try:
             period = self.period(value)
         except Exception as error:
             raise BeamdaeError(
-                f"{_NAME}: period must be a function of {self.parameter}, it raised "
-                f"{format_exception(error)}."
+                f"{_NAME}: the period failed at {self.describe(value)}: {format_exception(error)}."
             ) from error
         period = require_positive(_NAME, "period", period)
         equations = build_periodic_equations(_NAME, self.model(**{self.parameter: value}))
         return PeriodMap.from_equations(equations, self.integrator, self.begin, period)
 
     def first_point(self, settle: int) -> tuple[CurvePoint | None, str]:
-        """Return the motion at the begin of the range, or None and the reason."""
+        """Return the first point of the curve, or None and the reason for its failure."""
         value = self.ends[0]
         period_map = self._period_map(value)
         try:
@@ -273,8 +274,8 @@ class ResponseCurve:
             result, iterations = solve_shooting(period_map, q, v, self.tolerance)
             if result.relative_deviation > self.tolerance:
                 return None, (
-                    f"no periodic motion was found at {self.describe(value)}; change the start of "
-                    "the model, or increase settle="
+                    f"no periodic motion was found at {self.describe(value)}; change "
+                    "the start of the model or increase settle="
                 )
             ahead = np.append(np.zeros(len(result.scales)), 1.0)
             point = CurvePoint(result, value, period_map.period, ahead, iterations=iterations)
@@ -283,7 +284,7 @@ class ResponseCurve:
             return None, f"{self.describe(value)}: {_failure_reason(error)}"
 
     def next_point(self, point: CurvePoint, step: float) -> tuple[CurvePoint | None, str]:
-        """Return the point of the curve one step ahead, or None and the reason."""
+        """Return the point one step further along the curve, or None and the reason for failure."""
         value = point.value + step * point.direction[-1] * self._range
         state = point.state + step * point.direction[:-1]
         by_parameter: Array | None = None
@@ -307,7 +308,7 @@ class ResponseCurve:
                     return (oriented, "") if is_smooth else (None, _SHARP_TURN)
                 if by_parameter is None:
                     by_parameter = self._differentiate_by_parameter(iterate)
-                # Newton's step orthogonal to the tangent.
+                # Newton step orthogonal to the tangent.
                 tangent = _reduce_direction(result, iterate.direction)
                 matrix = np.vstack([_extended_jacobian(result, by_parameter), tangent])
                 change = np.linalg.solve(matrix, np.append(-result.deviation, 0.0))
@@ -319,7 +320,7 @@ class ResponseCurve:
         return None, _NOT_CONVERGED
 
     def _differentiate_by_parameter(self, point: CurvePoint) -> Array:
-        """Return the derivative of the deviation by the parameter relative to its range, (k,)."""
+        """Return the derivative (k,) of the deviation by the parameter over its range."""
         result = point.result
         period_map = self._period_map(point.value + _DIFFERENCE_STEP * self._range)
         n = period_map.equations.n
@@ -334,9 +335,9 @@ def _failure_reason(error: Exception) -> str:
 
 
 def _orient_curve(point: CurvePoint, by_parameter: Array) -> CurvePoint:
-    """Return the point with the tangent of the curve, in the orientation of the curve.
+    """Return the point with the tangent of the curve, oriented along the curve.
 
-    The first point has no orientation: its tangent is that along its preliminary direction.
+    The first point has no orientation yet; its tangent follows the preliminary direction.
     """
     result = point.result
     matrix = _extended_jacobian(result, by_parameter)
@@ -357,11 +358,11 @@ def _cosine(point: CurvePoint, next_point: CurvePoint) -> float:
 
 
 def _extended_jacobian(result: ShootingResult, by_parameter: Array) -> Array:
-    """Return the derivative of the deviation by `basis` and the parameter, (k, k + 1)."""
+    """Return the derivative (k, k + 1) of the deviation by the basis and the parameter."""
     by_state = result.monodromy - np.eye(len(result.deviation))
     return np.column_stack([by_state, by_parameter])
 
 
 def _reduce_direction(result: ShootingResult, direction: Array) -> Array:
-    """Express a direction in terms of the basis of a result and the parameter, (k + 1,)."""
+    """Return the components (k + 1,) of a direction in the basis and the parameter."""
     return np.append(result.projection @ direction[:-1], direction[-1])

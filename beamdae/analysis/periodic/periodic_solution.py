@@ -1,4 +1,4 @@
-"""Periodic motion under periodic loads, and its Floquet multipliers: `bd.periodic`."""
+"""Periodic motion under periodic loads, with its Floquet multipliers: `bd.periodic`."""
 
 from __future__ import annotations
 
@@ -27,10 +27,11 @@ from beamdae.results.periodic_motion import PeriodicMotion, floquet_multipliers,
 Array = np.ndarray
 
 _NAME = "periodic"
-# Steps of the variational equations are halved until the largest multiplier changes by less.
+# Steps of the variational equations are halved until the largest multiplier changes by less than
+# this fraction.
 _MULTIPLIER_TOLERANCE = 1e-5
 _MAX_REFINEMENTS = 6
-# Below this relative deviation the accuracy of the integrator may limit Newton's method.
+# Below this relative deviation, the accuracy of the integrator may limit Newton's method.
 _INTEGRATOR_LIMITED_DEVIATION = 1e-4
 
 
@@ -46,33 +47,34 @@ def periodic(
     """Find a periodic motion under periodic loads and drivers, and its stability.
 
     Single shooting (Nayfeh & Balachandran, Applied Nonlinear Dynamics, 1995, chapter 6): Newton's
-    method on the state that one period T maps to itself, (q, v)(t + T) = (q, v)(t), in the motions
-    that the joints allow. The monodromy matrix comes from the variational equations along the run.
-    Stable and unstable motions are found alike; of several, one near the start. Angles may
-    advance by full turns. Motions whose disturbances grow by more than a factor 1e5 per period are
-    out of reach.
+    method solves (q, v)(t + T) = (q, v)(t), for one period T, within the motions that the joints
+    allow. The monodromy matrix comes from the variational equations along the run. Both stable and
+    unstable motions are found; if there are several, the result is one near the start. Angles may
+    advance by full revolutions. The method fails if disturbances grow by more than a factor of 1e5
+    per period.
 
     Parameters
     ----------
     model
         As in `simulate`.
     period
-        Period of the motion [s]: that of loads and drivers, or a multiple of it for subharmonics.
+        Period of the motion [s]: the period of loads and drivers, or a multiple for subharmonics.
     integrator
-        Integrator of the period. Defaults to Radau(1e-8).
+        Integrator. Defaults to Radau(1e-8).
     start
         "as drawn", "equilibrium", or positions and velocities by name, as in `simulate`.
     begin
-        Time [s] at which the period begins, for loads that are periodic from there on.
+        Time [s] at which the period begins; loads must be periodic from this time on.
     settle
-        Number of periods run before the first iteration, towards a stable motion.
+        Number of periods to run before the first iteration, to approach a stable motion.
     tolerance
-        Largest deviation of the state after a period from its start, relative to the amplitudes.
+        Largest difference between the states at the end and at the start of the period, relative to
+        the amplitudes.
 
     Returns
     -------
     PeriodicMotion
-        One period with its Floquet multipliers. If Newton's method did not converge or a run ended
+        One period with its Floquet multipliers. If Newton's method does not converge or a run ends
         early, `status` gives the reason.
 
     Raises
@@ -115,14 +117,14 @@ def periodic(
         motion = PeriodicMotion(error.solution, period, status=Status("failed", sentence))
     else:
         deviation = result.relative_deviation
-        status = Status("ok", "repeats after its period")
+        status = Status("ok", "repeats after one period")
         if deviation > tolerance:
             sentence = (
-                f"after {iterations} iterations the motion misses its start by {deviation:.3g} of "
-                "its amplitude"
+                f"after {iterations} iterations the end of the period differs from the "
+                f"start by {deviation:.3g} of the amplitude"
             )
             if deviation < _INTEGRATOR_LIMITED_DEVIATION:
-                sentence += ", which may be the accuracy of the integrator"
+                sentence += ", possibly limited by the accuracy of the integrator"
             status = Status("failed", sentence)
         multipliers, error_estimate = _refine_multipliers(period_map, result)
         motion = PeriodicMotion(
@@ -134,7 +136,7 @@ def periodic(
 
 
 def _refine_multipliers(period_map: PeriodMap, result: ShootingResult) -> tuple[Array, float]:
-    """Return the Floquet multipliers and the change of the largest one in the last refinement."""
+    """Return the Floquet multipliers, and the last change of the largest multiplier."""
     variational = VariationalEquations(period_map.equations)
     multipliers, error = floquet_multipliers(result.monodromy), np.inf
     for refinement in range(1, _MAX_REFINEMENTS + 1):

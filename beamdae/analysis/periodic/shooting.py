@@ -1,4 +1,4 @@
-"""Single shooting: Newton's method on the state that one period maps to itself."""
+"""Single shooting: Newton's method for a state that repeats after one period."""
 
 from __future__ import annotations
 
@@ -25,56 +25,58 @@ DEFAULT_TOLERANCE = 1e-6
 DEFAULT_RTOL = 1e-8
 MAX_SETTLING_PERIODS = 10_000
 
-# Output times of a period, both ends included.
+# Number of output times in a period, including both ends.
 _OUTPUT_TIMES = 201
 _FULL_TURN = 2.0 * np.pi
-# Change of forces after a period, relative to the largest force, and of constraints, relative to
-# the size of the mechanism or 1 rad, that counts as none; and the number of times compared.
+# Loads are periodic if, after a period, forces change by less than this fraction of the largest
+# force, and constraints by less than this fraction of the size of the mechanism or of 1 rad. They
+# are compared at this number of times.
 _REPETITION_TOLERANCE = 1e-6
 _COMPARED_TIMES = 11
-# Newton's method: maximum number of iterations, and largest change relative to the amplitudes.
+# Maximum number of Newton iterations, and largest correction relative to the amplitudes.
 _MAX_ITERATIONS = 25
 _MAX_CHANGE = 3.0
-# Below this deviation, the search ends after this many iterations that do not halve it.
+# Below this deviation, Newton's method stops after this many iterations that do not halve it.
 _STAGNATION_DEVIATION = 1e-4
 _STAGNATION_ITERATIONS = 4
-# Halvings of a Newton step from which a run does not reach the end of the period.
+# Maximum number of halvings of a Newton step if the run does not reach the end of the period.
 _MAX_HALVINGS = 5
-# Singular values below this share of the largest one belong to motions that repeat from any state.
+# Singular values below this fraction of the largest belong to directions in which every state is
+# periodic.
 _NEUTRAL_RATIO = 1e-9
 
 
 class IncompleteRunError(BeamdaeError):
-    """A run ended before the end of its periods; `solution` is that run."""
+    """Raised if a run ends early; `solution` is the incomplete run."""
 
     def __init__(self, run: str, solution: Solution) -> None:
-        super().__init__(f"periodic: {run} was not finished, {solution.status.sentence}.")
+        super().__init__(f"periodic: {run} was not finished: {solution.status.sentence}.")
         self.solution = solution
 
 
 def build_periodic_equations(function: str, model: Any, start: Any = None) -> EquationsOfMotion:
-    """Return the equations of a model, for `function` in messages; reject events that switch."""
+    """Return the equations of a model; reject events that switch parts."""
     equations = as_equations(function, model, start)
     if equations.configurations is not None or any(x.do != "record" for x in equations.events):
         raise BeamdaeError(
-            f"{function}: events must not stop a run or switch parts; model contacts and the like "
-            "by smooth forces."
+            f"{function}: events must not stop a run or switch parts; replace events "
+            "by smooth forces such as Contact."
         )
     return equations
 
 
 @dataclass(frozen=True)
 class PeriodMap:
-    """The map of a state to the state one period later.
+    """Map from a state to the state one period later.
 
     Attributes
     ----------
     equations
-        The equations of motion, without redundant constraints.
+        Equations of motion without redundant constraints.
     integrator
-        The integrator of the period.
+        Integrator of the runs.
     begin, period
-        Begin and duration of the period [s].
+        Start and duration of the period [s].
     """
 
     equations: EquationsOfMotion
@@ -86,13 +88,13 @@ class PeriodMap:
     def from_equations(
         cls, equations: EquationsOfMotion, integrator: Integrator, begin: float, period: float
     ) -> PeriodMap:
-        """Return the map of equations whose redundant constraints are removed."""
+        """Create the map; redundant constraints are removed."""
         reduction = remove_redundant(equations, begin)
         independent = equations if reduction is None else reduction.equations
         return cls(independent, integrator, begin, period)
 
     def run(self, q: Array, v: Array, scales: Array | None = None, periods: int = 1) -> Solution:
-        """Integrate over some periods; `scales` are the amplitudes of the coordinates, if known.
+        """Integrate over `periods` periods from (q, v); `scales` are known amplitudes, or None.
 
         Raises
         ------
@@ -109,7 +111,7 @@ class PeriodMap:
         return solution
 
     def settle(self, periods: int) -> tuple[Array, Array]:
-        """Return the state (q, v) after some periods from the start of the equations."""
+        """Return the state (q, v) after `periods` periods from the start of the equations."""
         e = self.equations
         q, v = self.make_consistent(e.q0, e.v0)
         if not periods:
@@ -120,7 +122,7 @@ class PeriodMap:
         return self.make_consistent(q - self._full_turns(e.q0, q), last.v[-1])
 
     def make_consistent(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the nearest state that satisfies the constraints at the begin of a period."""
+        """Return the nearest state that satisfies the constraints at the start of a period."""
         later = [b for b in self.equations.breakpoints if b > self.begin]
         time = np.array([self.begin, 0.5 * (self.begin + min([self.begin + 1.0, *later]))])
         state = ConsistencySolver(self.equations).state(time, q, v)
@@ -132,7 +134,7 @@ class PeriodMap:
         Raises
         ------
         BeamdaeError
-            Naming the coordinate or the joint.
+            If a load or driver is not periodic; the message names the coordinate or joint.
         """
         e = self.equations
         form = formulate_first_order(e, "ggl")
@@ -149,19 +151,20 @@ class PeriodMap:
             forces = form.residual(now, y, np.zeros_like(yp))[e.n : 2 * e.n]
             largest_force = max(largest_force, float(np.max(np.abs(forces))))
         sizes = np.full(form.size, min(1.0, e.length))
-        # Rows of velocities are forces.
+        # The rows of the velocities contain forces.
         sizes[e.n : 2 * e.n] = largest_force
         excess = change - _REPETITION_TOLERANCE * sizes
         row, worst = map(int, np.unravel_index(np.argmax(excess), change.shape))
         if change[row, worst] > _REPETITION_TOLERANCE * sizes[worst]:
             name = form.names[worst].removeprefix("velocity of ")
             raise BeamdaeError(
-                f"{name}: the load or driver on it at t = {times[row]:.6g} s differs one period of "
-                f"{self.period:g} s later; set period to that of loads and drivers."
+                f"{name}: loads or drivers at t = {times[row]:.6g} s do not repeat "
+                f"after the period of {self.period:g} s; set period to the period of "
+                "the loads and drivers."
             )
 
     def full_turns(self, solution: Solution) -> Array:
-        """Return the full turns [rad] that angles make in a period, (n,)."""
+        """Return the full revolutions of angles in a period [rad], (n,)."""
         last = solution.trajectory.intervals[-1].state.q[-1]
         first = solution.trajectory.intervals[0].state.q[0]
         return self._full_turns(first, last)
@@ -171,7 +174,7 @@ class PeriodMap:
         return np.where(is_angle, _FULL_TURN * np.round((last - first) / _FULL_TURN), 0.0)
 
     def deviation(self, solution: Solution) -> Array:
-        """Return the state at the end of a period less that at its begin, (2 n,)."""
+        """Return the difference (2 n,) between the states at the end and the start of a period."""
         first, last = (
             np.concatenate([x.q[k], x.v[k]])
             for x, k in (
@@ -184,31 +187,33 @@ class PeriodMap:
         return deviation
 
     def state_scales(self, solution: Solution) -> Array:
-        """Return natural sizes of (q, v), (2 n,): amplitudes in the run, angles at most 1 rad."""
+        """Return natural sizes (2 n,) of (q, v): amplitudes in the run, at most 1 rad for angles."""
         amplitudes = Amplitudes.from_trajectory(solution.equations, solution.trajectory).scales
         scales = np.minimum(amplitudes, self.equations.position_scales)
         return np.concatenate([scales, scales * (_FULL_TURN / self.period)])
 
 
 class ShootingResult(NamedTuple):
-    """One period of a motion with its monodromy matrix.
+    """Run over one period with its monodromy matrix.
 
     Attributes
     ----------
     solution
-        The run over the period.
+        Run over the period.
     basis
-        Admissible disturbances of the start, (2 n, k), orthonormal in natural sizes `scales`.
+        Basis of the admissible disturbances at the start, (2 n, k), orthonormal relative to
+        `scales`.
     scales
         Natural sizes of (q, v), (2 n,).
     projection
         Matrix (k, 2 n) that expresses disturbances of (q, v) in terms of `basis`.
     monodromy
-        Disturbances one period later, in terms of `basis`, (k, k).
+        Disturbances after one period, in terms of `basis`, (k, k).
     deviation
-        State after the period less its start, in terms of `basis`, (k,).
+        Difference between the states at the end and the start of the period, in terms of `basis`,
+        (k,).
     relative_deviation
-        Largest deviation in natural sizes.
+        Largest component of the deviation relative to natural sizes.
     """
 
     solution: Solution
@@ -240,7 +245,7 @@ class ShootingResult(NamedTuple):
         )
 
     def shift_start(self, change: Array) -> tuple[Array, Array]:
-        """Return the start changed by multiples (k,) of `basis`; not yet consistent."""
+        """Return the start shifted by `change` (k,) in terms of `basis`; not yet consistent."""
         first = self.solution.trajectory.intervals[0].state
         n = first.q.shape[1]
         increment = self.basis @ change
@@ -250,14 +255,14 @@ class ShootingResult(NamedTuple):
 def solve_shooting(
     period_map: PeriodMap, q: Array, v: Array, tolerance: float
 ) -> tuple[ShootingResult, int]:
-    """Return the best period that Newton's method finds, and the number of iterations.
+    """Return the best result of Newton's method, and the number of iterations.
 
-    It has converged if `relative_deviation` is at most `tolerance`.
+    The method has converged if `relative_deviation` is at most `tolerance`.
 
     Raises
     ------
     IncompleteRunError
-        If no run reaches the end of the period, even for small Newton steps.
+        If runs end early even for small Newton steps.
     BeamdaeError
         If loads or drivers are not periodic.
     """
@@ -283,7 +288,7 @@ def solve_shooting(
 def _shoot_from(
     period_map: PeriodMap, result: ShootingResult, change: Array, halvings: int = _MAX_HALVINGS
 ) -> ShootingResult:
-    """Run a period from a changed start; halve the change while the run ends early."""
+    """Run a period from a shifted start; halve `change` as long as the run ends early."""
     try:
         q, v = period_map.make_consistent(*result.shift_start(change))
         return ShootingResult.from_state(period_map, q, v)

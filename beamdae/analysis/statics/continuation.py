@@ -1,6 +1,6 @@
 """Predictor-corrector continuation of an equilibrium path, with step control and branch switching.
 
-Steps go by load, displacement or pseudo-arc length (Keller 1977); a step that fails is cut back.
+Steps are controlled by load, displacement or pseudo-arc length (Keller 1977); failed steps are cut.
 """
 
 from __future__ import annotations
@@ -17,37 +17,38 @@ from beamdae.results.outcome import REACHED_END, Status
 
 Array = np.ndarray
 
-# A step that fails is cut by this factor, down to this share of the largest step.
+# A failed step is multiplied by this factor, down to this fraction of the largest step.
 _CUT_FACTOR = 0.25
 _MIN_STEP_RATIO = 1e-6
-# A step grows by this factor if the corrector took at most this many Newton iterations.
+# The step grows by this factor if the corrector takes at most this many Newton iterations.
 _GROWTH_FACTOR = 1.5
 _MAX_ITERATIONS_TO_GROW = 4
-# Corrector displacement, relative to the step, beyond which the point lies on another path; the
-# allowance for rounding is relative to the size of the mechanism.
+# If the corrector moves a point by more than this fraction of the step, the point lies on another
+# path. The allowance for rounding is relative to the size of the mechanism.
 _MAX_CORRECTION_RATIO = 0.5
 _CORRECTION_ROUNDING = 1e-7
-# Cosines of the angle between successive directions: the least in a step by arc length (where
-# paths cross, the other one leaves at a larger angle), and the least for the step to grow.
+# Least cosine of the angle between successive directions: for a step by arc length (a crossing path
+# leaves at a larger angle), and for the step to grow.
 _MIN_COSINE = 0.7
 _MIN_COSINE_TO_GROW = 0.95
-# Steps below this share of the largest step may turn by any angle: the path has a corner there.
+# Steps below this fraction of the largest step may turn by any angle, because the path has a
+# corner.
 _CORNER_STEP_RATIO = 1e-3
-# Remaining distances up to this ratio to the step are halved, so that the last step is not tiny;
-# those up to the second ratio, which differ by rounding, are covered in one step.
+# A remaining distance up to this ratio to the step is split in two, so that the last step is not
+# tiny. Up to the second ratio, which allows for rounding, it is covered in one step.
 _SPLIT_RATIO = 1.2
 _ROUNDING_RATIO = 1.001
-# Distance, relative to the step, within which two branch points are the same.
+# Distance, relative to the step, within which two branch points are considered equal.
 _SAME_POINT_RATIO = 1e-2
 _CLOSED_PATH = (
-    "the path is closed, it returns to a branch point it has passed; to leave it, switch at one "
+    "the path is closed and returns to a branch point passed before; switch at one "
     "more branch point, as in switch=[1, 1]"
 )
 
 
 @dataclass(frozen=True)
 class PathCriticalPoint:
-    """A critical point of a path.
+    """Critical point of an equilibrium path.
 
     Attributes
     ----------
@@ -56,7 +57,7 @@ class PathCriticalPoint:
     row
         Index of the point in the path.
     index
-        Number of eigenvalues below the one that vanishes.
+        Number of eigenvalues below the vanishing eigenvalue.
     """
 
     kind: str
@@ -66,18 +67,18 @@ class PathCriticalPoint:
 
 @dataclass
 class StagePath:
-    """The equilibrium path of one load stage, extended by continuation.
+    """Equilibrium path of one load stage, extended by continuation.
 
     Attributes
     ----------
     points
-        The equilibria in the order of the path, critical points included.
+        Equilibria in order along the path, including critical points.
     critical
-        The critical points.
+        Critical points of the path.
     status
-        Why the path ended.
+        Reason why the path ended.
     step
-        Size of the next step, in terms of the control.
+        Next step, in units of the control.
     is_stuck
         True if the path ended because no step converges.
     """
@@ -90,16 +91,16 @@ class StagePath:
 
     @property
     def end(self) -> EquilibriumPoint:
-        """The last point of the path."""
+        """Last point of the path."""
         return self.points[-1]
 
     @property
     def branch_points(self) -> list[PathCriticalPoint]:
-        """The points at which other paths cross."""
+        """Points at which other paths cross."""
         return [one for one in self.critical if one.kind == BRANCH]
 
     def append(self, segment: PathSegment, critical: Sequence[SegmentCriticalPoint]) -> None:
-        """Append the critical points of a segment and its end."""
+        """Append the critical points and the end of a segment."""
         for one in critical:
             self.critical.append(PathCriticalPoint(one.kind, len(self.points), one.index))
             self.points.append(one.point)
@@ -108,25 +109,25 @@ class StagePath:
 
 @dataclass(frozen=True)
 class ContinuationSettings:
-    """Settings of the continuation of one path.
+    """Settings for the continuation of one path.
 
     Attributes
     ----------
     target_control
-        The quantity that the targets are values of.
+        Quantity whose values the targets are.
     by_arc_length
-        True if steps are controlled by arc length instead of `target_control`.
+        True to control steps by arc length instead of `target_control`.
     max_step
-        Largest step: of `target_control`, or by arc length of the largest motion in natural sizes.
+        Largest step of `target_control`, or, by arc length, of the largest motion in natural sizes.
     max_load_step
-        Change of the load factor in the first step by arc length, and in every one where the
-        targets are load factors.
+        Largest change of the load factor in steps by arc length: in the first step, and in all
+        steps if the targets are load factors.
     norm
-        Norm of steps.
+        Norm of path increments.
     max_points
         Maximum number of points.
     stop_at_branch_point
-        Number of the branch point, counted from 1, at which to stop; 0: none.
+        Number of the branch point at which to stop, counted from 1; 0 for none.
     """
 
     target_control: Control
@@ -145,17 +146,19 @@ def follow_path(
     targets: Sequence[float],
     direction: PathDirection | None = None,
 ) -> None:
-    """Follow a path from its end to each target in turn; `path` is extended in place.
+    """Extend `path` in place from its end to each target in turn.
 
-    `direction` is the initial direction by arc length. Defaults to that of a growing load factor,
-    or to that of the first target where the targets are load factors.
+    `direction` is the initial direction by arc length. By default, the load factor increases, or
+    changes towards the first target if the targets are load factors.
     """
     path.step, initial_count = np.inf, len(path.branch_points)
     for target in targets:
         is_target_reached = settings.target_control.value(path.end.x, path.end.mu) == target
         while not is_target_reached:
             if len(path.points) >= settings.max_points:
-                path.status = Status("limited", f"ended after {len(path.points)} points")
+                path.status = Status(
+                    "limited", f"stopped at the maximum of {len(path.points)} points"
+                )
                 return
             before = len(path.branch_points)
             try:
@@ -187,7 +190,7 @@ def _take_step(
     target: float,
     direction: PathDirection | None,
 ) -> tuple[PathDirection | None, bool]:
-    """Append the points of one step; return the direction at its end and if it is at the target."""
+    """Append the points of one step; return its final direction, and True at the target."""
     begin, norm, target_control = path.end, settings.norm, settings.target_control
     sign, control = 1.0, target_control
     if settings.by_arc_length:
@@ -230,16 +233,17 @@ def _take_step(
     path.append(segment, critical)
     grows = end.iterations <= _MAX_ITERATIONS_TO_GROW and cosine > _MIN_COSINE_TO_GROW
     arrived = truncated is not None or (not settings.by_arc_length and value == target)
-    # A step that is short because it arrives does not shorten the next one.
+    # A step that is shortened to meet a target does not shorten the next step.
     path.step = max(size * (_GROWTH_FACTOR if grows else 1.0), path.step * arrived)
     return segment.directions[1], arrived
 
 
 def _max_arc_step(settings: ContinuationSettings, direction: PathDirection, last: float) -> float:
-    """Return the largest step by arc length; `last` is the previous one, infinite if there is none.
+    """Return the largest step by arc length; `last` is the previous step, or infinity.
 
-    The load factor limits every step if it is the target, otherwise only the first one: the load
-    that a displacement requires is not known in advance.
+    The change of the load factor is limited in every step if the load factor is the target,
+    otherwise only in the first step, because the load that a displacement requires is not known in
+    advance.
     """
     tiny = np.finfo(float).tiny
     by_motion = settings.max_step / max(settings.norm.max_norm(direction.x), tiny)
@@ -256,7 +260,7 @@ def _correct_prediction(
     step: PathDirection,
     norm: StepNorm,
 ) -> EquilibriumPoint:
-    """Return the equilibrium near begin + step at which the control has this value."""
+    """Return the equilibrium near begin + step at which the control has the value `value`."""
     x, mu = begin.x + step.x, begin.mu + step.mu
     point = corrector.correct(control, value, x, mu)
     correction, displacement = norm.max_norm(point.x - x), norm.max_norm(point.x - begin.x)
@@ -272,7 +276,7 @@ def _arc_direction(
     target: float,
     direction: PathDirection | None,
 ) -> PathDirection:
-    """Return the direction by arc length, scaled to norm one; see `follow_path` for its default."""
+    """Return the direction by arc length, of unit norm; see `follow_path` for the default."""
     if direction is None:
         direction = corrector.path_tangent(point, LoadControl())
         by_load = isinstance(settings.target_control, LoadControl)
@@ -284,14 +288,15 @@ def _arc_direction(
 def switch_branch(
     corrector: Corrector, path: StagePath, settings: ContinuationSettings, side: float
 ) -> PathDirection:
-    """Switch from the last branch point of a path onto the crossing path; return its direction.
+    """Switch to the crossing path at the last branch point; return the new direction.
 
-    The path then ends with the first point of the crossing path. `side` is 1 or -1.
+    Afterwards, `path` ends at the first point of the crossing path. `side`, 1 or -1, selects the
+    direction.
 
     Raises
     ------
     CorrectorError
-        If no point of another path is found.
+        If no point of the crossing path is found.
     """
     branch, norm = path.branch_points[-1], settings.norm
     del path.points[branch.row + 1 :]
@@ -311,7 +316,7 @@ def switch_branch(
             size *= _CUT_FACTOR
             if size < _MIN_STEP_RATIO * settings.max_step:
                 raise CorrectorError(
-                    f"no crossing path was found at the branch point, {error}"
+                    f"no crossing path was found at the branch point: {error}"
                 ) from None
     path.points.append(first)
     return PathDirection(first.x - point.x, first.mu - point.mu)
@@ -324,13 +329,16 @@ def _crossing_direction(
     index: int,
     path_direction: PathDirection,
 ) -> PathDirection:
-    """Return the approximate direction of the path that crosses `path_direction`.
+    """Return the approximate direction of the crossing path.
 
-    Both directions lie in the plane of the critical mode and the load response without it. The
-    direction in this plane orthogonal to `path_direction` is close enough for Newton's method.
+    Both paths are tangent to the plane spanned by the critical mode and the load response without
+    this mode. The direction in this plane orthogonal to `path_direction` is close enough for
+    Newton's method.
     """
     if not len(point.stability.eigenvalues):
-        raise CorrectorError("crossing paths cannot be separated where loads have no potential")
+        raise CorrectorError(
+            "crossing paths cannot be separated because the loads have no potential"
+        )
     x = np.zeros_like(point.x)
     x[: len(norm.scale)] = point.stability.mode(index)
     mode = PathDirection(x, 0.0)

@@ -1,4 +1,4 @@
-"""Newton corrector of the static equations bordered by one control equation."""
+"""Newton corrector for the static equations bordered by one control equation."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ from beamdae.symbolic.sparse_operators import column_indices
 Array = np.ndarray
 
 _MAX_ITERATIONS = 15
-# Newton corrections are measured relative to the size of the mechanism, angles in rad.
+# Newton corrections are relative to the size of the mechanism, angles in rad.
 _DIVERGENCE_LIMIT = 0.5
 _CONVERGENCE_TOLERANCE = 1e-10
-# Below this size a correction also counts as converged once it stops decreasing: rounding of stiff
-# beams may prevent smaller ones.
+# A correction below this size also counts as converged once it stops decreasing, because rounding
+# errors of stiff beams may prevent smaller corrections.
 _STAGNATION_TOLERANCE = 1e-6
 _STAGNATION_RATIO = 0.1
 
 
 class CorrectorError(ArithmeticError):
-    """The corrector did not converge; the message is a phrase without a full stop."""
+    """Raised if the corrector does not converge; the message is a phrase without a period."""
 
 
 @dataclass(frozen=True)
 class EquilibriumPoint:
-    """A point of an equilibrium path.
+    """Point of an equilibrium path.
 
     Attributes
     ----------
     system
-        The static equations it solves.
+        Static equations that the point solves.
     x
         (q, lam), shape (n + m,).
     mu
         Load factor.
     iterations
-        Newton iterations it took.
+        Number of Newton iterations.
     """
 
     system: LoadedEquations = field(repr=False)
@@ -54,16 +54,16 @@ class EquilibriumPoint:
 
     @cached_property
     def stability(self) -> Stability:
-        """Stability of this equilibrium, computed on first access."""
+        """Stability of the equilibrium, computed on first access."""
         return assess_stability(self.system, self.x, self.system.tangent(self.x, self.mu))
 
 
 @dataclass
 class Corrector:
-    """Newton's method for one load stage; counts its iterations.
+    """Newton's method for one load stage, with a count of its iterations.
 
     It solves F(x; mu) = 0, c(x, mu) = target by the bordered matrix [[F_x, F_mu], [c_x, c_mu]],
-    which is regular at limit points where F_x is not.
+    which is regular at limit points, although F_x is singular.
     """
 
     system: LoadedEquations
@@ -71,12 +71,12 @@ class Corrector:
 
     @cached_property
     def displacement_measure(self) -> DisplacementMeasure:
-        """Measure of how far a correction moves the bodies."""
+        """Measure of the displacement of the bodies by a correction."""
         return DisplacementMeasure.of(self.system.equations)
 
     @cached_property
     def _bordered(self) -> tuple[sp.csc_array, Array, Array]:
-        """CSC pattern of the bordered matrix, and positions of F_x and the last row in its data."""
+        """CSC pattern of the bordered matrix, and indices of F_x and the last row in its data."""
         pattern, size = self.system.pattern, self.system.pattern.shape[0]
         tangent_positions = np.arange(pattern.nnz) + column_indices(pattern)
         row_positions = np.append(pattern.indptr[1:] + np.arange(size), pattern.nnz + size + size)
@@ -105,7 +105,7 @@ class Corrector:
             raise CorrectorError("the tangent stiffness is singular there") from None
 
     def correct(self, control: Control, target: float, x: Array, mu: float) -> EquilibriumPoint:
-        """Return the equilibrium near (x, mu) at which the control has the value `target`.
+        """Return the equilibrium near (x, mu) at which the control equals `target`.
 
         Raises
         ------
@@ -128,10 +128,10 @@ class Corrector:
             if size <= _CONVERGENCE_TOLERANCE or stagnates:
                 return EquilibriumPoint(self.system, x, mu, k + 1)
             last_size = size
-        raise CorrectorError(f"Newton's method has not converged in {_MAX_ITERATIONS} iterations")
+        raise CorrectorError(f"Newton's method did not converge in {_MAX_ITERATIONS} iterations")
 
     def path_tangent(self, point: EquilibriumPoint, control: Control) -> PathDirection:
-        """Return the derivative of (x, mu) along the path by the control.
+        """Return the derivative of (x, mu) with respect to the control along the path.
 
         Raises
         ------
@@ -145,22 +145,22 @@ class Corrector:
         return PathDirection(direction[:-1], float(direction[-1]))
 
     def try_path_tangent(self, point: EquilibriumPoint, control: Control) -> PathDirection | None:
-        """Return `path_tangent`, or None where the control does not change along the path."""
+        """Return `path_tangent`, or None if the control does not change along the path."""
         try:
             return self.path_tangent(point, control)
         except CorrectorError:
             return None
 
     def load_response(self, point: EquilibriumPoint, mode: Array) -> PathDirection:
-        """Return the response to a growing factor at a branch point, without the critical mode.
+        """Return the response to the load factor at a branch point, without the critical mode.
 
-        `mode`, (n + m,), is the null vector of the tangent; the component along it is undetermined
-        by the equations and set to zero.
+        `mode`, (n + m,), is the null vector of the tangent. The component of the response along
+        `mode` is undetermined and set to zero.
 
         Raises
         ------
         CorrectorError
-            If the tangent has more null vectors than this one.
+            If the tangent has further null vectors.
         """
         _, by_factor = self.system.residual(point.x, point.mu)
         self._factorize(self.system.tangent(point.x, point.mu), mode, (mode, 0.0))

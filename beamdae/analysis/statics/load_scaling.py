@@ -28,7 +28,7 @@ from beamdae.symbolic.sparse_operators import column_indices
 Array = np.ndarray
 Stages = tuple[tuple[str, ...], ...]
 
-_LOADS_DESCRIPTION = "names of loads (or 'gravity'), or lists of such names, one a stage"
+_LOADS_DESCRIPTION = "names of loads (or 'gravity'), or lists of such names, one per stage"
 
 
 def resolve_load_stages(mechanism: Mechanism, loads: Any) -> Stages:
@@ -56,9 +56,15 @@ def resolve_load_stages(mechanism: Mechanism, loads: Any) -> Stages:
     for name in names:
         _require_load(mechanism, name)
         if names.count(name) > 1:
-            raise BeamdaeError(f"equilibrium: loads must name {short_repr(name)} only once.")
+            raise BeamdaeError(
+                f"equilibrium: loads contain {short_repr(name)} more than once; name each "
+                "load once."
+            )
     if not all(stages):
-        raise BeamdaeError("equilibrium: loads must not contain an empty stage.")
+        raise BeamdaeError(
+            "equilibrium: loads must not contain an empty stage; name at least one load "
+            "in each stage."
+        )
     return stages
 
 
@@ -75,19 +81,20 @@ def _require_load(mechanism: Mechanism, name: Any) -> None:
         return
     if name == GRAVITY and name not in mechanism.parts:
         raise BeamdaeError(
-            "equilibrium: loads contain 'gravity', but the mechanism has no gravity."
+            "equilibrium: loads contain 'gravity', but the mechanism has no gravity; "
+            "set gravity= of the Mechanism."
         )
     if name not in mechanism.parts:
         candidates = (*mechanism.parts, GRAVITY)
         raise BeamdaeError(
-            f"equilibrium: loads contain {short_repr(name)}, but no part has this name"
-            f"{suggest(name, candidates)}."
+            f"equilibrium: loads contain {short_repr(name)}, but no part has this "
+            f"name{suggest(name, candidates)}; use the name of a load."
         )
     part = mechanism.parts[name]
     if len(part.coordinates) or part.constraints():
         raise BeamdaeError(
-            f"equilibrium: loads must name parts that only apply forces, {name} is a "
-            f"{type(part).__name__}."
+            f"equilibrium: loads must name parts that only apply forces, but {name} is "
+            f"a {type(part).__name__}."
         )
 
 
@@ -259,8 +266,8 @@ def build_loading(model: Any, full_equations: EquationsOfMotion, loads: Any, t: 
     if not isinstance(model, Mechanism):
         if loads is not None:
             raise BeamdaeError(
-                "equilibrium: loads can be named only for a Mechanism; a constrained system is "
-                "solved under all of its loads."
+                "equilibrium: loads= requires a Mechanism; omit loads= for a "
+                "constrained system, which is solved under all loads."
             )
         stages: Stages = ()
         models = [full_equations]

@@ -76,8 +76,9 @@ class DisplacementControl:
         if name not in positions:
             names = ", ".join(x for x in positions if not x.endswith("]")) or "none"
             raise BeamdaeError(
-                f"equilibrium: to names no observed position, got {short_repr(name)}"
-                f"{suggest(name, positions)}; the observed positions are: {names}."
+                "equilibrium: to must name an observed position, got "
+                f"{short_repr(name)}{suggest(name, positions)}; the observed positions "
+                f"are {names}."
             )
         return cls(equations, *positions[name], time)
 

@@ -95,8 +95,9 @@ class PathSettings:
         if isinstance(to, Mapping):
             if len(to) != 1 or not isinstance(next(iter(to)), str):
                 raise BeamdaeError(
-                    "equilibrium: to must be a load factor, several, or one observed position with "
-                    f"its value such as {{'tip.y': -0.1}}, got {short_repr(to)}."
+                    "equilibrium: to must be a load factor, a list of load factors, "
+                    f"or one observed position with a value such as {{'tip.y': -0.1}}, "
+                    f"got {short_repr(to)}."
                 )
             ((column, values),) = to.items()
         is_number = as_real(values) is not None
@@ -116,8 +117,8 @@ class PathSettings:
         if not is_possible[control]:
             alternative = ARC_LENGTH if switch else DISPLACEMENT if column else LOAD
             raise BeamdaeError(
-                f"equilibrium: control={control!r} does not work with these to and switch; use "
-                f"control={alternative!r}."
+                f"equilibrium: control={control!r} is not supported with the given to= "
+                f"and switch=; use control={alternative!r}."
             )
         size = None if step is None else require_positive(name, "step", step)
         max_points = require_count(name, "most_points", max_points, 2)
@@ -185,7 +186,8 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
     """
     if not loading.stages and settings.column:
         raise BeamdaeError(
-            f"equilibrium: no load can bring {settings.column} to a value; add a load."
+            f"equilibrium: {settings.column} cannot be prescribed because the model "
+            "has no loads; add a load."
         )
     points: list[EquilibriumPoint] = []
     factors: list[Array] = []
@@ -258,7 +260,10 @@ def _follow_stage(
     steps = _choose_steps(corrector, begin, settings, control)
     if settings.column and not np.any(corrector.system.residual(begin.x, begin.mu)[1]):
         t = corrector.system.loaded.time[0]
-        path.status = Status("failed", f"the loads that are scaled are zero at t = {t:g} s")
+        path.status = Status(
+            "failed",
+            f"all scaled loads are zero at t = {t:g} s; pass another time t= or other loads=",
+        )
         return
     if begin.stability.free_count:
         _follow_from_mechanism(corrector, path, steps, targets)
@@ -271,7 +276,10 @@ def _follow_stage(
             follow_path(corrector, path, to_branch_point, targets, direction)
             count = len(path.branch_points) - before
             if path.status.success and count < abs(switch):
-                sentence = f"the path has no branch point {abs(switch)}, only {count}"
+                sentence = (
+                    f"switch={switch} requests branch point {abs(switch)}, but the path "
+                    f"has only {count}"
+                )
                 path.status = Status("failed", sentence)
             if not path.status.success:
                 return
@@ -319,8 +327,9 @@ def _follow_from_mechanism(
     if not isinstance(steps.target_control, LoadControl):
         path.status = Status(
             "failed",
-            f"{free_coordinate(e, begin)} is free to move without stiffness while unloaded, so no "
-            "path starts there; name in loads= what moves it, or set to= to a load factor",
+            f"{free_coordinate(e, begin)} is free to move without load, so the path "
+            "has no defined start; restrict loads= to the loads to scale, or set to= "
+            "to a load factor",
         )
         return
     try:
@@ -358,7 +367,7 @@ def _end_status(path: StagePath, system: LoadedEquations, control: str) -> Statu
     """Return the status of a path; if it failed, with the last load factor and a remedy."""
     if path.status.success:
         return path.status
-    sentence = f"{path.status.sentence}; the last load factor that converged is {path.end.mu:.6g}"
+    sentence = f"{path.status.sentence} (last converged load factor: {path.end.mu:.6g})"
     if path.is_stuck:
         sentence += _remedy(path, system.equations, control)
     return Status(path.status.kind, sentence)
@@ -367,21 +376,22 @@ def _end_status(path: StagePath, system: LoadedEquations, control: str) -> Statu
 def _remedy(path: StagePath, e: EquationsOfMotion, control: str) -> str:
     """Return the end of a sentence: the likely reason why no step converges, and what to do."""
     if control == DISPLACEMENT and len(path.points) == 1:
-        return ", as if the loads do not move the prescribed column"
+        return "; check that the loads move the prescribed column"
     if control == DISPLACEMENT:
-        return ", control='arc length' continues where a displacement turns back"
+        return "; use control='arc length' to continue where a displacement reverses"
     if control != LOAD:
         return ""
     if len(path.points) == 1:
-        return ", a millionth of a step is too much: the loads may be larger than intended"
+        return "even for a millionth of a step; check the size of the loads"
     before, now = (_lowest_positive_eigenvalue(point) for point in (path.points[0], path.end))
     if not 0.0 < now < _SOFT_RATIO * before:
-        return ", control='arc length' continues where a load can rise no further"
+        return "; use control='arc length' to continue past the maximum of a load"
     stability = path.end.stability
     coordinate = _dominant_coordinate(e, stability.mode(stability.negative_count))
     return (
-        f", where {coordinate} has lost {1.0 - now / before:.0%} of its stiffness, as before a "
-        "limit point: control='arc length' continues past it"
+        f", where {coordinate} has lost {1.0 - now / before:.0%} of the initial "
+        "stiffness, as near a limit point; use control='arc length' to continue past "
+        "this point"
     )
 
 

@@ -21,8 +21,8 @@ Array = np.ndarray
 
 _NAME = "equilibrium"
 _FRICTION_WARNING = (
-    "friction depends on the sliding velocity and is zero at rest; this equilibrium is the one "
-    "without friction."
+    "friction depends on the sliding velocity and is zero at rest, so this "
+    "equilibrium ignores friction."
 )
 
 

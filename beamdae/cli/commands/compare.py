@@ -84,11 +84,11 @@ def _select_study(path: Path, name: str | None, settings: dict[str, str]) -> Stu
     sweeps = [key for key, study in file.studies.items() if isinstance(study, Sweep)]
     studies = {key: study for key, study in file.studies.items() if key not in sweeps}
     if name in sweeps or (name is None and sweeps and not studies):
-        raise BeamdaeError(f"{path}: {name or sweeps[0]} is a sweep; run it with beamdae sweep.")
+        raise BeamdaeError(f"{path}: {name or sweeps[0]} is a sweep; use beamdae sweep.")
     if name in studies or (studies and name is None):
         if settings:
             raise BeamdaeError(
-                f"--set {next(iter(settings))}: a study sets its own parameters; omit --set."
+                f"--set {next(iter(settings))}: a study defines all parameters; omit --set."
             )
         return studies[select_name(name, studies, f"{path}: the file contains several studies")]
     if studies and name is not None and name not in file.models:

@@ -76,7 +76,10 @@ def list_command(
             for study in file_studies.values()
         ]
     if not (models or studies or problems):
-        raise BeamdaeError(f"{path}: it contains no model and no study.")
+        raise BeamdaeError(
+            f"{path}: there is no model and no study here; decorate a function with "
+            "@bd.model(t_end=...)."
+        )
     record_results(lambda: {"models": models, "studies": studies, "problems": problems})
     console = create_console()
     for rows, create_table in (

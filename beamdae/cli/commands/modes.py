@@ -68,7 +68,7 @@ def modes_command(
     require_choice("modes", "--about", about, _STATES)
     speeds, animated_modes = speed or [], animate or []
     if speeds and about != "reference":
-        raise BeamdaeError(f"modes: --about {about} and --speed exclude each other; omit one.")
+        raise BeamdaeError(f"modes: --about {about} and --speed are mutually exclusive; omit one.")
     if len(speeds) > 1 and animated_modes:
         raise BeamdaeError("modes: --animate requires modes at one --speed; give one speed.")
     files = {kind: out / f"{model.name}_modes.{kind}" for kind in ("csv", "png")}

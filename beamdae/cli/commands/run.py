@@ -126,7 +126,8 @@ def run_command(
     method = create_integrator("run", integrator, options, file)
     if start and resume_from is not None:
         raise BeamdaeError(
-            f"run: --start {start[0]} and --continue {resume_from} exclude each other; omit one."
+            f"run: --start {start[0]} and --continue {resume_from} are mutually "
+            "exclusive; omit one."
         )
     run = Run(model, method, out / f"{model.name}.csv")
     other_files = (run.table.with_suffix(".json"), run.picture, run.page)

@@ -128,7 +128,8 @@ def _parse_targets(options: list[str] | None) -> Any:
         columns = {column for pair in pairs for column in pair}
         if len(columns) > 1:
             raise BeamdaeError(
-                f"--to: all targets must be values of one column, got {', '.join(sorted(columns))}."
+                "--to: all targets must prescribe the same column, got "
+                f"{', '.join(sorted(columns))}."
             )
         return {columns.pop(): [float(value) for pair in pairs for value in pair.values()]}
     except ValueError as problem:

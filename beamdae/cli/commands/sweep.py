@@ -120,11 +120,13 @@ def _sweep_from_options(
     ranges = parse_assignments(over, "--over")
     if len(ranges) < len(over):
         raise BeamdaeError(
-            f"--over: a parameter is given more than once in {', '.join(over)}; give each once."
+            f"--over: a parameter is repeated in {', '.join(over)}; give each parameter once."
         )
     for name in ranges:
         if name in constants:
-            raise BeamdaeError(f"--over {name}: --set sets this parameter, too; omit one.")
+            raise BeamdaeError(
+                f"--over {name}: the parameter is also set by --set; omit one of the options."
+            )
     values = {name: parse_values(model, name, text) for name, text in ranges.items()}
     values |= {name: [value] for name, value in constants.items()}
     folder = results_folder_name("_".join([model.name, "sweep", *ranges]), constants)
@@ -188,7 +190,7 @@ def _require_no_sweep_options(
     for option, value in options.items():
         if value is not None:
             raise BeamdaeError(
-                f"sweep: {option} requires --over; a sweep in a file defines its own settings."
+                f"sweep: {option} requires --over; a sweep in a file defines these settings."
             )
 
 
@@ -203,8 +205,8 @@ def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:
         candidates = [models[name]] if name in models else list(models.values())
         parameters = ", ".join(parameter for model in candidates for parameter in model.parameters)
         raise BeamdaeError(
-            f"{file.path}: the file contains no sweep; vary a parameter with --over NAME=VALUES "
-            f"({parameters or 'there is none'})."
+            f"{file.path}: the file contains no sweep; vary a parameter with --over "
+            f"NAME=VALUES (parameters: {parameters or 'none'})."
         )
     name = select_name(name, sweeps, f"{file.path}: the file contains several sweeps")
     if name not in sweeps:

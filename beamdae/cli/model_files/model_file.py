@@ -126,8 +126,8 @@ class ModelFile:
         functions = {id(model.build) for model in self._all_models() if model.name == name}
         if len(functions) > 1:
             raise BeamdaeError(
-                f"{self.path}: {len(functions)} models are called {short_repr(name)}; give their "
-                "functions different names."
+                f"{self.path}: {len(functions)} models are called {short_repr(name)}; "
+                "give the functions different names."
             )
         return models[name]
 
@@ -157,7 +157,7 @@ def translate_errors(call: str, path: Path) -> Iterator[None]:
     except (BeamdaeError, KeyboardInterrupt):
         raise
     except BaseException as problem:
-        raise BeamdaeError(f"{call} failed with {describe_error(problem, path)}.") from problem
+        raise BeamdaeError(f"{call} failed: {describe_error(problem, path)}.") from problem
 
 
 def _import_file(path: Path) -> ModuleType:
@@ -193,22 +193,22 @@ def _compile_file(path: Path) -> CodeType:
             raise BeamdaeError(f"{path}: there is no such file.")
         if not path.is_file():
             raise BeamdaeError(
-                f"{path}: this is not a regular file; a model file must be a Python file (.py)."
+                f"{path}: the path is not a regular file; a model file must be a Python file (.py)."
             )
         if path.stat().st_size > _MAX_FILE_SIZE:
             raise BeamdaeError(
-                f"{path}: the file is larger than {_MAX_FILE_SIZE / 1e6:g} MB; move its data to "
-                "another file and read it from there."
+                f"{path}: the file is larger than {_MAX_FILE_SIZE / 1000000.0:g} MB; "
+                "move data to another file and read that file in the model."
             )
         content = path.read_bytes()
     except OSError as problem:
-        raise BeamdaeError(f"{path}: the file cannot be read, {problem.strerror}.") from problem
+        raise BeamdaeError(f"{path}: the file cannot be read: {problem.strerror}.") from problem
     try:
         source = importlib.util.decode_source(content)
     except (SyntaxError, UnicodeDecodeError):
         raise BeamdaeError(
-            f"{path}: the file is neither in UTF-8 nor in the encoding its first line declares; "
-            "declare another encoding as in '# coding: latin-1'."
+            f"{path}: the file is neither in UTF-8 nor in the encoding declared in the "
+            "first line; declare the encoding as in '# coding: latin-1'."
         ) from None
     if "\0" in source:
         raise BeamdaeError(f"{path}: the file contains NUL bytes; a model file must be text.")

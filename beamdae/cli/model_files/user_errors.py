@@ -34,7 +34,7 @@ def describe_error(problem: BaseException, path: Path) -> str:
         message = _SUGGESTION.sub("", message)
     if isinstance(problem, SystemExit):
         code = "" if problem.code is None else short_repr(problem.code)
-        message = f"it called sys.exit({code})"
+        message = f"sys.exit({code}) was called"
     if isinstance(problem, SyntaxError):
         # Its str() repeats the line. It may be raised in a file that this one imports.
         is_elsewhere = problem.filename is not None and Path(problem.filename) not in file_names

@@ -41,7 +41,7 @@ from beamdae.symbolic.statements import (
 
 Array = np.ndarray
 
-_MAX_DRAWING_ERROR = 1e-2  # of interpolated curves, relative to the size of the mechanism
+_MAX_DRAWING_ERROR = 1e-2  # due to interpolated curves; relative to the mechanism
 _BYTES_PER_COORDINATE = 1e4  # least memory of a run; measured: 14 kB without any joint
 
 
@@ -51,7 +51,8 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     Parameters
     ----------
     mechanism
-        Parts, observables, events and gravity. Later changes of it do not affect the result.
+        Parts, observables, events and gravity. Later changes to the mechanism do not affect the
+        result.
     start
         Replaces the start of the mechanism, see `Mechanism`.
 
@@ -63,7 +64,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     Raises
     ------
     BeamdaeError
-        If no body can move, or a part states nothing or something that does not fit its bodies.
+        If no body can move, or the statements of a part are missing or do not fit its bodies.
     """
     if not isinstance(mechanism, Mechanism):
         raise BeamdaeError(
@@ -78,17 +79,17 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     configurations = build_configurations(snapshot, coordinate_map, equations_of_motion)
     n = coordinate_map.n
     if n == 0:
-        raise BeamdaeError("Mechanism: it needs at least one body that can move; add one.")
+        raise BeamdaeError("Mechanism: there is no body that can move; add at least one.")
     require_memory(
         "Mechanism",
-        f"a run of its {n} coordinates",
+        f"a run with {n} coordinates",
         _BYTES_PER_COORDINATE * n,
-        "take fewer bodies, or fewer elements",
+        "use fewer bodies or fewer elements",
     )
     forces: list[ForceStatement] = []
     constraints: list[ConstraintStatement] = []
     ranges: list[RangeStatement] = []
-    # The outlines of the bodies and the attachments of joints determine the size of the drawing.
+    # The outlines of the bodies and the attachments of joints determine the size of the mechanism.
     outlines = [np.asarray(part.outline, float) for part in parts]
     for part in parts:
         part_forces, part_constraints, part_ranges = collect_statements(
@@ -130,8 +131,8 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     if mechanism.redundant == MINIMUM_NORM:
         if configurations is not None:
             raise BeamdaeError(
-                f"Mechanism: redundant={MINIMUM_NORM!r} does not work with events that switch "
-                "parts; leave out the redundant constraints."
+                f"Mechanism: redundant={MINIMUM_NORM!r} is not supported with events "
+                "that switch parts; remove the redundant constraints."
             )
         equations = replace(equations, redundant=True)
     return apply_initial_conditions(equations, mechanism.start if start is None else start)
@@ -140,7 +141,10 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
 def _part_coordinates(
     parts: Sequence[Part], coordinate_map: CoordinateMap, length: float
 ) -> tuple[PartCoordinates, ...]:
-    """Return coordinates and size of each part with coordinates; `length` replaces size zero."""
+    """Return the coordinates and the size of each part that has coordinates.
+
+    If a part is a single point, its size is `length`.
+    """
     return tuple(
         PartCoordinates(
             part.name,
@@ -155,9 +159,10 @@ def _part_coordinates(
 def _require_drawn_attachments(
     mechanism: Mechanism, coordinate_map: CoordinateMap, q0: Array, length: float
 ) -> None:
-    """Reject attachments whose position at q0 is not their point of the drawing.
+    """Reject attachments whose position at q0 differs from `Attachment.point`.
 
-    Joints compare points of the drawing, so a joint would move points that coincide in it apart.
+    Joints are defined by these points. If the positions differed, a joint would separate points
+    that are drawn as coincident.
     """
     attachments = [a for part in mechanism.parts.values() for a in part.attachments]
     if not attachments:
@@ -167,6 +172,7 @@ def _require_drawn_attachments(
     worst = int(np.argmax(gaps))
     if not gaps[worst] <= _MAX_DRAWING_ERROR * length:
         raise BeamdaeError(
-            f"{attachments[worst]}: its motion starts {gaps[worst]:.3g} m away from the drawing; "
-            "an attachment must start where it is drawn."
+            f"{attachments[worst]}: the kinematics start {gaps[worst]:.3g} m away from "
+            "the point in the reference configuration; correct the kinematics or the "
+            "point of the attachment."
         )

@@ -1,4 +1,4 @@
-"""Equations of motion from statements on bodies: terms and observables on all coordinates."""
+"""Equations of motion built from statements: terms and observables on all coordinates."""
 
 from __future__ import annotations
 
@@ -76,11 +76,11 @@ def build_equations(
     events: Sequence[Event] = (),
     configurations: Configurations | None = None,
 ) -> EquationsOfMotion:
-    """Build equations of motion from statements on bodies.
+    """Build equations of motion from the statements of parts.
 
-    Statements with one kernel become one term: its copies share the kernel and differ in their
-    numbers and in the rows of the operator that gathers their local coordinates. See
-    `EquationsOfMotion` for the other arguments.
+    Statements that share a kernel become one term. Its copies differ in their numbers and in the
+    rows of the operator that gathers their local coordinates. For the other arguments, see
+    `EquationsOfMotion`.
     """
     numbers = NumberStore()
     multipliers = [
@@ -90,7 +90,7 @@ def build_equations(
     multiplier_rows = [np.arange(first, last) for first, last in pairwise(ends)]
     rows: dict[str, slice] = {}
     for statement, (first, last) in zip(constraints, pairwise(ends.tolist()), strict=True):
-        # The constraints of one part follow each other.
+        # The constraints of a part are contiguous.
         rows[statement.part] = slice(rows.get(statement.part, slice(first, last)).start, last)
     force_terms = []
     for group in group_by_kernel(forces):
@@ -156,7 +156,7 @@ def build_observable(
     numbers: NumberStore,
     rows: dict[str, slice],
 ) -> Observable:
-    """Return a quantity on the global coordinates; `rows` are the multipliers of each part."""
+    """Return the observable of a quantity; `rows` maps each part to the slice of its multipliers."""
     if quantity.joint is not None and quantity.joint not in rows:
         raise BeamdaeError(
             f"{name}: {quantity.joint!r} has no constraints and therefore no reaction; observe "
@@ -177,8 +177,8 @@ def build_observable(
     if kernel.values.shape != (len(quantity.columns), 1):
         columns = ", ".join(column.header for column in quantity.columns)
         raise BeamdaeError(
-            f"{name}: the quantity must give one value for each of its columns ({columns}), "
-            f"got shape {kernel.values.shape}."
+            f"{name}: the quantity must return one value per column ({columns}), got "
+            f"shape {kernel.values.shape}."
         )
     data_slice = numbers.store(np.concatenate([data, more]))
     return Observable(name, quantity.columns, kernel.function, operator, data_slice, lam_rows)
@@ -192,20 +192,21 @@ def add_observable(
     Raises
     ------
     BeamdaeError
-        If they are not those of a mechanism, or the quantity is that of another mechanism.
+        If the equations were not assembled from a mechanism, or the quantity refers to a part of
+        another mechanism.
     """
     name, mechanism = require_name("observe", name), e.mechanism
     if mechanism is None:
         raise BeamdaeError(
-            f"{name}: the run is not one of a mechanism; observe columns of a ConstrainedSystem "
-            "by its parameter observe."
+            f"{name}: the run has no mechanism; to observe a ConstrainedSystem, use "
+            "the parameter observe of the system."
         )
     quantity, coordinate_map = as_quantity(name, what), map_coordinates(mechanism)
     for piece in quantity.pieces:
         if id(piece.owner) not in coordinate_map.sizes:
             raise BeamdaeError(
-                f"{name}: {piece.owner.name!r} is not a part of the mechanism that ran; observe "
-                "one of its parts."
+                f"{name}: {piece.owner.name!r} is not part of the mechanism that ran; "
+                "observe a part of that mechanism."
             )
     require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
     numbers = NumberStore(e.p)
@@ -234,7 +235,7 @@ def _build_event_terms(
     observed: Sequence[Observable],
     observe: Callable[[str, Quantity], Observable],
 ) -> tuple[EventTerm, ...]:
-    """Return events on the global coordinates; `observe` builds an observable of a quantity."""
+    """Return the terms of events; `observe` builds the observable of a quantity."""
     terms: dict[str, EventTerm] = {}
     columns = {
         ".".join(filter(None, (o.name, column.name))): (o, k)
@@ -244,17 +245,23 @@ def _build_event_terms(
     for event in events:
         name = str(event.name)
         if name in terms:
-            raise BeamdaeError(f"event: the name {name!r} is taken; give every event its own name.")
+            raise BeamdaeError(
+                f"event: the name {name!r} is in use; give every event a different name."
+            )
         if isinstance(event.what, str):
             if event.what not in columns:
                 near = suggest(event.what, columns)
-                raise BeamdaeError(f"{name}: no column {short_repr(event.what)} is observed{near}.")
+                raise BeamdaeError(
+                    f"{name}: the column {short_repr(event.what)} is not observed{near}; "
+                    "observe the column or pass a quantity."
+                )
             observable, column = columns[event.what]
         else:
             if len(event.what.columns) != 1:
                 names = ", ".join(column.name for column in event.what.columns)
                 raise BeamdaeError(
-                    f"{name}: its quantity has several columns ({names}); observe it and name one."
+                    f"{name}: the quantity has several columns ({names}); observe the "
+                    "quantity and name one column."
                 )
             observable, column = observe(name, event.what), 0
         direction = DIRECTIONS[event.direction]
@@ -265,7 +272,7 @@ def _build_event_terms(
 def require_unique_headers(
     coordinates: Sequence[Variable], multipliers: Sequence[Variable], observed: Sequence[Observable]
 ) -> None:
-    """Reject two columns of a table with one header."""
+    """Reject duplicate column headers."""
     observed_headers = [header for observable in observed for header in observable.headers]
     require_unique("observed columns", "headers", [*observed_headers, *LEDGER_COLUMNS, TIME])
     rates = [coordinate.rate for coordinate in coordinates]
@@ -287,7 +294,7 @@ class NumberStore:
         return np.concatenate([np.zeros(0), *self._arrays])
 
     def store(self, values: Array) -> slice:
-        """Append values column by column; return their slice."""
+        """Append values column by column; return their slice of p."""
         begin = self._end
         self._arrays.append(np.asarray(values, float).ravel(order="F"))
         self._end += len(self._arrays[-1])
@@ -295,7 +302,7 @@ class NumberStore:
 
 
 def read_only_copy(values: Array) -> Array:
-    """Return a copy that cannot be written to."""
+    """Return a read-only copy of type float."""
     copy = np.array(values, float)
     copy.setflags(write=False)
     return copy

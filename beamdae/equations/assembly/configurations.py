@@ -1,4 +1,4 @@
-"""Equations of a mechanism some of whose joints and forces are switched off by events."""
+"""Equations of mechanisms whose joints and forces are switched on and off by events."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from beamdae.parts.part import Part
 
 Array = np.ndarray
 
-# Fields that stay those of the whole mechanism, so that scales do not change during a run.
+# Fields taken from the equations of all parts, so that scales do not change during a run.
 _SHARED_FIELDS = ("q0", "v0", "length", "parts")
 
 
@@ -45,15 +45,15 @@ class MechanismConfigurations:
     Attributes
     ----------
     mechanism
-        All parts.
+        Mechanism with all parts.
     coordinates
         Coordinate map of all parts.
     assemble
-        Assembles the equations of a mechanism.
+        Function that assembles the equations of a mechanism.
     initially_inactive
         Names of the parts that are inactive at the start of a run.
     frozen_gaps
-        Offsets of joints that were switched on as they were before the start.
+        Gaps of joints that events before the start activated "as they are", by name.
     """
 
     mechanism: Mechanism
@@ -66,7 +66,7 @@ class MechanismConfigurations:
     def starting_with(
         self, inactive: frozenset[str], frozen_gaps: FrozenGaps
     ) -> MechanismConfigurations:
-        """Return these configurations with other parts inactive and joints frozen at the start."""
+        """Return a copy with these parts inactive and these gaps frozen at the start of a run."""
         return replace(self, initially_inactive=inactive, frozen_gaps=frozen_gaps)
 
     def initial_configuration(self, whole: EquationsOfMotion) -> Configuration:
@@ -76,9 +76,9 @@ class MechanismConfigurations:
     def configuration_without(
         self, whole: EquationsOfMotion, inactive: frozenset[str], frozen_gaps: FrozenGaps
     ) -> Configuration:
-        """Return the configuration without the inactive parts."""
+        """Return the configuration with these parts inactive and these gaps frozen."""
         if frozen_gaps:
-            # The same offsets do not recur: nothing to cache.
+            # Not cached, because the same offsets do not recur.
             active = self.assemble(self._active_mechanism(inactive, frozen_gaps))
         elif inactive in self._assembled:
             active = self._assembled[inactive]
@@ -124,7 +124,7 @@ class MechanismConfigurations:
     def impact_equations(
         self, whole: EquationsOfMotion, now: Configuration, event: str, impacts: Iterable[Impact]
     ) -> ImpactEquations:
-        """Return the equations in which the impacts of an event are solved."""
+        """Return the equations of all active parts and of the impacts of an event."""
         mechanism = self._active_mechanism(now.inactive, now.frozen_gaps)
         restitution: dict[str, float] = {}
         gaps: list[str] = []
@@ -145,7 +145,7 @@ class MechanismConfigurations:
         return ImpactEquations(equations, restitution, frozenset(gaps))
 
     def _freeze_gap(self, name: str, gap: FrozenGap, time: Array, q: Array) -> FrozenGap:
-        """Return the gap with the offsets of the joint at time = (t, branch) and positions q."""
+        """Return `gap` with the offsets of the joint at time = (t, branch) and positions q."""
         joint, law = self.mechanism.part(name), self._event_law(name, gap)
         assert isinstance(joint, KinematicConstraint)
         pieces = joint.pieces
@@ -155,7 +155,7 @@ class MechanismConfigurations:
         return replace(gap, offsets=evaluate_frozen_gap(joint, law, law_time, local))
 
     def _event_law(self, name: str, gap: FrozenGap) -> Law | None:
-        """Return the law that an event gave a joint; None if it follows the law of the joint."""
+        """Return the law that an event gave to a joint; None if no event replaced its law."""
         if not gap.event:
             return None
         for event in self.mechanism.events:
@@ -163,12 +163,12 @@ class MechanismConfigurations:
             if event.name == gap.event and name in laws:
                 return shift_law(laws[name], gap.since)
         raise BeamdaeError(
-            f"{name}: it follows the law that event {gap.event} gave it at t = {gap.since:g} s, "
-            "but this model has no such event; add the event."
+            f"{name}: the law of this driver was set by event {gap.event} at t = "
+            f"{gap.since:g} s, but this model has no such event; add the event."
         )
 
     def _active_mechanism(self, inactive: frozenset[str], frozen_gaps: FrozenGaps) -> Mechanism:
-        """Return the mechanism without inactive parts, with frozen gaps."""
+        """Return the mechanism without the inactive parts and with these gaps frozen."""
         parts: dict[str, Part] = {}
         for name, part in self.mechanism.parts.items():
             if name in inactive:
@@ -179,8 +179,9 @@ class MechanismConfigurations:
             gap = frozen_gaps[name]
             if not isinstance(part, KinematicConstraint) or part.n_gap_rows != len(gap.offsets):
                 raise BeamdaeError(
-                    f"{name}: an event before the start froze it with {len(gap.offsets)} offsets, "
-                    "which do not fit this model; use the model of the earlier run."
+                    f"{name}: an earlier event froze this joint with "
+                    f"{len(gap.offsets)} offsets, which do not fit this model; use the "
+                    "model of the earlier run."
                 )
             parts[name] = FrozenConstraint(part, gap.offsets, self._event_law(name, gap))
         mechanism = copy(self.mechanism)
@@ -194,7 +195,7 @@ def _shared_fields(whole: EquationsOfMotion) -> dict:
 
 
 def _unused_name(event: str, mechanism: Mechanism) -> str:
-    """Return a part name for the gap of an event that is not in use."""
+    """Return an unused part name for the gap of an event."""
     name, count = event, 1
     while name in mechanism.parts:
         count += 1
@@ -219,7 +220,8 @@ def build_configurations(
     for name in sorted(names | mechanism.inactive):
         if len(mechanism.part(name).coordinates):
             raise BeamdaeError(
-                f"{name}: it has coordinates and cannot be switched; switch joints and forces."
+                f"{name}: a part with coordinates cannot be switched; switch joints "
+                "and forces instead."
             )
     has_impacts = any(select_impacts(event.do) for event in mechanism.events)
     if not (names or mechanism.inactive or has_impacts):

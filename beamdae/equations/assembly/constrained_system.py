@@ -1,4 +1,4 @@
-"""Constrained systems stated directly in CasADi expressions."""
+"""Constrained systems given directly by CasADi expressions."""
 
 from __future__ import annotations
 
@@ -48,15 +48,15 @@ from beamdae.symbolic.statements import (
     Variable,
 )
 
-_CONSTRAINTS = "constraint"  # name under which all constraints are stated
+_CONSTRAINTS = "constraint"  # part name of all constraints
 
 
 @dataclass(frozen=True, eq=False)
 class ConstrainedSystem(HasOrigin):
     """Constrained system M(t, q) q'' + G^T lam = f(t, q, q'), 0 = g(t, q), G = dg/dq.
 
-    The equations are CasADi expressions, for mechanics beyond the built-in parts. They become the
-    same `EquationsOfMotion` as those of a mechanism: every integrator, study and report works on
+    The equations are CasADi expressions, for mechanics beyond the built-in parts. Like mechanisms,
+    they are assembled into `EquationsOfMotion`, so that every integrator, study and report accepts
     them. Nonholonomic constraints 0 = A(t, q) v + b(t, q) enter with A in place of G.
 
     Parameters
@@ -68,41 +68,43 @@ class ConstrainedSystem(HasOrigin):
     force
         f, shape (n,).
     constraints
-        g, shape (m,), or expressions by header of the multiplier, {"rod [N]": g_rod, ...}.
-        Default: none.
+        g, shape (m,), or a dict of expressions by multiplier header, {"rod [N]": g_rod, ...}.
+        Defaults to no constraints.
     velocity_constraints
-        A(t, q) v + b(t, q), shape (k,) or by header as `constraints`. Their multipliers follow
-        those of `constraints`.
+        A(t, q) v + b(t, q), shape (k,), or a dict as for `constraints`. Their multipliers come
+        after the multipliers of `constraints`.
     q0, v0
-        Start, (n,) each; made consistent with the constraints.
+        Initial coordinates and velocities, (n,) each; they are made consistent with the
+        constraints.
     names
-        Names of the coordinates; default q0, q1, ...
+        Names of the coordinates. Defaults to q0, q1, ...
     units
-        Units of the coordinates, such as "m" and "rad"; default "-". Scales follow from units:
-        angles ("rad") have size 1, all others the largest absolute start value of these.
+        Units of the coordinates, such as "m" and "rad". Defaults to "-". The scale of angles
+        ("rad") is 1. The scale of all other coordinates is their largest absolute initial value.
     observe
-        Further columns by header, {"tip.x [m]": x, ...}: expressions in t, q, v and lam; a header
-        without a unit has "-".
+        Additional columns by header, {"tip.x [m]": x, ...}: expressions in t, q, v and lam. The
+        unit of a header defaults to "-".
     lam
-        Symbol of the multipliers (m,), for columns that depend on reactions.
+        Symbol of all multipliers, (m + k,), for columns that depend on reactions.
     parameters
         Values of further symbols, {m: 2.0, u: bd.run_up(...)}: numbers or laws of time. Systems
-        that differ in these numbers only share their machine code.
+        that differ only in these numbers share their machine code.
     strain_energy, gravity_energy
-        Potentials [J] in t and q whose forces are part of f; columns of the energy ledger.
+        Potential energies [J] in t and q, reported in the energy ledger. Their forces must be
+        included in f.
     dissipated_power
         Power dissipated by f [W]. The remaining power of f counts as work of loads.
     breakpoints
-        Ascending times [s] at which an expression jumps or kinks in t; integrators stop and
-        restart there. Breakpoints of laws are added.
+        Ascending times [s] at which an expression has a jump or kink in t; integrators stop and
+        restart there. Breakpoints of laws are added automatically.
     time_scale
-        Shortest time [s] over which an expression changes with t, if much shorter than the run;
-        no step is longer.
+        Shortest time [s] over which an expression changes with t, if much shorter than the run. It
+        limits the step size.
     scales
-        Amplitude of each coordinate, about half its range, to which `rtol` refers, (n,). Default:
-        adaptive integrators estimate it by a pilot run with a loose tolerance.
+        Amplitude of each coordinate, about half its range, (n,); `rtol` is relative to it. By
+        default, adaptive integrators estimate it by a pilot run with a loose tolerance.
     events
-        `Event`s on coordinates and observed columns, by name.
+        `Event`s that monitor coordinates or observed columns, given by name.
 
     Raises
     ------
@@ -174,8 +176,8 @@ class ConstrainedSystem(HasOrigin):
                 raise BeamdaeError(f"{KIND}: events must be Event(...), got {short_repr(event)}.")
             if not isinstance(event.do, str):
                 raise BeamdaeError(
-                    f"{KIND}: it has no parts to act on, event {event.name} can do 'stop' and "
-                    f"'record', got {short_repr(event.do)}."
+                    f"{KIND}: do of event {event.name} must be 'stop' or 'record', "
+                    f"because the system has no parts, got {short_repr(event.do)}."
                 )
         if self.time_scale is not None:
             set_fields(self, time_scale=require_positive(KIND, "time_scale", self.time_scale))
@@ -185,12 +187,12 @@ class ConstrainedSystem(HasOrigin):
 
     @cached_property
     def equations(self) -> EquationsOfMotion:
-        """Equations of motion, of the same type as those of a mechanism."""
+        """Equations of motion of the system."""
         n = self.q.numel()
         coordinates = tuple(
             Variable(name, unit) for name, unit in zip(self.names, self.units, strict=True)
         )
-        # Size of the coordinates that are not angles: the largest at the start, or 1.
+        # Scale of the coordinates that are not angles: the largest initial value, or 1.
         sizes = [
             abs(x) for x, c in zip(self.q0.tolist(), coordinates, strict=True) if c.unit != "rad"
         ]
@@ -226,7 +228,7 @@ class ConstrainedSystem(HasOrigin):
 
     @cached_property
     def _observed(self) -> dict[Variable, Any]:
-        """Expressions of the further columns."""
+        """Expressions of the additional columns, by name and unit."""
         if not isinstance(self.observe, dict):
             raise BeamdaeError(
                 f"{KIND}: observe must give expressions by name, got {short_repr(self.observe)}."
@@ -256,8 +258,8 @@ class ConstrainedSystem(HasOrigin):
                     f"{KIND}: {name} must have shape {shape}, got {expression.shape}."
                 )
         kinetic = 0.5 * ca.dot(local.v, mass @ local.v)
-        # The kinetic energy changes by v . M a + v . M' v / 2. Where M depends on q or t, the part
-        # of f that is inertia therefore changes no energy.
+        # The kinetic energy changes at the rate v . M a + v . M' v / 2. Adding the second term
+        # removes the power of the inertia forces, which f contains if M depends on q or t.
         power = ca.dot(force, local.v) + local.dot(kinetic + strain + gravity) + dissipated
         kernel = ForceKernel(
             local,
@@ -268,7 +270,7 @@ class ConstrainedSystem(HasOrigin):
         return ForceStatement("system", kernel, (piece,), expressions.numbers[:, None])
 
     def _constraint_statements(self, piece: Piece) -> list[ConstraintStatement]:
-        """Return constraints on positions, then those on velocities alone."""
+        """Return the statements of holonomic constraints, then of nonholonomic constraints."""
         expressions = self._expressions
         data, statements = expressions.numbers[:, None], []
         local, rows, multipliers = _stack_constraints(
@@ -303,7 +305,7 @@ class ConstrainedSystem(HasOrigin):
         piece: Piece,
         constraints: list[ConstraintStatement],
     ) -> dict[str, Quantity]:
-        """Return the coordinates and the further columns as quantities."""
+        """Return the coordinates and the additional columns as quantities."""
         expressions, m = self._expressions, sum(len(x.multipliers) for x in constraints)
         on: tuple[str, ...] = ("t", "q", "v")
         joint = None
@@ -331,10 +333,10 @@ class ConstrainedSystem(HasOrigin):
 def _stack_constraints(
     expressions: Expressions, constraints: Any, what: str, letter: str
 ) -> tuple[Local, SX, tuple[Variable, ...]]:
-    """Return symbols, rows in them and multipliers of one kind of constraints.
+    """Return the symbols, stacked expressions and multipliers of one kind of constraints.
 
-    `constraints` are an expression, a dict of expressions by header, or None; `letter` names
-    multipliers without a header.
+    `constraints` is an expression, a dict of expressions by header, or None. Multipliers without a
+    header are named by `letter` and a number.
     """
     by_name = isinstance(constraints, dict)
     if by_name:
@@ -353,7 +355,7 @@ def _stack_constraints(
         for x, block in zip(by_header, blocks, strict=True)
         for i in range(block.numel())
     )
-    # The symbols of the multipliers need their number, which the blocks determine.
+    # The blocks determine the number of multipliers, which their symbols require.
     local = expressions.local(len(multipliers))
     old, new = ([x.time, x.q, x.v, x.data] for x in (symbols, local))
     rows = ca.densify(ca.vertcat(SX(0, 1), *(ca.vec(x) for x in blocks)))

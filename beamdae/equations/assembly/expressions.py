@@ -35,9 +35,9 @@ class Expressions:
     Attributes
     ----------
     t, q, v, lam
-        Symbols of time, coordinates, velocities and multipliers, columns; `lam` may be None.
+        Symbols of time, coordinates, velocities and multipliers, as columns; `lam` may be None.
     parameters
-        Numbers and laws of time by symbol.
+        Number or law of time for each symbol.
     """
 
     t: Any
@@ -48,12 +48,13 @@ class Expressions:
 
     @classmethod
     def of(cls, t: Any, q: Any, v: Any, lam: Any, parameters: Any) -> Expressions:
-        """Validate symbols and parameters.
+        """Validate symbols and parameters and return them as `Expressions`.
 
         Raises
         ------
         BeamdaeError
-            If an argument is not a symbol, sizes differ, or a parameter has no value.
+            If an argument is not a symbol, sizes differ, symbols are used twice, or a parameter is
+            neither a number nor a law.
         """
         symbols = {"t": t, "q": q, "v": v} | ({} if lam is None else {"lam": lam})
         for name, symbol in symbols.items():
@@ -74,13 +75,13 @@ class Expressions:
 
     @property
     def symbols(self) -> list[Any]:
-        """Symbols t, q, v and of the parameters."""
+        """All symbols: t, q, v, the parameters and, if given, lam."""
         multipliers = [] if self.lam is None else [self.lam]
         return [self.t, self.q, self.v, *self.parameters, *multipliers]
 
     @cached_property
     def laws(self) -> tuple[tuple[str, Law], ...]:
-        """Laws among the parameters, with the names of their symbols."""
+        """Parameters that are laws, as pairs (name of the symbol, law)."""
         return tuple((s.name(), x) for s, x in self.parameters.items() if isinstance(x, Law))
 
     @cached_property
@@ -89,7 +90,7 @@ class Expressions:
         return np.array([x for x in self.parameters.values() if not isinstance(x, Law)], float)
 
     def local(self, n_multipliers: int = 0) -> Local:
-        """Return the symbols of a statement about the whole system."""
+        """Return new symbols for a statement of the whole system."""
         return Local(self.q.numel(), len(self.numbers), n_multipliers)
 
     def substitute(
@@ -100,7 +101,7 @@ class Expressions:
         on: tuple[str, ...] = ("t", "q", "v"),
         observed: bool = False,
     ) -> SX:
-        """Return an expression in the symbols of `local`.
+        """Replace the system symbols in an expression by the symbols of `local`.
 
         Parameters
         ----------
@@ -111,14 +112,16 @@ class Expressions:
         name
             Name of the expression in messages.
         on
-            Symbols it may depend on, besides the parameters.
+            Symbols allowed in the expression, besides the parameters.
         observed
-            True for columns, which may contain numbers that are not finite: runs warn of these.
+            True for output columns, where nan and inf are allowed and raise a warning during the
+            run.
 
         Raises
         ------
         BeamdaeError
-            If it depends on another symbol, is not an expression, or contains nan or inf.
+            If `expression` depends on another symbol, cannot be converted to CasADi, or contains
+            nan or inf.
         """
         kind = type(self.t)
         allowed_names = _join_names([*on, *(["parameters"] if self.parameters else [])])
@@ -134,7 +137,7 @@ class Expressions:
         others = [x.name() for x in ca.symvar(stacked) if _symbol_key(x) not in allowed_keys]
         if others:
             raise BeamdaeError(
-                f"{KIND}: {name} must depend on {allowed_names} alone, not on "
+                f"{KIND}: {name} must depend only on {allowed_names}, not on "
                 f"{', '.join(others[:_MAX_LISTED_SYMBOLS])}."
             )
         values = {"t": local.time[0], "q": local.q, "v": local.v, "lam": local.lam}
@@ -149,8 +152,8 @@ class Expressions:
             )
         except Exception:
             raise BeamdaeError(
-                f"{KIND}: {name} uses a function that SX cannot expand, such as a root finder; "
-                "state it as a closed expression."
+                f"{KIND}: {name} uses a function that SX cannot expand, such as a root "
+                "finder; use a closed-form expression instead."
             ) from None
         for entry in ca.vertsplit(value.nz[:]):
             if entry.is_constant() and not observed:
@@ -171,7 +174,7 @@ def _require_symbol(name: str, symbol: Any) -> None:
 
 
 def _parse_parameters(kind: Any, parameters: Any) -> dict[Any, float | Law]:
-    """Return numbers and laws by symbol."""
+    """Validate the parameters; return numbers and laws by symbol."""
     if not isinstance(parameters, Mapping) or not all(
         isinstance(symbol, kind) and symbol.is_scalar() and symbol.is_valid_input()
         for symbol in parameters
@@ -225,7 +228,7 @@ def parse_header(header: Any) -> Variable:
     Raises
     ------
     BeamdaeError
-        If it is not such a string.
+        If `header` is not a string of this form.
     """
     name, unit = header, "-"
     if isinstance(header, str) and header.endswith("]") and " [" in header:
@@ -249,7 +252,7 @@ def parse_numbers(name: str, values: Any, n: int) -> Array:
 
 
 def parse_names(name: str, values: Any, n: int) -> tuple[Any, ...]:
-    """Return `values` as a tuple of n entries, or an empty one."""
+    """Return `values` as a tuple of n entries; an empty sequence is also allowed."""
     entries = tuple(require_sequence(KIND, name, values, f"a list of {n} strings"))
     if entries and len(entries) != n:
         raise BeamdaeError(

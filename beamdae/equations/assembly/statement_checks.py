@@ -41,8 +41,9 @@ def require_body_fits(part: Part) -> None:
             shape = None
         if shape != (len(coordinates),):
             raise BeamdaeError(
-                f"{part.name}: {name} must have shape {(len(coordinates),)}, one number a "
-                f"coordinate, got {short_repr(start) if shape is None else shape}."
+                f"{part.name}: {name} must have shape {(len(coordinates),)}, one "
+                "number per coordinate, got "
+                f"{(short_repr(start) if shape is None else shape)}."
             )
     try:
         outline = np.asarray(part.outline, dtype=float)
@@ -56,12 +57,12 @@ def require_body_fits(part: Part) -> None:
     for law in _require_list(part.name, "laws", part.laws, Law):
         if not np.isfinite(law.breakpoints).all():
             raise BeamdaeError(
-                f"{part.name}: the breakpoints of its law must be finite, got {law.breakpoints}."
+                f"{part.name}: breakpoints of laws must be finite, got {law.breakpoints}."
             )
 
 
 def require_unit(part: str, unit: Any) -> None:
-    """Reject a unit that is not a string, and other units of angles than "rad"."""
+    """Reject units that are not strings, and angle units other than "rad"."""
     if not isinstance(unit, str) or not unit or unit != unit.strip() or not unit.isprintable():
         raise BeamdaeError(
             f"{part}: units must be strings such as 'm' and 'rad', got {short_repr(unit)}."
@@ -71,14 +72,16 @@ def require_unit(part: str, unit: Any) -> None:
 
 
 def require_unique(part: str, what: str, names: Iterable[str]) -> None:
-    """Reject lists of names with duplicates."""
+    """Reject duplicate names."""
     duplicates = [name for name, count in Counter(names).items() if count > 1]
     if duplicates:
-        raise BeamdaeError(f"{part}: its {what} must differ, {', '.join(duplicates)} comes twice.")
+        raise BeamdaeError(
+            f"{part}: {what} must be unique, but {', '.join(duplicates)} is repeated."
+        )
 
 
 def require_columns_fit(part: str, columns: Any) -> None:
-    """Reject columns of a quantity that are not `Variable`, each with a unit."""
+    """Reject columns of a quantity that are not `Variable`s with valid units."""
     for column in _require_list(part, "columns", columns, Variable):
         require_unit(part, column.unit)
 
@@ -86,12 +89,13 @@ def require_columns_fit(part: str, columns: Any) -> None:
 def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list, list]:
     """Return the forces, constraints and ranges of a part.
 
-    `sizes` are the numbers of coordinates by the identity of the body.
+    `sizes` maps `id(body)` to the number of coordinates of the body.
 
     Raises
     ------
     BeamdaeError
-        If the part states nothing, or something of the wrong type, name or shape.
+        If the part has neither coordinates nor statements, or a statement has the wrong type, name
+        or shape.
     """
     forces = _require_list(
         part.name,
@@ -120,8 +124,9 @@ def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[l
         multipliers = _require_list(part.name, "multipliers", constraint.multipliers, Variable)
         if len(multipliers) != constraint.kernel.local.n_multipliers:
             raise BeamdaeError(
-                f"{part.name}: it names {len(multipliers)} multipliers for "
-                f"{constraint.kernel.local.n_multipliers} constraints; name one for each."
+                f"{part.name}: {len(multipliers)} multipliers are named for "
+                f"{constraint.kernel.local.n_multipliers} constraints; name one "
+                "multiplier per constraint."
             )
     return forces, constraints, ranges
 
@@ -133,31 +138,33 @@ def call_part(part: str, what: str, function: Callable[..., Any], *arguments: An
     except BeamdaeError:
         raise
     except Exception as problem:
-        raise BeamdaeError(f"{part}: its {what} failed, {format_exception(problem)}.") from problem
+        raise BeamdaeError(f"{part}: {what} failed: {format_exception(problem)}.") from problem
 
 
 def select_multipliers(
     forces: Sequence[ForceStatement], rows: Mapping[str, slice]
 ) -> np.ndarray | None:
-    """Return the multipliers that forces of one kernel depend on; None without any.
+    """Return indices of the multipliers that forces of one kernel depend on; None if none.
 
-    `rows` are the multipliers of each part.
+    `rows` maps each part to the slice of its multipliers.
     """
     indices: list[int] = []
     for force in forces:
         count = force.kernel.local.n_multipliers
         if (force.joint is None) != (count == 0):
             raise BeamdaeError(
-                f"{force.part}: a force that depends on {count} multipliers must name the joint "
-                f"they belong to, and no other force may, got {short_repr(force.joint)}."
+                f"{force.part}: the force depends on {count} multipliers and has "
+                f"joint={short_repr(force.joint)}; name the joint of the multipliers "
+                "if and only if there are any."
             )
         if force.joint is None:
             continue
         available = rows.get(force.joint, slice(0, 0))
         if available.stop - available.start != count:
             raise BeamdaeError(
-                f"{force.part}: it depends on {count} multipliers of {force.joint!r}, "
-                f"which has {available.stop - available.start}."
+                f"{force.part}: the force depends on {count} multipliers of "
+                f"{force.joint!r}, but this joint has "
+                f"{available.stop - available.start}."
             )
         indices += range(available.start, available.stop)
     return np.array(indices) if indices else None
@@ -185,43 +192,45 @@ def _require_statement_fits(
     name, kernel = part.name, statement.kernel
     if statement.part != name:
         raise BeamdaeError(
-            f"{name}: its statements must carry its name, got {short_repr(statement.part)}."
+            f"{name}: statements must carry the name of the part, got {short_repr(statement.part)}."
         )
     if kernel.expression_error:
         raise BeamdaeError(f"{name}: {kernel.expression_error}.")
     if kernel.has_branches and not part.laws:
         raise BeamdaeError(
-            f"{name}: it follows a piecewise law; list the law in its property 'laws', so that "
-            "integrators stop at the breakpoints."
+            f"{name}: the part uses a piecewise law that the property 'laws' does not "
+            "list; add the law to 'laws', so that integrators stop at the "
+            "breakpoints."
         )
     data, local = statement.data, kernel.local
     count = copies[0] if len(copies) == 1 else 0
     if not isinstance(data, np.ndarray) or data.shape != (local.n_data, count):
         raise BeamdaeError(
-            f"{name}: its data must be an array of shape ({local.n_data}, number of copies), "
-            f"got {short_repr(data)}."
+            f"{name}: data must be an array of shape ({local.n_data}, number of "
+            f"copies), got {short_repr(data)}."
         )
     pieces = _require_list(name, "pieces", statement.pieces, Piece)
     require_pieces_fit(name, pieces, sizes)
     rows = sum(piece.operator.shape[0] for piece in pieces)
     if rows != count * local.size:
         raise BeamdaeError(
-            f"{name}: its operators have {rows} rows for {count} x {local.size} local coordinates; "
-            "the numbers must agree."
+            f"{name}: the operators must have {count} x {local.size} rows, one per "
+            f"local coordinate, got {rows}."
         )
 
 
 def require_pieces_fit(part: str, pieces: Sequence[Piece], sizes: Sizes) -> None:
-    """Reject operators on bodies of another mechanism, or of the wrong number of columns."""
+    """Reject operators that refer to another mechanism or have the wrong number of columns."""
     for piece in pieces:
         width = sizes.get(id(piece.owner))
         name = piece.owner.name if isinstance(piece.owner, Part) else short_repr(piece.owner)
         if width is None:
             raise BeamdaeError(
-                f"{part}: it refers to {name!r}, which must be added to this mechanism first."
+                f"{part}: the part refers to {name!r}, which is not part of this "
+                f"mechanism; add {name!r} first."
             )
         if piece.operator.shape[1] != width:
             raise BeamdaeError(
-                f"{part}: its operator on {name!r} has {piece.operator.shape[1]} columns, "
-                f"the body has {width} coordinates."
+                f"{part}: the operator on {name!r} must have {width} columns, one per "
+                f"coordinate of the body, got {piece.operator.shape[1]}."
             )

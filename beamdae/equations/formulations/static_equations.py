@@ -64,7 +64,7 @@ class StaticEquations:
     Raises
     ------
     BeamdaeError
-        If a constraint is nonholonomic: the positions at rest are then undetermined.
+        If a constraint is nonholonomic, which leaves the positions at rest undetermined.
     """
 
     equations: EquationsOfMotion
@@ -74,8 +74,9 @@ class StaticEquations:
         rows = self.equations.nonholonomic_rows
         if len(rows):
             raise BeamdaeError(
-                f"{self.equations.lam_names[int(rows[0])]}: it constrains velocities alone and "
-                "leaves the position at rest undetermined; constrain a position instead."
+                f"{self.equations.lam_names[int(rows[0])]}: this constraint acts on "
+                "velocities only, so the position at rest is undetermined; constrain "
+                "a position instead."
             )
 
     @property
@@ -102,7 +103,7 @@ class StaticEquations:
 
     def tangent(self, q: Array, lam: Array) -> Array:
         """Return the non-zeros of the tangent on `pattern`."""
-        # Every factor is one, those of damping and mass have nothing to multiply.
+        # All factors are 1; the factors of damping and mass are not used.
         set_matrix_factors(self._tangent, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
         return self._evaluate(self._tangent, q, lam, self.pattern.nnz)
 

@@ -25,10 +25,10 @@ Array = np.ndarray
 
 _MAX_POSITION_ITERATIONS = 50
 _POSITION_TOLERANCE = 1e-12  # largest gap, relative to max(1, characteristic length)
-_RIGID_TIME = 1.0  # [s]; closing joints moves bodies before it bends modes faster than this
-_MAX_LAW_JUMP = 1e-3  # [m or rad]; hand-rounded numbers of a law do not meet exactly
+_RIGID_TIME = 1.0  # [s]; closing joints moves bodies rather than modes faster than this
+_MAX_LAW_JUMP = 1e-3  # [m or rad]; allows for rounded numbers in piecewise laws
 _ASYMMETRY_TOLERANCE = 1e-9  # rounding in a mass matrix, relative to its largest entry
-_MAX_EIGENVALUE_COORDINATES = 300  # beyond that only the signs of the diagonal are checked
+_MAX_EIGENVALUE_COORDINATES = 300  # beyond this, only the signs of the diagonal are checked
 _MAX_FRICTION_ITERATIONS = 50
 _FRICTION_TOLERANCE = 1e-10  # relative change; leaves room for badly scaled matrices
 
@@ -41,8 +41,9 @@ _CLOSING_COEFFICIENTS = (_RIGID_TIME**2, 0.0, 1.0)
 class ConsistencySolver(StateEvaluator):
     """Makes states of a mechanism consistent, at the start and at breakpoints.
 
-    Positions are closed by Newton's method with the least change, velocities are projected in the
-    metric of the mass matrix, and accelerations and multipliers solve the saddle-point system
+    Joints are closed by Newton's method with the least change of positions, velocities are
+    projected in the metric of the mass matrix, and accelerations and multipliers solve the
+    saddle-point system
 
         [[M, G^T], [G, 0]] (a, lam) = (f, gamma).
 
@@ -56,8 +57,8 @@ class ConsistencySolver(StateEvaluator):
     def state(self, time: Array, q: Array, v: Array) -> State:
         """Return the consistent state nearest to (q, v).
 
-        Positions move as little as the joints allow, measured by inertia and stiffness; velocities
-        are projected in the metric of the mass matrix.
+        Positions change as little as the joints allow, weighted by inertia and stiffness;
+        velocities are projected in the metric of the mass matrix.
 
         Raises
         ------
@@ -74,13 +75,14 @@ class ConsistencySolver(StateEvaluator):
     ) -> tuple[Array, Array]:
         """Return accelerations (n,) and multipliers (m,) of a consistent (q, v).
 
-        With a `stiff_time` T [s], M + T^2 K replaces M: modes of angular frequency w respond by
-        1 / (1 + (w T)^2) of their acceleration.
+        With a `stiff_time` T [s], M + T^2 K replaces M, which multiplies the acceleration of modes
+        of angular frequency w by 1 / (1 + (w T)^2).
 
         Raises
         ------
         BeamdaeError
-            If forces are not finite, a motion has no inertia, or friction admits no solution.
+            If forces are not finite, a motion has no inertia, or the equations with friction have
+            no solution.
         """
         e = self.equations
         gamma = -self.constraint_levels(time, q, v)[2]
@@ -99,11 +101,13 @@ class ConsistencySolver(StateEvaluator):
     def evaluate_normal_jerk(
         self, time: Array, state: State, delta: float, of_positions: bool = False
     ) -> Array:
-        """Return P j, P = M^-1 G^T (G M^-1 G^T)^-1 G: the part of the jerk j set by constraints.
+        """Return P j, the part of the jerk j that the constraints determine.
+
+        The projector is P = M^-1 G^T (G M^-1 G^T)^-1 G.
 
         G j is the central difference of g_ddot over +-`delta` [s] along the motion at constant a,
-        which keeps stiff elastic forces out. With `of_positions`, constraints on velocities alone
-        do not contribute.
+        so that stiff elastic forces do not enter. With `of_positions`, nonholonomic constraints do
+        not contribute.
         """
         e = self.equations
         if e.m == 0:
@@ -129,7 +133,7 @@ class ConsistencySolver(StateEvaluator):
         Raises
         ------
         BeamdaeError
-            Naming the coordinate.
+            If the mass matrix violates this; the message names the coordinate.
         """
         e, block = self.equations, self.sums.block
         nonzeros = self.saddle_matrix(np.zeros(2), e.q0, e.v0, None, _MASS_COEFFICIENTS)
@@ -142,18 +146,20 @@ class ConsistencySolver(StateEvaluator):
             worst = int(np.argmax(asymmetry))
             row = max(int(block.pattern.indices[worst]), int(block.columns[worst]))
             raise BeamdaeError(
-                f"{e.q_names[row]}: the mass matrix is not symmetric in this row; make it "
-                "symmetric."
+                f"{e.q_names[row]}: the mass matrix is not symmetric, entries of this "
+                f"row and column differ by {asymmetry[worst]:.3g}; correct the inertia "
+                "forces of the part."
             )
         inertia, coordinate = _smallest_inertia(block.matrix(nonzeros))
         if inertia < -_ASYMMETRY_TOLERANCE * size:
             raise BeamdaeError(
-                f"{e.q_names[coordinate]}: the mass matrix is negative along this coordinate, "
-                f"{inertia:.3g}; it must be positive semidefinite."
+                f"{e.q_names[coordinate]}: the mass matrix has a negative eigenvalue "
+                f"of {inertia:.3g} along this coordinate; correct the inertia forces "
+                "of the part."
             )
 
     def require_continuous(self, branch_before: float, time: Array, q: Array) -> None:
-        """Reject a law that makes positions jump at `time` from its value on `branch_before`."""
+        """Reject laws that make positions jump from `branch_before` to `time`."""
         e = self.equations
         before = self.position_gaps(np.array([time[0], branch_before]), q)
         jump = np.abs(self.position_gaps(time, q) - before)
@@ -182,8 +188,8 @@ class ConsistencySolver(StateEvaluator):
             if not np.all(np.isfinite(g)):
                 name = e.lam_names[int(np.flatnonzero(~np.isfinite(g))[0])]
                 raise BeamdaeError(
-                    f"{name}: the constraint is not finite at t = {time[0]:g} s; check its law "
-                    "and the start values."
+                    f"{name}: the constraint is not finite at t = {time[0]:g} s; check "
+                    "the law and the start values."
                 )
             if e.m == 0 or np.max(np.abs(g)) <= _POSITION_TOLERANCE * max(1.0, e.length):
                 return q
@@ -192,9 +198,10 @@ class ConsistencySolver(StateEvaluator):
             q = q + solver.solve(np.concatenate([zeros, -g]))[: e.n]
         worst = int(np.argmax(np.abs(g)))
         raise BeamdaeError(
-            f"{e.lam_names[worst]}: the joints cannot be closed at t = {time[0]:g} s, a gap of "
-            f"{abs(g[worst]):.3g} remains after {_MAX_POSITION_ITERATIONS} iterations; check the "
-            "dimensions of the parts."
+            f"{e.lam_names[worst]}: the joints cannot be closed at t = {time[0]:g} s "
+            f"because a gap of {abs(g[worst]):.3g} remains after "
+            f"{_MAX_POSITION_ITERATIONS} iterations; check the dimensions of the "
+            "parts."
         )
 
     def _project_velocities(self, time: Array, q: Array, v: Array) -> Array:
@@ -222,9 +229,9 @@ class ConsistencySolver(StateEvaluator):
             entry = int(np.flatnonzero(~np.isfinite(nonzeros))[0])
             row = int(pattern.indices[entry])
             raise BeamdaeError(
-                f"{(*e.q_names, *e.lam_names)[row]}: a derivative of its forces is not finite at "
-                f"t = {time[0]:g} s, as that of a square root at zero; add a small number under "
-                "the root."
+                f"{(*e.q_names, *e.lam_names)[row]}: a derivative of the forces is not "
+                f"finite at t = {time[0]:g} s, for example that of a square root at "
+                "zero; add a small positive number under the root."
             )
         try:
             solver.factorize(nonzeros)
@@ -242,7 +249,8 @@ class ConsistencySolver(StateEvaluator):
     ) -> tuple[Array, Array]:
         """Solve M a + F(0, lam) + G^T lam = 0, G a = gamma, by Newton's method from lam = 0.
 
-        dF/dlam is exact: one iteration suffices where friction is proportional to the reactions.
+        dF/dlam is exact, so that one iteration suffices if friction is proportional to the
+        reactions.
         """
         e, pattern = self.equations, self.sums.saddle_pattern
         solver, coefficients = create_factorization(pattern), (stiff_time**2, 0.0, 1.0)
@@ -268,9 +276,9 @@ class ConsistencySolver(StateEvaluator):
         rows = [k for term in e.forces if term.rows is not None for k in term.rows.indices]
         joints = sorted({e.lam_names[k].rpartition(".")[0] for k in rows})
         raise BeamdaeError(
-            f"{', '.join(joints)}: friction admits no accelerations and reactions at "
-            f"t = {time[0]:g} s (Painleve's paradox); reduce the coefficient of friction or "
-            "increase the regularization velocity."
+            f"{', '.join(joints)}: with friction, no accelerations and reactions "
+            f"satisfy the equations at t = {time[0]:g} s (Painleve's paradox); reduce "
+            "the coefficient of friction or increase the regularization velocity."
         )
 
 

@@ -1,4 +1,4 @@
-"""Dependent (redundant) constraints: reject, find and describe them."""
+"""Rejection, search and description of dependent (redundant) constraints."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from beamdae.symbolic.sparse_operators import column_indices
 Array = np.ndarray
 
 # Rejection of dependent constraints, by singular values of gradients of length one.
-_ZERO_GRADIENT_LENGTH = 1e-13  # length, in the scales of the coordinates: rounding
+_ZERO_GRADIENT_LENGTH = 1e-13  # of scaled gradients; shorter ones are rounding errors
 _SINGULAR_VALUE_TOLERANCE = 1e-10
 _INVOLVED_SHARE = 1e-6  # smallest share of a constraint in a dependent combination
-_MAX_SVD_CONSTRAINTS = 100  # an SVD costs their number cubed; beyond, inverse iteration filters
+_MAX_SVD_CONSTRAINTS = 100  # the cost of an SVD is cubic; above, inverse iteration is tried first
 _MIN_INDEPENDENT_SQUARE = 1e-8  # smallest squared singular value that needs no SVD
 _INVERSE_ITERATIONS = 3
-_MAX_EXPLAINED_CONSTRAINTS = 300  # explaining the blocked motions costs their number cubed
+_MAX_EXPLAINED_CONSTRAINTS = 300  # the cost of describing the blocked motions is cubic
 
 # Search for minimal dependent sets, by a QR factorization.
 _MIN_SHARE = 1e-7  # smallest share of a constraint in a set
-_SIDE_STEP = 1e-2  # a singular position is tested this far aside, relative to the mechanism
+_SIDE_STEP = 1e-2  # distance of the test beside a singular position, relative to the mechanism
 _MAX_SIDE_ITERATIONS = 20
 _AGREEMENT_TOLERANCE = 1e-10  # gap of constraints that agree, relative to the mechanism
 _NULL_SPACE_TOLERANCE = 1e-9  # relative singular value
@@ -46,7 +46,8 @@ def require_independent_constraints(evaluator: StateEvaluator, time: Array, q: A
     Raises
     ------
     BeamdaeError
-        Naming the constraints and, up to 300 of them, the motions they block more than once.
+        If such constraints exist. The message names them and, for up to 300 constraints, the
+        motions that they block more than once.
     """
     e, pattern = evaluator.equations, evaluator.sums.gradient_pattern
     names, t = e.lam_names, float(time[0])
@@ -59,8 +60,8 @@ def require_independent_constraints(evaluator: StateEvaluator, time: Array, q: A
     if np.any(lengths <= _ZERO_GRADIENT_LENGTH):
         name = names[int(np.argmin(lengths))]
         raise BeamdaeError(
-            f"{name}: this constraint has a zero gradient at t = {t:g} s; it cannot be met from "
-            "these start values, or it constrains nothing."
+            f"{name}: this constraint has a zero gradient at t = {t:g} s; change the "
+            "start values, or remove the constraint if nothing depends on it."
         )
     scaled_gradients = gradients / lengths[pattern.indices]
     if count > _MAX_SVD_CONSTRAINTS and _are_clearly_independent(
@@ -85,13 +86,14 @@ def require_independent_constraints(evaluator: StateEvaluator, time: Array, q: A
         sets = find_dependent_sets(evaluator, time, q, np.zeros(e.n), constraint_rank)
         explanation = describe_dependent_sets(sets)
     raise BeamdaeError(
-        f"{dependent}: these constraints depend on each other at t = {t:g} s; "
-        f"remove {count - rank} of them{f': {explanation}' if explanation else ''}."
+        f"{dependent}: these constraints depend on each other at t = {t:g} s; remove "
+        f"{count - rank} of these "
+        f"constraints{(f': {explanation}' if explanation else '')}."
     )
 
 
 def _are_clearly_independent(rows: sp.csr_array) -> bool:
-    """Bound the smallest eigenvalue of rows @ rows.T away from zero, by inverse iteration."""
+    """Return True if inverse iteration bounds the eigenvalues of rows @ rows.T away from zero."""
     try:
         factors = splu(sp.csc_array(rows @ rows.T), "MMD_AT_PLUS_A", 0.0)
     except RuntimeError:
@@ -104,20 +106,21 @@ def _are_clearly_independent(rows: sp.csr_array) -> bool:
 
 @dataclass(frozen=True)
 class DependentSet:
-    """Minimal set of constraints that depend on each other: without any one, the rest do not.
+    """Minimal set of dependent constraints: removing any of them makes the rest independent.
 
     Attributes
     ----------
     constraints
-        Their names, "part.constraint".
+        Names "part.constraint" of the constraints.
     parts
-        Names of the parts that state them.
+        Names of the parts to which the constraints belong.
     blocks
         Description of the motion that the last of these parts and the others all block.
     contradiction
-        Difference of the values they prescribe [m or rad], and of their rates; zero if they agree.
+        Differences of the prescribed values [m or rad] and of their rates; zero if the constraints
+        agree.
     everywhere
-        True if they also depend on each other nearby; False in a singular position.
+        True if the constraints are also dependent nearby; False at a singular position.
     """
 
     constraints: tuple[str, ...]
@@ -132,7 +135,7 @@ class DependentSet:
 
 
 def describe_dependent_sets(sets: Sequence[DependentSet]) -> str:
-    """Return one phrase for each group of parts with dependent constraints; "" without sets."""
+    """Return one phrase per group of parts with dependent constraints; "" if `sets` is empty."""
     by_parts: dict[tuple[str, ...], list[DependentSet]] = {}
     for one in sets:
         by_parts.setdefault(one.parts, []).append(one)
@@ -152,7 +155,7 @@ def _describe_sets(sets: Sequence[DependentSet]) -> str:
     if len(first.parts) == 1:
         sentence = f"{parts} blocks {blocks} more than once"
     if not first.everywhere:
-        return f"{sentence} in this singular position; start beside it"
+        return f"{sentence} in this singular position; start from a nearby position"
     gap, rate = (max(one.contradiction[k] for one in sets) for k in (0, 1))
     if max(gap, rate) > 0.0:
         return f"{sentence}, and contradict each other by {gap:.3g} (m or rad), {rate:.3g} per s"
@@ -161,14 +164,14 @@ def _describe_sets(sets: Sequence[DependentSet]) -> str:
 
 @dataclass(frozen=True)
 class RowSelection:
-    """Independent rows of a matrix, and the others as combinations of them.
+    """Independent rows of a matrix, and the other rows as combinations of them.
 
     Attributes
     ----------
     independent, dependent
-        Row numbers, ascending.
+        Row indices, ascending.
     coefficients
-        Each dependent row as a sum of the independent ones, (dependent, independent).
+        Weights of the independent rows in each dependent row, (dependent, independent).
     """
 
     independent: Array
@@ -177,9 +180,9 @@ class RowSelection:
 
 
 def select_independent_rows(matrix: Array) -> RowSelection:
-    """Select independent rows of (m, n), by QR with column pivoting of the transpose.
+    """Select independent rows of a matrix (m, n) by QR with pivoting of its transpose.
 
-    Rows are compared as they are; scale them first.
+    The rows are not scaled; scale them before the call.
     """
     m = len(matrix)
     if m == 0:
@@ -196,12 +199,12 @@ def select_independent_rows(matrix: Array) -> RowSelection:
 
 @dataclass(frozen=True)
 class ConstraintRank:
-    """G = dg/dq of a mechanism at one position, scaled, with its independent rows.
+    """Scaled constraint Jacobian G = dg/dq at one position, with its independent rows.
 
     Attributes
     ----------
     matrix
-        G in the natural sizes of coordinates, rows of length one, (m, n).
+        G with columns scaled by `position_scales` and rows of length one, (m, n).
     lengths
         Lengths of the rows before normalization, (m,).
     rows
@@ -230,7 +233,7 @@ def analyze_constraint_rank(evaluator: StateEvaluator, time: Array, q: Array) ->
 def find_dependent_sets(
     evaluator: StateEvaluator, time: Array, q: Array, v: Array, constraint_rank: ConstraintRank
 ) -> tuple[DependentSet, ...]:
-    """Return a minimal dependent set for each redundant constraint, in order of statement."""
+    """Return a minimal dependent set for each redundant constraint, in order."""
     e, rows = evaluator.equations, constraint_rank.rows
     if not len(rows.dependent):
         return ()
@@ -263,7 +266,7 @@ def find_dependent_sets(
 def _gradients_nearby(
     evaluator: StateEvaluator, time: Array, q: Array, constraint_rank: ConstraintRank
 ) -> Array:
-    """Return the scaled G beside a position, along a motion the constraints allow, if any."""
+    """Return the scaled G at a nearby position that the constraints allow, or else at `q`."""
     e = evaluator.equations
     (nonzero_columns,) = np.nonzero(np.any(constraint_rank.matrix, axis=0))
     free = la.null_space(constraint_rank.matrix[:, nonzero_columns], rcond=_NULL_SPACE_TOLERANCE)
@@ -291,9 +294,9 @@ def _describe_blocked_motion(
 ) -> str:
     """Describe the motion that the last part of a set and the others all block.
 
-    With sum w_i G_i = 0, the sum of w_i G_i over the rows of one part is minus that over the
-    others: both hold this combination at zero. The motion is the smallest one along it that all
-    constraints outside the set allow.
+    If sum w_i G_i = 0, the sum over the rows of one part is minus the sum over the other parts, so
+    that both block the same combination of coordinates. The motion is the projection of this
+    combination onto the motions that all constraints outside the set allow.
     """
     names = equations.lam_names
     last = _part_name(names[members[-1]])

@@ -1,4 +1,4 @@
-"""Starts other than the drawing: positions and velocities by name, or static equilibrium."""
+"""Initial conditions: positions and velocities by name, or static equilibrium."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from beamdae.symbolic.sparse_operators import build_selection
 Array = np.ndarray
 
 _RATE_SUFFIX = "_dot"
-_MAX_APPROACH_STEP = 0.2  # in natural sizes of coordinates; keeps Newton's method convergent
+_MAX_APPROACH_STEP = 0.2  # in units of `position_scales`; keeps Newton's method convergent
 _CLOSED_TOLERANCE = 1e-11  # largest gap, relative to max(1, characteristic length)
 _VELOCITY_TOLERANCE = 1e-8  # relative to the largest of 1, length and requested velocities
 _MAX_ITERATIONS = 30
@@ -32,16 +32,16 @@ _MAX_ITERATIONS = 30
 def apply_initial_conditions(
     equations: EquationsOfMotion, start: Any, t: float = 0.0
 ) -> EquationsOfMotion:
-    """Return the same equations of motion with another start.
+    """Return the equations of motion with other initial conditions.
 
     Parameters
     ----------
     equations
         Equations of motion that start as drawn.
     start
-        "as drawn"; "equilibrium", at rest under the loads at time `t`; or positions and velocities
-        by name ("part.coordinate", "part.coordinate_dot"), which are kept while the others follow
-        by the least change that the joints require.
+        "as drawn"; "equilibrium" for rest under the loads at time `t`; or positions and velocities
+        by name ("part.coordinate", "part.coordinate_dot"). Named values are kept; all others change
+        as little as the joints require.
     t
         Start time [s].
 
@@ -103,7 +103,7 @@ def _close_with_positions(
         return q
     begin, end = selection @ q, np.array(list(prescribed.values()))
     change = np.max(np.abs(end - begin) / (selection @ e.position_scales))
-    # Values in between may contradict each other: such steps are skipped.
+    # Intermediate values may contradict each other; such steps are skipped.
     for share in np.linspace(0.0, 1.0, int(np.ceil(change / _MAX_APPROACH_STEP)) + 1)[1:-1]:
         values = begin + share * (end - begin)
         nearer, gaps = _impose_positions(solver, time, q, drawn_q, selection, values)
@@ -116,8 +116,8 @@ def _close_with_positions(
             worst = int(np.argmax(joint_gaps))
             remaining = f", {e.lam_names[worst]} stays open by {joint_gaps[worst]:.3g}"
         raise BeamdaeError(
-            f"start: the joints cannot be closed with {values}{remaining}; give fewer positions, "
-            "or others."
+            f"start: the joints cannot be closed with {values}{remaining}; give fewer "
+            "or other positions."
         )
     q[list(prescribed)] = end
     return q
@@ -157,7 +157,7 @@ def _is_closed(e: EquationsOfMotion, gaps: Array) -> bool:
 def _project_velocities(
     e: EquationsOfMotion, time: Array, q: Array, requested: Array, prescribed: list[int]
 ) -> Array:
-    """Return the consistent velocities nearest to the requested ones, keeping the prescribed."""
+    """Return the consistent velocities nearest to `requested` that keep prescribed velocities."""
     solver, selection = ConsistencySolver(e), build_selection(prescribed, e.n)
     _, _, mass = solver.linearize_forces(time, solver.rest_state(q))
     rows = sp.vstack([solver.constraint_matrix(time, q), selection])

@@ -20,7 +20,7 @@ from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
 
-# Gap of redundant constraints where the others are closed, relative to the mechanism.
+# Gap of redundant constraints if the others are closed, relative to the mechanism.
 _REDUNDANT_GAP_TOLERANCE = 1e-9
 
 
@@ -31,9 +31,9 @@ class ReducedEquations:
     Attributes
     ----------
     full, equations
-        The equations with all constraints, and without the redundant ones.
+        Equations with all constraints, and equations without the redundant constraints.
     independent, redundant
-        Numbers of the constraints of `full` that are kept and removed, ascending.
+        Indices of the constraints of `full` that are kept and that are removed, ascending.
     """
 
     full: EquationsOfMotion
@@ -43,20 +43,18 @@ class ReducedEquations:
 
     @property
     def description(self) -> str:
-        """Sentence for the result: which constraints were removed."""
+        """Phrase for the results that names the removed constraints."""
         names = ", ".join(self.full.lam_names[k] for k in self.redundant)
         follow = "follows" if len(self.redundant) == 1 else "follow"
-        return (
-            f"minimum norm: {names} {follow} from the others, reactions are the least that balance"
-        )
+        return f"minimum norm: {names} {follow} from the others, reactions have minimum norm"
 
     def require_agreement(self, time: Array) -> None:
-        """Reject redundant constraints that contradict the others or are needed elsewhere.
+        """Reject redundant constraints that contradict others or are independent nearby.
 
         Raises
         ------
         BeamdaeError
-            Naming one of them.
+            If there is such a constraint; the message names it.
         """
         state = ConsistencySolver(self.equations).state(time, self.equations.q0, self.equations.v0)
         evaluator = StateEvaluator(self.full)
@@ -65,22 +63,22 @@ class ReducedEquations:
         needed_set = next((x for x in sets if max(x.contradiction) > 0.0 or not x.everywhere), None)
         if needed_set is not None:
             raise BeamdaeError(
-                f"{', '.join(needed_set.constraints)}: none of these constraints is redundant, "
-                f"{needed_set}."
+                f"{', '.join(needed_set.constraints)}: none of these constraints is "
+                f"redundant: {needed_set}."
             )
         for gaps in evaluator.constraint_levels(time, state.q, state.v)[:2]:
             worst = int(np.argmax(np.abs(gaps)))
             if abs(gaps[worst]) > _REDUNDANT_GAP_TOLERANCE * max(1.0, self.full.length):
                 raise BeamdaeError(
-                    f"{self.full.lam_names[worst]}: it contradicts the constraints it depends on "
-                    f"by {abs(gaps[worst]):.3g} at t = {time[0]:g} s; make them agree or remove it."
+                    f"{self.full.lam_names[worst]}: this redundant constraint "
+                    f"contradicts the others by {abs(gaps[worst]):.3g} at t = "
+                    f"{time[0]:g} s; make the constraints agree or remove this one."
                 )
 
     def restore_reactions(self, times: Array, q: Array, lam: Array) -> Array:
         """Return the minimum-norm multipliers of all constraints with the same forces, (rows, m).
 
-        The norm is that of forces in natural units: moments are divided by the characteristic
-        length of the mechanism.
+        In the norm, moments are divided by the characteristic length of the mechanism.
 
         Parameters
         ----------
@@ -111,7 +109,7 @@ class ReducedEquations:
 def remove_redundant_constraints(
     equations: EquationsOfMotion, time: Array
 ) -> ReducedEquations | None:
-    """Return the equations without the constraints redundant at the start; None without any.
+    """Return the equations without the constraints redundant at the start, or None if none is.
 
     Raises
     ------
@@ -127,7 +125,10 @@ def remove_redundant_constraints(
 def drop_dependent_constraints(
     equations: EquationsOfMotion, time: Array
 ) -> ReducedEquations | None:
-    """Return the equations without dependent constraints, even if these contradict the others."""
+    """Return the equations without dependent constraints, or None if none is dependent.
+
+    Removed constraints may contradict the others.
+    """
     rows = analyze_constraint_rank(StateEvaluator(equations), time, equations.q0).rows
     if not len(rows.dependent):
         return None

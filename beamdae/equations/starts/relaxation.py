@@ -17,9 +17,9 @@ from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
 
-# Sizes of steps, in natural sizes of coordinates.
-_MAX_STEP = 0.2  # keeps Newton's method near the joints
-_MAX_TRAVEL_SIZES = 1e4  # coordinates far from the start are measured by their way, up to this
+# Step sizes, in units of `position_scales`.
+_MAX_STEP = 0.2  # small enough to close the joints by Newton's method
+_MAX_TRAVEL_SIZES = 1e4  # limit of the travel, to which steps far from the start are relative
 _MAX_GAP_RATIO = 0.5  # correction that closes the joints, relative to the step
 _NEGLIGIBLE_GAP = 1e-9
 _CONVERGED_STEP = 1e-10
@@ -27,14 +27,14 @@ _CONVERGED_STEP = 1e-10
 # Squared pseudo-time of the flow.
 _FIRST_STEP = 0.01  # displacement by the initial accelerations in the first step
 _LAST_SQUARE_RATIO = 1e11  # largest square relative to the first
-_SMALLEST_SQUARE_RATIO = 1e-26  # the search ends below
+_SMALLEST_SQUARE_RATIO = 1e-26  # below this, the search fails
 _SQUARE_GROWTH = 4.0
 _MAX_STEPS = 400
 
 # Sensitivity to rounding: the change of a step when positions are perturbed by rounding.
-_PERTURBATION = 1e-14  # in natural sizes
+_PERTURBATION = 1e-14  # in units of `position_scales`
 _RELIABLE_ROUNDING = 1e-9
-_MAX_ROUNDING_RATIO = 10.0  # above this multiple of the reliable one a step is unreliable
+_MAX_ROUNDING_RATIO = 10.0  # steps above this multiple of `_RELIABLE_ROUNDING` are unreliable
 _CONVERGED_ROUNDING_RATIO = 100.0  # steps below this multiple of their rounding have converged
 
 
@@ -62,13 +62,13 @@ class FlowStep(NamedTuple):
     Attributes
     ----------
     q, lam
-        Positions and multipliers at its end.
+        Positions and multipliers at the end of the step.
     size
-        Size of the step, in natural sizes.
+        Step size, relative to the scale of the coordinates plus their travel.
     gap
-        Size of the next correction that closes the joints.
+        Size of the correction that closes the joints after the step.
     rounding
-        Change of the step by rounding; large in directions without resistance.
+        Change of the step due to rounding; large in directions without stiffness.
     """
 
     q: Array
@@ -95,7 +95,7 @@ class FlowStep(NamedTuple):
 
 @dataclass(frozen=True)
 class GradientFlow:
-    """Implicit steps down the gradient flow of a mechanism that starts at positions `begin`."""
+    """Implicit steps along the gradient flow of a mechanism that starts at positions `begin`."""
 
     static: StaticSystem
     begin: Array
@@ -112,7 +112,7 @@ class GradientFlow:
         return _PERTURBATION * self.measure.scale * signs
 
     def try_step(self, q: Array, lam: Array, square: float) -> FlowStep | None:
-        """Try a step of pseudo-time T, T^2 = `square`; None if it is singular or too large."""
+        """Return a trial step of pseudo-time T, T^2 = `square`; None if singular or too large."""
         static, n, m = self.static, len(q), len(lam)
         mass = self.solver.linearize_forces(static.time, self.solver.rest_state(q))[2]
         weight = sp.block_diag([mass / square, sp.csc_array((m, m))], format="csc")
@@ -146,15 +146,16 @@ class GradientFlow:
 def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
     """Return positions and multipliers of a stable equilibrium near `q`.
 
-    Implicit steps follow the gradient flow: they solve [[M / T^2 + K, G^T], [G, 0]] with K that of
-    F + G^T lam, and once more to close the joints. Short pseudo-times T keep steps small and lead
-    to stable equilibria; long ones converge quadratically, as Newton's method. The size of steps
-    depends neither on the orientation of the mechanism nor on the units.
+    Implicit steps follow the gradient flow. Each step solves a linear system with the matrix [[M /
+    T^2 + K, G^T], [G, 0]], where K is the stiffness of F + G^T lam, and a second system with this
+    matrix to close the joints. Short pseudo-times T keep steps small and lead to stable equilibria;
+    long pseudo-times converge quadratically, like Newton's method. The step size depends neither on
+    the orientation of the mechanism nor on the units.
 
     Raises
     ------
     BeamdaeError
-        If no equilibrium is found, naming the coordinate that moved most.
+        If no equilibrium is found; the message names the coordinate that moved most.
     """
     e, solver = static.equations, ConsistencySolver(static.equations)
     begin = solver.state(static.time, q, np.zeros(e.n))
@@ -182,13 +183,14 @@ def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
     displacement = np.abs(q - begin.q)
     worst = int(np.argmax(displacement / e.position_scales))
     raise BeamdaeError(
-        f"{e.q_names[worst]}: no equilibrium was found, this coordinate moves without end under "
-        f"the loads at t = {static.time[0]:g} s and was {displacement[worst]:.3g} away when the "
-        "search stopped; hold it by a joint or a spring."
+        f"{e.q_names[worst]}: no equilibrium was found because this coordinate moves "
+        f"without limit under the loads at t = {static.time[0]:g} s "
+        f"({displacement[worst]:.3g} when the search stopped); add a joint or a "
+        "spring."
     )
 
 
 def _is_unloaded(static: StaticSystem, q: Array) -> bool:
-    """Return True if no force acts at all; gaps opened by rounding then carry no reaction."""
+    """Return True if no force acts, so that all reactions are zero up to rounding."""
     e = static.equations
     return not np.any(static.residual(q, np.zeros(e.m))[: e.n])

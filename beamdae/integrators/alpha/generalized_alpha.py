@@ -1,4 +1,4 @@
-"""`GeneralizedAlpha`: the paper's integrator and its family, on index 3 and stabilized index 2."""
+"""`GeneralizedAlpha`: the generalized-alpha family on the index-3 and stabilized index-2 forms."""
 
 from __future__ import annotations
 
@@ -37,60 +37,60 @@ from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
-# Local tolerance over rtol^(3/2). With this factor the largest error of a run stays below 100 rtol,
-# below 50 rtol in the cases of validation/tolerances.
+# Local tolerance / rtol^(3/2), calibrated so that the largest error of a run stays below 100 rtol;
+# it is below 50 rtol in the cases of validation/tolerances.
 _TOLERANCE_FACTOR = 4.0
 
 
 @dataclass(frozen=True)
 class GeneralizedAlpha(Integrator):
-    """One-step integrator of second order with adjustable damping of high frequencies.
+    """Second-order one-step integrator with adjustable damping of high frequencies.
 
     (1 - alpha_m) a_{n+1} + alpha_m a_n = (1 - alpha_f) q''_{n+1} + alpha_f q''_n with Newmark's
     formulas in the algorithmic acceleration a; the equations of motion hold at t_{n+1}.
     Arnold & Bruls, Multibody Syst. Dyn. 18 (2007) 185, doi:10.1007/s11044-007-9084-0.
 
     Departures from the paper: starting values that keep the multipliers second order from the first
-    step (`start`), unknowns and equations scaled so that the condition of the matrix does not
-    depend on the step, a Newton iteration that keeps its factors, and adaptive steps (`rtol`).
+    step (`start`), unknowns and equations scaled so that the condition number of the matrix does
+    not depend on the step, a Newton iteration that reuses its factors, and adaptive steps (`rtol`).
 
     Parameters
     ----------
     step
-        Step [s], shortened to end on breakpoints and on the end time. With `rtol`, the first step
-        after the start and after every breakpoint.
+        Step [s], shortened so that steps end at breakpoints and at the end time. With `rtol`, it is
+        the first step after the start and after every breakpoint.
     rho_inf
         Spectral radius at infinite frequency, from 0 (strongest damping) to 1 (none).
     formulation
         "index3" (the paper's) or "stabilized-index2" (Arnold, Bruls & Cardona, Numer. Math. 129
-        (2015) 149), which enforces the constraints on position and on velocity level.
+        (2015) 149), which enforces the constraints on position and velocity level.
     start
-        "cured": starting values a0 = q''(0) + (alpha_m - alpha_f) h P q'''(0) and, on index 3,
-        v0 + h^2 (1/6 - (alpha_m - alpha_f)/2 - beta) P q'''(0), which keep the multipliers second
-        order from the first step. For "newmark", 1/2 - gamma replaces alpha_m - alpha_f. "plain":
-        without these corrections.
+        "cured": starting values a0 = q''(0) + (alpha_m - alpha_f) h P q'''(0) and, on index 3, v0 +
+        h^2 (1/6 - (alpha_m - alpha_f)/2 - beta) P q'''(0), which keep the multipliers second order
+        from the first step. For "newmark", 1/2 - gamma replaces alpha_m - alpha_f. "plain": no
+        corrections.
     newton_tolerance
-        Bound on the error of Newton's iteration relative to the largest acceleration. The remaining
-        error stays below a hundredth of the error of the steps, in multipliers below a fiftieth
-        (published systems, steps of 0.25 to 4 ms). Errors of the iteration accumulate in the
-        multipliers of the index-3 form if rho_inf is near 1: use 1e-10 for convergence studies of
-        lam.
+        Bound on the Newton error relative to the largest acceleration. With the default, the Newton
+        error is less than 1/100 of the discretization error, or 1/50 for multipliers (published
+        systems, steps of 0.25 to 4 ms). If rho_inf is near 1, Newton errors accumulate in the
+        multipliers of the index-3 form: use 1e-10 for convergence studies of lam.
     linear_solver
         "dense", "sparse", or "auto" by size.
     time_limit
-        Maximum wall time [s]. Default: no limit.
+        Maximum wall time [s]. Defaults to no limit.
     family
         "generalized-alpha", "hht" (rho_inf in [1/2, 1]) or "newmark" (first order unless
         rho_inf = 1); see `family.family_parameters`.
     rtol
-        Default: every step is `step`. Otherwise steps adapt to an estimate of the local error of
-        positions (`family.AlphaParameters.defect`), which keeps their error over a run within 100
-        rtol. Steps are at most a twentieth of the run and a quarter of the time scale of the laws.
-        Multipliers are second order as well, but not tested. With rho_inf near 1, modes that are
-        not resolved are not damped, and their remains keep steps short.
+        Relative tolerance for adaptive steps. Defaults to None: all steps equal `step`. Adaptive
+        steps follow an estimate of the local error of positions (`family.AlphaParameters.defect`),
+        which keeps the position errors of a run below 100 rtol. Steps are at most a twentieth of
+        the run and a quarter of the time scale of the laws. Multipliers are second order, too, but
+        not tested. With rho_inf near 1, unresolved modes are hardly damped and keep the steps
+        short.
     max_steps
-        Maximum number of steps, with `rtol` only. Default: no limit, but a run stops if its steps
-        become too short to reach the end; see `limits.StallDetector`.
+        Maximum number of adaptive steps. Defaults to no limit; the run still stops if its steps
+        become too short to reach the end (`limits.StallDetector`).
     """
 
     step: float = 1e-3
@@ -135,15 +135,17 @@ class GeneralizedAlpha(Integrator):
         if self.rtol is None:
             if self.max_steps is not None:
                 raise BeamdaeError(
-                    "GeneralizedAlpha: max_steps needs rtol, because the end time sets the number "
-                    f"of fixed steps, got {self.max_steps}."
+                    f"GeneralizedAlpha: max_steps = {self.max_steps} requires rtol, "
+                    "because the end time determines the number of fixed steps; omit "
+                    "max_steps or set rtol."
                 )
             return
         require_tolerance(self)
         if self.family == "newmark" and self.rho_inf < 1.0:
             raise BeamdaeError(
-                "GeneralizedAlpha: rtol needs a method of second order, which family 'newmark' is "
-                f"with rho_inf = 1 only, got {self.rho_inf:g}."
+                "GeneralizedAlpha: rtol requires a method of second order, and family "
+                "'newmark' has second order only with rho_inf = 1, got "
+                f"{self.rho_inf:g}."
             )
 
     @property
@@ -172,12 +174,12 @@ class GeneralizedAlpha(Integrator):
 
     @property
     def accuracy(self) -> Accuracy:
-        """The step [s], or the relative tolerance if there is one."""
+        """Step [s], or relative tolerance if it is set."""
         return Accuracy("step", self.step) if self.rtol is None else Accuracy("rtol", self.rtol)
 
     @property
     def order(self) -> int:
-        """2 in the step (1 for "newmark" with rho_inf < 1), 1 in rtol."""
+        """2 with a fixed step (1 for "newmark" with rho_inf < 1), 1 with rtol."""
         damped = self.family == "newmark" and self.rho_inf < 1.0
         return 1 if self.rtol is not None or damped else 2
 
@@ -191,7 +193,7 @@ class GeneralizedAlpha(Integrator):
     def integrate(
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
-        """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
+        """Integrate over the output times; see `Integrator.integrate`."""
         if self.rtol is None:
             require_feasible_step(
                 "GeneralizedAlpha", "step", self.step, float(times[-1] - times[0])
@@ -200,7 +202,7 @@ class GeneralizedAlpha(Integrator):
         return drive(self, equations, times, self.method_on, progress, pilot)
 
     def method_on(self, plan: RunPlan) -> FixedAlphaStepper | AdaptiveAlphaStepper:
-        """Return the method that takes the steps of a run."""
+        """Return the stepper for a plan."""
         index3 = self.formulation == "index3"
         form = formulate_step(plan.equations, not index3)
         start = AlphaStart(self._member, plan.starter, index3, self.start == "cured")
@@ -217,9 +219,10 @@ class GeneralizedAlpha(Integrator):
 
 
 def local_tolerance(rtol: float) -> float:
-    """Return the tolerance of the error of one step that keeps the error of a run near `rtol`.
+    """Return the local error tolerance that keeps the error of a run near `rtol`.
 
-    The error of a step is of order h^3, that of a run of order h^2: the latter is proportional to
-    `rtol` if the former is proportional to rtol^(3/2), as in `ErrorControl.tolerance`.
+    The local error is of order h^3, the error of a run of order h^2. The error of a run is
+    therefore proportional to `rtol` if the local tolerance is proportional to rtol^(3/2); cf.
+    `ErrorControl.tolerance`.
     """
     return _TOLERANCE_FACTOR * rtol**1.5

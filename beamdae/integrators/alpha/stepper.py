@@ -1,4 +1,4 @@
-"""The methods of `GeneralizedAlpha`: fixed and adaptive steps around the compiled loops."""
+"""Steppers of `GeneralizedAlpha` with fixed and adaptive steps around the compiled loops."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from beamdae.results.outcome import Statistics
 Array = np.ndarray
 
 # Rounding error of an increment, relative to the scale of its coordinate or to the size of the
-# mechanism. Ten times as much would change the sixth digit of long runs.
+# mechanism. A value ten times larger would change the sixth digit of long runs.
 _INCREMENT_ROUNDING = 1e-15
 # Shortest adaptive step, relative to the duration of the run.
 _MIN_STEP_SHARE = 1e-9
@@ -37,12 +37,12 @@ _FAILURES = {
     NOT_FINITE: "the residual is not finite",
     SINGULAR: "the matrix is singular or not finite",
     ERROR_TOO_LARGE: "the error test failed",
-    STEP_NOT_CHANGED: "the joints have become dependent on each other",
+    STEP_NOT_CHANGED: "the constraints of the joints have become dependent",
 }
 
 
 class AlphaStepper:
-    """Base of the methods with fixed and with adaptive steps."""
+    """Base class of the steppers with fixed and adaptive steps."""
 
     rows_per_step: ClassVar[int] = 1
     steps_per_check: ClassVar[int] = STEPS_PER_CHECK
@@ -60,7 +60,7 @@ class AlphaStepper:
         max_step: float = 1.0,
         min_step: float = 1.0,
     ) -> None:
-        """Compile the loop; the last three matter to adaptive steps only."""
+        """Compile the loop; fixed steps ignore the last three parameters."""
         self._alpha_start = start
         matrix, weights = FactorizedMatrix.from_pattern(form.pattern), 1.0 / scales
         size = float(np.max(form.equations.position_scales * weights))
@@ -112,7 +112,7 @@ class AlphaStepper:
 
     @property
     def _is_native(self) -> bool:
-        """False if the loop needs equations that cannot be evaluated in machine code."""
+        """True if the further equations of the loop can be evaluated in machine code."""
         return True
 
     def _make_workspace(self, native: bool, **fields: Any) -> AlphaWorkspace:
@@ -124,7 +124,7 @@ class AlphaStepper:
 
     @property
     def counts(self) -> Statistics:
-        """Calls, factorizations and failures so far."""
+        """Numbers of calls, factorizations and failures so far."""
         run = self._run
         return Statistics(
             rejected_steps=run.rejections,
@@ -136,7 +136,7 @@ class AlphaStepper:
         )
 
     def advance(self, most: int) -> Array:
-        """Return rows (t, q, v, a, lam) of one to `most` more steps.
+        """Take 1 to `most` steps; return their rows (t, q, v, a, lam).
 
         Raises
         ------
@@ -148,7 +148,7 @@ class AlphaStepper:
         if self._code >= 0:
             while (code := self._step_loop()) == FIRST_STEP:
                 self._set_initial_motion(run.next_step)
-            # The steps before a failure are returned first: it is reported on the next call.
+            # Steps before a failure are returned first; the next call reports the failure.
             self._code = code
         if run.filled == 0:
             raise StepError(self._describe_failure(self._code))
@@ -161,7 +161,7 @@ class AlphaStepper:
         self._code, self._start_state = 0, state
 
     def _set_initial_motion(self, h: float) -> None:
-        """Start the interval with steps `h` [s]."""
+        """Set the starting values of the interval for steps `h` [s]."""
         run, time = self._run, np.array([self._run.t, self._run.branch])
         try:
             motion = self._alpha_start.initial_motion(time, self._start_state, h)
@@ -172,12 +172,12 @@ class AlphaStepper:
         set_step(run, h)
 
     def _describe_failure(self, code: int) -> str:
-        advice = "check laws and start values" if code == NOT_FINITE else "take a smaller step"
+        advice = "check laws and start values" if code == NOT_FINITE else "use a smaller step"
         return f"{_FAILURES[code]}; {advice}"
 
 
 class FixedAlphaStepper(AlphaStepper):
-    """Equal steps in each interval, as close to the requested one as its end allows."""
+    """Stepper with equal steps in each interval, at most as long as the requested step."""
 
     _loop: ClassVar[Callable[[Any], int]] = staticmethod(take_fixed_steps)
     resolved_options: ClassVar[dict[str, Any]] = {}
@@ -196,10 +196,10 @@ class FixedAlphaStepper(AlphaStepper):
 
 
 class AdaptiveAlphaStepper(AlphaStepper):
-    """Steps whose estimated errors stay below a tolerance.
+    """Stepper with adaptive steps whose estimated errors stay below a tolerance.
 
-    They start with `first` in every interval and stay between 1e-9 of the duration of the run and
-    `largest`.
+    Every interval begins with a step `first` [s]. Steps lie between 1e-9 of the duration of the run
+    and `largest` [s].
     """
 
     _loop: ClassVar[Callable[[Any], int]] = staticmethod(take_adaptive_steps)
@@ -238,7 +238,7 @@ class AdaptiveAlphaStepper(AlphaStepper):
 
     @property
     def resolved_options(self) -> dict[str, Any]:
-        """The tolerance of the error of a step."""
+        """Local tolerance of the run."""
         return {"local_tolerance": self._run.tolerance}
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
@@ -255,7 +255,7 @@ class AdaptiveAlphaStepper(AlphaStepper):
     def _describe_failure(self, code: int) -> str:
         run = self._run
         if code == STEP_NOT_CHANGED:
-            # The error of a singular start names the coordinate without inertia or the joints.
+            # This error names the coordinate without inertia or the dependent joints.
             time = np.array([run.t, run.branch])
             try:
                 self._alpha_start.solver.acceleration(

@@ -1,4 +1,4 @@
-"""Actions of events: impacts and switched parts, which change the equations but not q."""
+"""Actions of events: impacts and switched parts. They change v and the equations, but not q."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
 
-# Largest gap of a joint that is switched on, relative to the length of the mechanism but at most
-# to 1 m: an event is located to the accuracy of the run.
+# Largest gap of a joint that is switched on, relative to the length of the mechanism or 1 m if that
+# is smaller. Gaps are not exactly zero because events are located to the accuracy of the run.
 _MAX_GAP = 1e-3
-# A run stalls after this many switches ...
+# A run stalls if this many switches occur ...
 _MAX_SWITCHES = 200
-# ... within this share of its duration.
+# ... within this fraction of its duration.
 _SWITCH_WINDOW = 1e-4
-# Impacts of one event accumulate if they are closer than this share of the duration.
+# Impacts of one event accumulate if less than this fraction of the duration lies between them.
 _MIN_FLIGHT = 1e-9
 
 
@@ -45,7 +45,7 @@ class SwitchResult:
     ends
         Ends of the remaining smooth intervals [s].
     branch
-        A time inside the first of them [s].
+        Time inside the first of these intervals [s].
     impulses
         Impulses of the velocity jump by multiplier [N s or N m s].
     energy_lost
@@ -62,7 +62,7 @@ class SwitchResult:
 
 
 def initial_configuration(equations: EquationsOfMotion) -> Configuration | None:
-    """Return the configuration at the start of a run; None if nothing is ever switched."""
+    """Return the configuration at the start of a run, or None if no parts are ever switched."""
     configurations = equations.configurations
     return None if configurations is None else configurations.initial_configuration(equations)
 
@@ -78,14 +78,14 @@ def apply_event(
 ) -> SwitchResult:
     """Apply the impacts of an event, then its switches, at time = (t, branch).
 
-    `equations` have all parts, `configuration` the ones active before; `ends` are the ends of the
-    remaining intervals [s].
+    `equations` contain all parts, `configuration` those active before the event; `ends` are the
+    ends of the remaining intervals [s].
 
     Raises
     ------
     BeamdaeError
-        If a joint that is switched on is open, if the joints contradict each other, or if a law
-        that begins there becomes infinite.
+        If a joint that is switched on is open, if joints contradict each other, or if a law that
+        begins at the event becomes infinite.
     """
     configurations = equations.configurations
     assert configurations is not None
@@ -123,7 +123,7 @@ def apply_event(
 def _update_intervals(
     equations: EquationsOfMotion, time: Array, ends: tuple[float, ...]
 ) -> tuple[tuple[float, ...], Array]:
-    """Return the ends of the remaining intervals and (t, branch), with laws that begin at t."""
+    """Return the ends of the remaining intervals and (t, branch), for laws that begin at t."""
     t = float(time[0])
     later_ends = interval_ends(equations.breakpoints, t, ends[-1]) if t < ends[-1] else ()
     require_no_pole(equations.laws, tuple(pairwise((t, *later_ends))))
@@ -138,32 +138,34 @@ def _require_closed(solver: ConsistencySolver, time: Array, q: Array) -> None:
     if equations.m and not np.max(gaps) <= _MAX_GAP * min(1.0, equations.length):
         worst = int(np.argmax(gaps))
         raise BeamdaeError(
-            f"{equations.lam_names[worst]}: it is open by {gaps[worst]:.3g}, a joint must be "
-            "closed where it is switched on; activate(..., as_is=True) keeps the gap."
+            f"{equations.lam_names[worst]}: the joint is switched on with a gap of "
+            f"{gaps[worst]:.3g}; close the gap before, or keep the gap with "
+            "activate(..., as_is=True)."
         )
 
 
 @dataclass
 class MethodCache:
-    """The methods of a run, one for each configuration, made when first needed.
+    """Methods of a run, one per configuration, created on first use.
 
     Attributes
     ----------
     make
-        Makes the method for a plan.
+        Function that creates the method for a plan.
     first, configuration
-        The method at the start, and the configuration it was made for.
+        Method at the start, and its configuration.
     """
 
     make: Callable[[RunPlan], Method]
     first: Method
     configuration: Configuration | None
     _by_inactive_parts: dict[frozenset[str], Method] = field(default_factory=dict, init=False)
-    # Joints that keep a gap make a configuration that never returns: only its method is kept, ...
+    # A configuration with frozen gaps never returns, so that only the last of its methods is kept,
+    # ...
     _frozen: tuple[EquationsOfMotion | None, Method | None] = field(
         default=(None, None), init=False
     )
-    # ... and the counts of those before it.
+    # ... with the counts of the earlier ones.
     _past_counts: list[Statistics] = field(default_factory=list, init=False)
     _switch_times: list[float] = field(default_factory=list, init=False)
     _impact_times: dict[str, float] = field(default_factory=dict, init=False)
@@ -177,7 +179,7 @@ class MethodCache:
             self._by_inactive_parts[inactive] = self.first
 
     def get(self, plan: RunPlan, configuration: Configuration) -> Method:
-        """Return the method of a configuration, made for this plan if it is new."""
+        """Return the method of a configuration; create it for this plan if it is new."""
         if not configuration.frozen_gaps:
             if configuration.inactive not in self._by_inactive_parts:
                 self._by_inactive_parts[configuration.inactive] = self.make(plan)
@@ -192,28 +194,28 @@ class MethodCache:
 
     @property
     def counts(self) -> Statistics:
-        """Statistics summed over all methods of the run."""
+        """Sum of the statistics of all methods of the run."""
         frozen = self._frozen[1]
         methods = [*self._by_inactive_parts.values(), *([] if frozen is None else [frozen])]
         counts = [*(vars(method.counts) for method in methods), *map(vars, self._past_counts)]
         return Statistics(**{name: sum(count[name] for count in counts) for name in counts[0]})
 
     def stall_reason(self, event: EventTerm, t: float, duration: float) -> str | None:
-        """Return why the run stalls with another event at time `t` [s], or None."""
+        """Return the reason why the run stalls at an event at time `t` [s], or None."""
         if select_impacts(event.do):
             flight = t - self._impact_times.get(event.name, -np.inf)
             self._impact_times[event.name] = t
             if flight < _MIN_FLIGHT * duration:
                 return (
-                    f"impacts of event {event.name} accumulate, the last two are {flight:.2g} s "
-                    "apart; keep the bodies together with a joint that is switched on, or use a "
-                    "Contact"
+                    f"impacts of event {event.name} accumulate, and the last two are "
+                    f"{flight:.2g} s apart; switch on a joint that keeps the bodies "
+                    "together, or use a Contact"
                 )
         self._switch_times.append(t)
         window = t - self._switch_times[-_MAX_SWITCHES:][0]
         if len(self._switch_times) < _MAX_SWITCHES or window > _SWITCH_WINDOW * duration:
             return None
         return (
-            f"no end in sight, event {event.name} and others have switched parts {_MAX_SWITCHES} "
-            f"times within {window:.2g} s; separate the values at which they switch"
+            f"event {event.name} and others switched parts {_MAX_SWITCHES} times "
+            f"within {window:.2g} s; separate the values at which the events switch"
         )

@@ -1,10 +1,10 @@
-"""IDA by scikit-sundae's class: the fallback without machine code or shared libraries.
+"""Interface to IDA through scikit-sundae: fallback without machine code or shared libraries.
 
 Used with BEAMDAE_NATIVE=off, without numba or llvmlite, and where the functions of SUNDIALS cannot
 be loaded (`sundials.library`): in builds with static libraries, with MPI, with 64-bit indices or
-with another major version. It takes the same steps as IDA by its C interface in plain Python, 15 to
-30 times as long as machine code. It also raises an interrupt at any moment of a callback, which
-callbacks of ctypes cannot.
+with another major version. It takes the same steps as the C interface in plain Python, which is 15
+to 30 times slower than machine code. Unlike ctypes callbacks, its callbacks can be interrupted at
+any time.
 """
 
 from __future__ import annotations
@@ -40,17 +40,17 @@ Array = np.ndarray
 
 # Relative rounding error of an iterate.
 _ITERATE_ROUNDING = 1e-9
-# Memory of scikit-sundae's band solver for each entry of the full matrix [bytes].
+# Memory of scikit-sundae's band solver per entry of the full matrix [bytes].
 _BAND_BYTES_PER_ENTRY = 8.0
 
 
 class SksundaeCallbacks:
-    """Residual and Jacobian in the form that scikit-sundae's class calls; see `callbacks`.
+    """Residual and Jacobian callbacks for scikit-sundae; see `callbacks`.
 
     Attributes
     ----------
     newton
-        Linear algebra of the Newton iteration.
+        Equations and linear algebra of the Newton iteration.
     accepted_steps
         Number of accepted steps.
     """
@@ -65,21 +65,21 @@ class SksundaeCallbacks:
         self.accepted_steps = 0
         self._t = np.nan
         self._residual_vector = np.zeros(form.size)
-        # True once IDA is known to read values written into its vectors; until then the time and
-        # the value that its next iterate has if it does.
+        # True once it is verified that IDA reads values written into its vectors. Until then,
+        # `_expected_iterate` is the time and value that the next iterate must have.
         self._vectors_are_shared = False
         self._expected_iterate: tuple[float, Array] | None = None
         self._attempts = self._setups = self._attempts_with_setup = self._last_setup = 0
 
     def restart(self, branch: float) -> None:
-        """Forget the factors, and use the laws of the interval around `branch` [s]."""
+        """Discard the factors, and use the laws of the interval around `branch` [s]."""
         self.newton.branch, self.newton.has_factors = branch, 0
         self._t = np.nan
         self._expected_iterate = None
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
-        """Evaluate the residual, multiplied by the inverse of the last Jacobian."""
-        # Every attempt at a step has another time.
+        """Evaluate the residual premultiplied by the inverse of the last Jacobian."""
+        # Every attempt at a step ends at a different time.
         if t != self._t:
             self._attempts += 1
         self._t = t
@@ -89,47 +89,48 @@ class SksundaeCallbacks:
         evaluate_preconditioned(self.newton, t, y, yp, out)
 
     def jacobian(self, t: float, y: Array, yp: Array, res: Array, c: float, out: Array) -> None:
-        """Factorize dR/dy + c dR/dy', and return the identity in `out`."""
+        """Factorize dR/dy + c dR/dy', and write the identity into `out`."""
         self._setups += 1
         if self._last_setup != self._attempts:
             self._attempts_with_setup += 1
             self._last_setup = self._attempts
         if factorize_jacobian(self.newton, t, c, y, yp, self._residual_vector) != DONE:
-            # IDA retries with a smaller step, and reports a failure where that does not help.
+            # IDA retries with a smaller step, and reports a failure if this does not help.
             self._residual_vector[:] = np.nan
             return
         if not self._vectors_are_shared and np.isfinite(self._residual_vector).all():
             self._expected_iterate = t, y - self._residual_vector
-        # The diagonal of a full matrix, or all non-zeros of a sparse one.
+        # `out` is a full matrix, or the diagonal of a sparse matrix.
         if out.ndim == 2:
             np.fill_diagonal(out, 1.0)
         else:
             out[:] = 1.0
 
     def _check_shared_vectors(self, t: float, y: Array) -> None:
-        """Reject a scikit-sundae that passes copies of IDA's vectors.
+        """Reject versions of scikit-sundae that pass copies of IDA's vectors.
 
-        The first iterate after a setup is y minus the values written into the vector that IDA
-        passed. With a copy it is y minus the earlier residual, and runs would be far off without
-        any warning.
+        The first iterate after a setup must be y minus the values written into the vector that IDA
+        passed. With a copy, it would be y minus the earlier residual, and runs would be wrong
+        without a warning.
         """
         assert self._expected_iterate is not None
         time, expected = self._expected_iterate
         self._expected_iterate = None
-        # The iteration converged at once, and this is the next step.
+        # The iteration has converged without another iterate; this is the next step.
         if t != time:
             return
         size = float(np.max(np.abs(self._residual_vector))) + float(np.max(np.abs(expected)))
         if np.max(np.abs(y - expected)) > _ITERATE_ROUNDING * size:
             raise BeamdaeError(
-                f"Ida: scikit-sundae {version('scikit-sundae')} hands out copies of IDA's vectors, "
-                "it must be one that shares them; pip install 'scikit-sundae>=1.2,<1.3'."
+                f"Ida: scikit-sundae {version('scikit-sundae')} copies the vectors of "
+                "IDA instead of sharing them; run pip install "
+                "'scikit-sundae>=1.2,<1.3'."
             )
         self._vectors_are_shared = True
 
     @property
     def counts(self) -> Statistics:
-        """Calls, factorizations and failures so far."""
+        """Numbers of calls, factorizations and failures so far."""
         newton = self.newton
         return Statistics(
             rejected_steps=max(self._attempts - self.accepted_steps, 0),
@@ -142,18 +143,18 @@ class SksundaeCallbacks:
 
 
 class SksundaeIda:
-    """IDA by scikit-sundae's class, one step at a time; see `compiled_solver.CompiledIda`.
+    """IDA through scikit-sundae, one step per call; cf. `compiled_solver.CompiledIda`.
 
-    Its error test and its Newton iteration test the same unknowns: "untested" is ignored.
+    The option "untested" is ignored: the error test includes all unknowns of the Newton iteration.
 
     Attributes
     ----------
     name
         Value of "ida" in `Solution.integrator`.
     code
-        DONE, NO_ADVANCE, or a negative code of IDA.
+        Return code of the last step: DONE, NO_ADVANCE or a negative code of IDA.
     step_report
-        Empty: the class does not report orders or errors of steps.
+        Empty, because scikit-sundae does not report orders or errors of steps.
     """
 
     name = "scikit-sundae"
@@ -174,7 +175,7 @@ class SksundaeIda:
     def start(
         self, span: tuple[float, float], branch: float, y: Array, yp: Array, first_step: float
     ) -> None:
-        """Restart IDA for a span (start, end) [s] with a first step of this length [s]."""
+        """Restart IDA for the time span (start, end) [s] with the first step [s]."""
         self._callbacks.restart(branch)
         self._t, self._end = span
         self._stop = self._end
@@ -185,8 +186,8 @@ class SksundaeIda:
         self.code = DONE
 
     def advance(self, most: int) -> Array:
-        """Return the row (t, q, v, a, lam) of one step, none after a failure."""
-        # SUNDIALS prints its errors, which are in the status as well.
+        """Take one step; return its row (t, q, v, a, lam), none after a failure."""
+        # SUNDIALS prints errors that are also in the status.
         with suppress_stdout:
             result = self._solver.step(self._end, "onestep", self._stop)
         self._y, self._yp = result.y, result.yp
@@ -202,36 +203,36 @@ class SksundaeIda:
 
     @property
     def last_point(self) -> tuple[Array, Array, Array]:
-        """(y, y', R) of the last evaluation."""
+        """(y, y', R) at the last evaluation."""
         return self._y, self._yp, self._callbacks.newton.raw_residual
 
     @property
     def counts(self) -> Statistics:
-        """Calls, factorizations and failures so far."""
+        """Numbers of calls, factorizations and failures so far."""
         return self._callbacks.counts
 
 
 def _make_ida(callbacks: SksundaeCallbacks, size: int, **options: Any) -> IDA:
-    """Return IDA with the cheapest solver for the identity.
+    """Return a scikit-sundae solver with the cheapest linear solver for the identity.
 
-    For its band solver scikit-sundae allocates a full matrix: beyond small systems that takes more
-    time and memory than everything else, and SuperLU_MT is used instead if it is built in.
+    scikit-sundae allocates a full matrix for its band solver, which dominates time and memory of
+    larger systems. For these, SuperLU_MT is used if it is built in.
     """
     options["jacfn"] = callbacks.jacobian
     if size > DENSE_LIMIT:
         with warnings.catch_warnings(), contextlib.suppress(ValueError):
-            # It warns that the pattern must fit the Jacobian, which it does.
+            # The warning asks for a pattern that fits the Jacobian, which is the case.
             warnings.filterwarnings("ignore", message="Custom sparse Jacobian")
             pattern = sp.eye_array(size, format="csc")
             return IDA(callbacks.residual, linsolver="sparse", sparsity=pattern, **options)
     what = f"scikit-sundae without SuperLU_MT, for {size} unknowns,"
-    remedy = "install one that has it, take fewer elements, or another integrator"
+    remedy = "install a build with SuperLU_MT, or use fewer elements or another integrator"
     require_memory("Ida", what, _BAND_BYTES_PER_ENTRY * size**2, remedy)
     return IDA(callbacks.residual, linsolver="band", lband=0, uband=0, **options)
 
 
 class _ThreadFilter:
-    """A stream that drops the output of silenced threads, and passes on all other output."""
+    """Stream that drops the output of silenced threads and forwards all other output."""
 
     def __init__(self, stream: TextIO, silenced: dict[int, int]) -> None:
         self._stream, self._silenced = stream, silenced
@@ -246,7 +247,7 @@ class _ThreadFilter:
 
 
 class _SuppressStdout(contextlib.AbstractContextManager[None]):
-    """Suppresses standard output of the thread that enters.
+    """Context manager that suppresses the standard output of the entering thread.
 
     `contextlib.redirect_stdout` would replace sys.stdout for all threads, and two overlapping uses
     would leave it replaced.

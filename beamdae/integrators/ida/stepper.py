@@ -1,4 +1,4 @@
-"""The method of `Ida`: error weights, restarts and failure reasons around IDA's own steps."""
+"""Stepper of `Ida`: error weights, restarts and failure reasons around the steps of IDA."""
 
 from __future__ import annotations
 
@@ -36,30 +36,30 @@ from beamdae.sundials.solver import describe_status
 
 Array = np.ndarray
 
-# IDA's codes of steps that fail at their smallest size.
+# IDA's return codes for a failure at the smallest step.
 _ERROR_TEST_FAILED = -3
 _NEWTON_FAILED = -4
-# Share of each Newton correction that is made if forces depend on multipliers or if velocities
-# alone are constrained, because multipliers are then in the iteration's test. IDA accepts a first
-# correction by an earlier rate of convergence, and one of any size if that rate was zero, as in
-# linear equations: where friction reverses, such steps drove multipliers off, to 1e7 times their
-# size. With this share no rate is below 1/50, and no correction beyond 16 tolerances is accepted.
+# Fraction of each Newton correction that is applied if forces depend on multipliers or there are
+# nonholonomic constraints, because multipliers are then in the convergence test. IDA judges the
+# first correction by an earlier rate of convergence, and accepts any size if this rate was zero, as
+# in linear equations. When friction reversed, such steps increased multipliers to 1e7 times their
+# size. With this fraction, no rate is below 1/50 and no correction above 16 tolerances is accepted.
 _CORRECTION_SHARE = 0.98
-# IDA gives up after ten attempts at a step; the first step of an interval is then retried with
-# this share of its length, ...
+# IDA gives up after ten attempts at a step. The first step of an interval is then retried with this
+# fraction of its length, ...
 _RETRY_FACTOR = 1e-4
 # ... unless it becomes shorter than this [s].
 _MIN_FIRST_STEP = 1e-300
-# Errors are weighted by absolute tolerances; IDA needs a relative one that is not zero.
+# Errors are weighted by absolute tolerances; IDA requires a nonzero relative tolerance.
 _NEGLIGIBLE_RTOL = 1e-15
 _RADAU_ADVICE = (
-    "lightly damped modes limit BDF at this tolerance, Radau is usually 2 to 20 times faster; use "
-    "Radau(rtol) or Auto(rtol)"
+    "lightly damped modes limit BDF at this tolerance, where Radau is usually 2 to 20 "
+    "times faster; use Radau(rtol) or Auto(rtol)"
 )
 
 
 class IdaStepper:
-    """Steps of IDA, up to 64 at a time."""
+    """Method of IDA: up to 64 steps per call."""
 
     rows_per_step: ClassVar[int] = 1
     steps_per_check: ClassVar[int] = STEPS_PER_CHECK
@@ -107,7 +107,7 @@ class IdaStepper:
 
     @property
     def resolved_options(self) -> dict[str, Any]:
-        """Error control, order and tolerance of the run, and IDA's report of its steps."""
+        """Error control, order, local tolerance and step report of the run."""
         note = self._form.formulation.note or (_RADAU_ADVICE if self.prefers_radau else "")
         return {
             "error_control": self._control.policy,
@@ -122,18 +122,18 @@ class IdaStepper:
 
     @property
     def prefers_radau(self) -> bool:
-        """Return True if Radau is cheaper at this tolerance."""
+        """True if Radau is cheaper at this tolerance."""
         return self._rtol < self._control.radau_below
 
     @property
     def counts(self) -> Statistics:
-        """Calls, factorizations and failures so far."""
+        """Numbers of calls, factorizations and failures so far."""
         return self._ida.counts
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
         """Begin a smooth interval [s] at a consistent state."""
         self._t, self._end, self._branch = start, end, branch
-        # IDA's own estimate ignores accelerations, and fails where they are huge for an instant.
+        # IDA's estimate ignores accelerations, and fails if they are huge for an instant.
         first = min(self._scales.first_step(self._tolerance, state), self._longest, end - start)
         self._start(first, state)
 
@@ -143,7 +143,7 @@ class IdaStepper:
         self._ida.start((self._t, self._end), self._branch, *self._form.pack(state), first_step)
 
     def advance(self, most: int) -> Array:
-        """Return rows (t, q, v, a, lam) of one to `most` more steps.
+        """Take 1 to `most` steps; return their rows (t, q, v, a, lam).
 
         Raises
         ------
@@ -171,10 +171,10 @@ class IdaStepper:
             return STEP_TOO_SMALL
         if code == _ERROR_TEST_FAILED:
             unknown = next(iter(self._ida.step_report.get("limited_by", {})), "")
-            cause = f", the error of {unknown} limits most steps" if unknown else ""
+            cause = f"(the error of {unknown} limits most steps)" if unknown else ""
             return (
-                "the error test failed at the smallest step; loosen rtol or test positions only"
-                f"{cause}"
+                "the error test failed at the smallest step; loosen rtol or test only "
+                f"positions{cause}"
             )
         if code == _NEWTON_FAILED:
             return (
@@ -185,7 +185,7 @@ class IdaStepper:
 
 
 def _multipliers_matter(equations: EquationsOfMotion) -> bool:
-    """Return True if forces depend on multipliers or if constraints leave no motion free."""
+    """Return True if forces depend on multipliers or all motions are prescribed."""
     is_driven = equations.m == equations.n
     return is_driven or any(force.rows is not None for force in equations.structure.forces)
 
@@ -197,11 +197,11 @@ def _make_solver(
     options: dict[str, Any],
     iteration: dict[str, Any],
 ) -> Any:
-    """Return IDA in machine code, or scikit-sundae's class if that is not available."""
+    """Return IDA in machine code, or through scikit-sundae if machine code is not available."""
     if form.is_native:
         with contextlib.suppress(MachineCodeError, UnavailableError):
             return CompiledIda(form, plan.matrix("Ida", form.pattern), options, iteration)
-    # Imported here because it imports SciPy's optimizers, a third of the time of a short run.
+    # Imported here because it imports SciPy's optimizers, which takes a third of a short run.
     from beamdae.integrators.ida.python_solver import SksundaeIda
 
     return SksundaeIda(form, linear_solver, options, iteration)

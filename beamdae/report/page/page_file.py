@@ -17,7 +17,7 @@ from beamdae.report.page.page_data import encode_curves, encode_frames
 from beamdae.report.text import make_printable
 from beamdae.results.storage.files import write_text
 
-# In the order in which they are joined; all scripts share one global scope.
+# Files in the order of concatenation; all scripts share one global scope.
 _STYLES = ("page", "charts", "tables", "mechanism", "media")
 _SCRIPTS = (
     "decoding",
@@ -37,10 +37,10 @@ _SCRIPTS = (
     "fact_tables",
     "case_table",
     "selection",
-    "main",  # last: it starts the page
+    "main",  # must be last because it initializes the page
 )
 
-# Default values of entries that may be missing.
+# Default values of optional entries.
 _GROUP_DEFAULTS: dict[str, Any] = {"label": "", "reference": None, "frames": None}
 _TABLE_DEFAULTS: dict[str, Any] = {"title": "", "head": [], "rows": []}
 _CASE_DEFAULTS: dict[str, Any] = {
@@ -70,37 +70,40 @@ _PAGE_DEFAULTS: dict[str, Any] = {
 
 
 def write_page(path: Path, page: Mapping[str, Any]) -> Path:
-    """Write runs and their tables to one HTML file that opens offline.
+    """Write tables, charts and animations of runs to one HTML file that opens offline.
 
     Parameters
     ----------
     path
         Path of the HTML file.
     page
-        Plain values. Every entry except the ids may be missing:
+        Plain values. All entries except the ids are optional:
 
-        - "title", "subtitle"; "made", versions by name; "notes", sentences.
-        - "groups", cases that are compared with each other, such as those of the same parameters:
-          "id", "label"; "reference", which their errors refer to, with "methods", "uncertainty"
-          (the smallest error it resolves), "accepted" and "sentence", or None; "frames", the
-          animation, as returned by `beamdae.report.scene.frame_export.export_run_frames`.
-        - "columns" of the case table: "key", "label", "unit" and "kind", one of "text", "number",
-          "status", "error" and "cost". Columns of the last two kinds show the entries "error" and
-          "cost" of each case. The label of a case (key "label") and its status always come first.
-        - "axes", keys "x" and "y" of the columns that the scatter plot starts with. The reader can
-          select any two numeric columns. Default: error over cost, if there are any.
-        - "tables" of facts: "title", "head" (names of columns) and "rows".
-        - "cases": "id", "group", "label", "family" (determines color and legend entry, such as the
-          integrator), "series" (cases of the same series are joined by a line; default none),
-          "rank" (a number that orders the cases of a series and the table by label), "status"
-          ("ok" or a sentence), "values" by column, "error", "cost" [s], "below" (the error is below
-          the resolution of the reference), "limited" (stopped by a limit) and "curves" as returned
-          by `beamdae.report.page.page_data.select_curves`: "t" [s] and at these times "observed" by
-          name, "error", "energy" by name (the magnitude of "imbalance" is drawn), "position drift",
-          "velocity drift", and "difference" to the reference with "observed" and "energy" by name.
+        - "title", "subtitle", "made" (versions by package name) and "notes" (list of sentences).
+        - "groups": sets of cases that are compared with each other, for example cases with equal
+          parameters. Entries: "id"; "label"; "reference", the reference solution for errors, with
+          "methods", "uncertainty" (the smallest error that it resolves), "accepted" and "sentence",
+          or None; "frames", the animation, as returned by
+          `beamdae.report.scene.frame_export.export_run_frames`.
+        - "columns" of the case table: "key", "label", "unit" and "kind" ("text", "number",
+          "status", "error" or "cost"). Columns of the kinds "error" and "cost" show the entries
+          "error" and "cost" of each case. The label of a case (key "label") and its status always
+          come first.
+        - "axes": keys "x" and "y" of the columns that the scatter plot shows initially. The user
+          can select any two numeric columns. Defaults to error over cost if these columns exist.
+        - "tables" of facts: "title", "head" (column names) and "rows".
+        - "cases": "id"; "group"; "label"; "family", which determines color and legend entry, for
+          example the integrator; "series", cases of the same series are connected by a line
+          (default None); "rank", a number that orders the cases of a series and the table by label;
+          "status" ("ok" or a sentence); "values" by column; "error"; "cost" [s]; "below" (True if
+          the error is below the resolution of the reference); "limited" (True if a limit stopped
+          the run); and "curves", as returned by `beamdae.report.page.page_data.select_curves`.
+          Entries of "curves": "t" [s]; at these times "observed" by name, "error", "energy" by name
+          (the magnitude of "imbalance" is drawn), "position drift", "velocity drift"; and
+          "difference" from the reference, with "observed" and "energy" by name.
 
-        A page of one case without columns is the page of a run: it has no case table, and the
-        first table of facts stands beside the animation.
+        A page with one case and without columns is the page of a run: it has no case table, and the
+        first table of facts is shown beside the animation.
 
     Returns
     -------
@@ -110,7 +113,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
     Raises
     ------
     BeamdaeError
-        If an id is used twice, a case refers to an unknown group or the file cannot be written.
+        If an id is used twice, a case refers to an unknown group, or the file cannot be written.
     """
     title = html.escape(make_printable(page.get("title", "")))
     content = _complete_page(page)
@@ -125,20 +128,20 @@ def fill_template(
     Parameters
     ----------
     name
-        File name of the template without suffix.
+        Name of the template file without suffix.
     styles, scripts
-        File names in `style/` and `script/` without suffix, in the order of insertion.
+        Names of files in `style/` and `script/` without suffix, in the order of insertion.
     data
         Plain values, inserted as JSON.
     **texts
-        Further placeholders of the template and their HTML.
+        HTML for further placeholders, by placeholder name.
     """
     folder = files("beamdae.report.page")
     json_text = json.dumps(data, allow_nan=False, separators=(",", ":"))
     parts = {
         "style": _join_files(folder / "style", styles, ".css"),
         "script": _join_files(folder / "script", scripts, ".js"),
-        # Escaped, so that no name in the data can end the script element.
+        # Escaped so that no text in the data can close the script element.
         "data": json_text.replace("<", "\\u003c"),
         **texts,
     }
@@ -151,7 +154,7 @@ def _join_files(folder: Traversable, names: Sequence[str], suffix: str) -> str:
 
 
 def _complete_page(page: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the page with all entries, encoded curves and None for numbers that are not finite."""
+    """Add default entries, encode curves and frames, and replace non-finite numbers by None."""
     page = {**_PAGE_DEFAULTS, **page}
     groups = [_GROUP_DEFAULTS | group for group in page["groups"]]
     cases = [_CASE_DEFAULTS | case for case in page["cases"]]
@@ -160,8 +163,8 @@ def _complete_page(page: Mapping[str, Any]) -> dict[str, Any]:
     for case in cases:
         if case.get("group") not in group_ids:
             raise BeamdaeError(
-                f"page: case {case['id']!r} refers to the unknown group {case.get('group')!r}; "
-                "add the group or correct it."
+                f"page: case {case['id']!r} refers to the unknown group "
+                f"{case.get('group')!r}; add the group or correct the name."
             )
     page["tables"] = [_TABLE_DEFAULTS | table for table in page["tables"]]
     page["groups"] = [group | {"frames": encode_frames(group["frames"])} for group in groups]
@@ -173,13 +176,15 @@ def _collect_unique_ids(kind: str, entries: Iterable[Mapping[str, Any]]) -> set[
     ids: set[str] = set()
     for entry in entries:
         if entry["id"] in ids:
-            raise BeamdaeError(f"page: the id {entry['id']!r} of a {kind} is used twice.")
+            raise BeamdaeError(
+                f"page: the id {entry['id']!r} of a {kind} is used twice; give each a different id."
+            )
         ids.add(entry["id"])
     return ids
 
 
 def _replace_nonfinite(value: Any) -> Any:
-    """Return nested plain values with None in place of each number that is not finite."""
+    """Return nested plain values with non-finite numbers replaced by None."""
     if isinstance(value, Mapping):
         return {str(name): _replace_nonfinite(entry) for name, entry in value.items()}
     if isinstance(value, (list, tuple)):

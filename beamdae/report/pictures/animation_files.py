@@ -1,4 +1,4 @@
-"""Writing of animated figures to GIF and MP4 files."""
+"""Animated figures, and their output as GIF and MP4 files."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 
 _RESOLUTION = 100  # [dots per inch]
 _PALETTE_SIZE = 128  # colors of a GIF
-_PALETTE_FRAMES = 8  # from which the palette is taken
-# Pillow may map white to a palette entry that is merely close; components above this become white.
+_PALETTE_FRAMES = 8  # number of frames from which the palette is computed
+# Pillow may map white to a palette color that is only close to white. Colors whose components all
+# exceed this value are therefore replaced by white.
 _MIN_WHITE = 240
 
 
@@ -33,7 +34,7 @@ class FigureAnimation:
     figure
         The figure with all its artists.
     show
-        Updates the figure to a frame.
+        Function that updates the figure to a frame, given by its index.
     frames
         Number of frames.
     rate
@@ -51,14 +52,14 @@ class FigureAnimation:
         Parameters
         ----------
         name
-            Name of the calling function, for messages.
+            Name of the calling function, used in error messages.
         path
             Path of the file, with the suffix .gif or .mp4.
 
         Raises
         ------
         BeamdaeError
-            If the suffix is another one or the file cannot be written.
+            If the suffix is not .gif or .mp4, or the file cannot be written.
         """
         kind = require_picture_path(name, path).suffix.lower().removeprefix(".")
         if kind not in ("gif", "mp4"):
@@ -66,7 +67,7 @@ class FigureAnimation:
         if kind == "mp4":
             _require_ffmpeg(name)
         with atomic_write(Path(path)) as scratch:
-            # The writers choose the format by the suffix.
+            # The writers select the format by the suffix.
             with_suffix = scratch.with_name(f"{scratch.name}.{kind}")
             try:
                 (self._save_gif if kind == "gif" else self._save_mp4)(with_suffix)
@@ -83,7 +84,7 @@ class FigureAnimation:
         animation.save(str(path), writer=FFMpegWriter(fps=rate), dpi=_RESOLUTION)
 
     def _save_gif(self, path: Path) -> None:
-        """Write a GIF with one palette for all frames, so that unchanged regions compress well."""
+        """Write a GIF with one palette for all frames, so that static regions compress well."""
         from PIL.Image import Dither
 
         samples = np.linspace(0, self.frames - 1, min(_PALETTE_FRAMES, self.frames)).astype(int)
@@ -92,7 +93,7 @@ class FigureAnimation:
             self._render(k).quantize(palette=palette, dither=Dither.NONE)
             for k in range(self.frames)
         )
-        # Durations are multiples of 10 ms; rounding the end times prevents a drift.
+        # Durations are multiples of 10 ms. Rounding the end times avoids accumulated rounding errors.
         end_times = np.round(np.arange(self.frames + 1) * 100.0 / self.rate)
         durations = [10 * max(int(x), 1) for x in np.diff(end_times)]
         first = next(images)
@@ -115,13 +116,13 @@ def _require_ffmpeg(name: str) -> None:
 
     if not FFMpegWriter.isAvailable():
         raise BeamdaeError(
-            f"{name}: MP4 files need the program ffmpeg, which was not found; "
-            "install it or write a GIF file."
+            f"{name}: MP4 files need the program ffmpeg, which was not found; install "
+            "ffmpeg or write a GIF file."
         )
 
 
 def _create_palette(image: Image) -> Image:
-    """Return the colors of an image as a palette; colors close to white become white."""
+    """Return a palette of the colors in an image, with colors close to white replaced by white."""
     from PIL import Image
 
     colors = np.array(image.quantize(_PALETTE_SIZE).getpalette(), int).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Figures of natural modes, animations of one mode, and Campbell diagrams."""
+"""Figures and animations of natural modes, and Campbell diagrams."""
 
 from __future__ import annotations
 
@@ -44,20 +44,20 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 _MAX_COLUMNS = 3
-# Largest displacement in a picture, relative to the extent of the mechanism.
+# Largest displacement of a displayed mode, relative to the extent of the mechanism.
 _RELATIVE_AMPLITUDE = 0.12
-# Multiples of the speed of rotation in a Campbell diagram.
+# Multiples of the rotational speed drawn in a Campbell diagram.
 _SPEED_MULTIPLES = (1, 2, 3, 4)
 # Width and limits of the height of a panel, and height of its title [inch].
 _PANEL_WIDTH = 3.2
 _MIN_PANEL_HEIGHT = 0.8
 _MAX_PANEL_HEIGHT = 3.6
 _PANEL_TITLE_HEIGHT = 0.35
-_DISPLAYED_PERIOD = 2.0  # [s]
+_DISPLAYED_PERIOD = 2.0  # duration of one period in an animation [s]
 
 
 class _ModeScenes:
-    """Scenes of modes about a state, all scaled to the same largest displacement."""
+    """Scenes of modes about a state, scaled to equal largest displacements."""
 
     def __init__(self, name: str, modes: Modes) -> None:
         self._modes, self._mechanism = modes, _require_drawable(name, modes)
@@ -66,7 +66,7 @@ class _ModeScenes:
         self._amplitude = _RELATIVE_AMPLITUDE * (float(np.max(high - low)) or 1.0)
 
     def vibrating(self, k: int, phases: Array) -> Scene:
-        """Return the scene of mode k with one frame for each complex phase."""
+        """Return the scene of mode k with one frame per complex phase."""
         mechanism, q, shape = self._mechanism, self._modes.q, self._modes.shapes[k]
         poses = VibrationPoses(mechanism, q, shape, np.array([0.0, 1.0, 1j]))
         drawings = collect_drawings(mechanism, count_beam_sections(mechanism))
@@ -88,16 +88,19 @@ def _require_drawable(name: str, modes: Any) -> Mechanism:
             f"{name}: modes must be a result of beamdae.modes, got {short_repr(modes)}."
         )
     if modes.mechanism is None or not len(modes):
-        raise BeamdaeError(f"{name}: modes must be those of a mechanism; there is nothing to draw.")
+        raise BeamdaeError(
+            f"{name}: the modes belong to a system without a mechanism; only mechanisms "
+            "can be drawn."
+        )
     if not collect_drawings(modes.mechanism, 2):
         raise BeamdaeError(f"{name}: the mechanism has no parts that can be drawn; add a body.")
     return modes.mechanism
 
 
 def draw_modes(modes: Modes) -> Plot:
-    """Draw up to twelve mode shapes over the state about which they vibrate.
+    """Draw up to twelve mode shapes together with the undisplaced mechanism.
 
-    Displacements are linear in the mode shapes and scaled to be visible.
+    Displacements are linearized about the state of the modes and scaled to be visible.
 
     Parameters
     ----------
@@ -107,18 +110,18 @@ def draw_modes(modes: Modes) -> Plot:
     Returns
     -------
     Plot
-        Displayed by a notebook; `Plot.save` writes it to a file.
+        The figure, displayed by a notebook; `Plot.save` writes it to a file.
 
     Raises
     ------
     BeamdaeError
-        If there is no mode, or the model has no parts that can be drawn.
+        If `modes` is empty, or the mechanism has no parts that can be drawn.
     """
     return Plot(create_modes_figure(modes))
 
 
 def create_modes_figure(modes: Modes, title: str = "") -> Figure:
-    """Return the mode shapes as a figure."""
+    """Create a figure with up to twelve mode shapes."""
     scenes = _ModeScenes("draw_modes", modes)
     panels = [scenes.vibrating(k, np.ones(1)) for k in range(min(len(modes), MAX_PANELS))]
     low, high = padded_extent([scenes.rest, *panels])
@@ -145,7 +148,7 @@ def create_modes_figure(modes: Modes, title: str = "") -> Figure:
 def animate_mode(
     modes: Modes, mode: int, path: str | Path | None = None, frames: int = 32
 ) -> Animation | Path:
-    """Animate one period of a mode without its damping, in a notebook or as a file.
+    """Animate one undamped period of a mode in a notebook or in a file.
 
     Parameters
     ----------
@@ -154,20 +157,26 @@ def animate_mode(
     mode
         Number of the mode, starting at 1.
     path
-        Path of a GIF or MP4 file, see `beamdae.animate`. None returns an animation for a notebook.
+        Path of a GIF or MP4 file, see `beamdae.animate`. Without a path, the animation is displayed
+        in a notebook.
     frames
         Number of frames per period.
+
+    Returns
+    -------
+    Animation or Path
+        Animation for a notebook, or the path of the file.
 
     Raises
     ------
     BeamdaeError
-        If there is no such mode, nothing can be drawn, or the file has another suffix or cannot be
-        written.
+        If the mode does not exist, the mechanism has no parts that can be drawn, the suffix is not
+        .gif or .mp4, or the file cannot be written.
     """
     scenes = _ModeScenes("animate_mode", modes)
     k = require_count("animate_mode", "mode", mode, most=len(modes)) - 1
     number = require_count("animate_mode", "frames", frames, least=2, most=MAX_FRAMES)
-    # A real mode shape starts at rest.
+    # With this phase, a real mode shape starts from zero displacement.
     phases = np.exp(2j * np.pi * (np.arange(number) / number - 0.25))
     scene, caption = scenes.vibrating(k, phases), f"mode {_describe_mode(modes, k)}"
     if path is None:
@@ -194,7 +203,7 @@ def _describe_mode(modes: Modes, k: int) -> str:
 
 
 def draw_campbell(diagram: Campbell) -> Plot:
-    """Plot natural frequencies over the speed of rotation, with multiples of the speed.
+    """Plot natural frequencies and multiples of the rotational speed over the rotational speed.
 
     Parameters
     ----------
@@ -204,18 +213,18 @@ def draw_campbell(diagram: Campbell) -> Plot:
     Returns
     -------
     Plot
-        Displayed by a notebook; `Plot.save` writes it to a file.
+        The figure, displayed by a notebook; `Plot.save` writes it to a file.
 
     Raises
     ------
     BeamdaeError
-        If the argument is anything else.
+        If `diagram` is not a result of `beamdae.campbell`.
     """
     return Plot(create_campbell_figure(diagram))
 
 
 def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -> Figure:
-    """Return a Campbell diagram as a figure."""
+    """Create the figure of a Campbell diagram."""
     if not isinstance(diagram, Campbell):
         raise BeamdaeError(
             "draw_campbell: diagram must be a result of beamdae.campbell, "
@@ -242,7 +251,7 @@ def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -
 
 
 def _create_figure(size: tuple[float, float], title: str) -> Figure:
-    # matplotlib takes longer to import than some commands take to run.
+    # Imported here because importing Matplotlib takes longer than some commands.
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size, layout="constrained")

@@ -1,4 +1,4 @@
-"""Animations of runs, and the thumbnail of a run as SVG."""
+"""Animations and SVG thumbnails of runs."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 _DEFAULT_RATE = 25  # frames per second
-_MAX_RATE = 50  # frames per second; browsers show GIF files no faster
+_MAX_RATE = 50  # frames per second; browsers do not show GIF files faster
 _MIN_RATE = 0.1  # frames per second
 _MIN_FRAMES = 2
 MAX_FRAMES = 500
-_COLOR_BAR_STRIP = 0.62  # height below the picture [inch]
+_COLOR_BAR_STRIP = 0.62  # height of the strip for the color bar below the picture [inch]
 _THUMBNAIL_SIZE = 160.0  # longer side [pixels]
 _THUMBNAIL_FRAMES = 6
 
@@ -51,36 +51,43 @@ def animate(
     color: str | None = None,
     trail: Any = False,
 ) -> Animation | Path:
-    """Animate a run in a notebook or as a file.
+    """Animate a run in a notebook or in a file.
 
-    Bodies, joints, guides, springs, dampers, contacts and loads are drawn as by `draw`. The arrow
-    of a load is proportional to the load, relative to its largest value in the run.
+    Bodies, joints, guides, springs, dampers, contacts and loads are drawn as in `draw`. The length
+    of a load arrow is proportional to the load, relative to its maximum during the run.
 
     Parameters
     ----------
     solution
         The run.
     path
-        Path of a GIF or MP4 file, selected by the suffix; MP4 needs the program ffmpeg. None
-        returns an animation for a notebook.
+        Path of a file with the suffix .gif or .mp4; MP4 requires the program ffmpeg. Without a
+        path, the animation is displayed in a notebook.
     speed
-        Seconds of the motion per second of the animation.
+        Playback speed relative to real time.
     frames
-        Number of frames; defaults to 25 per second.
+        Number of frames. Defaults to 25 per second of the animation.
     color
-        Quantity shown as color along beams: "strain" or "stress" (largest in size over each
-        section) or the section forces "N", "Q" or "M". The scale covers the whole run.
+        Quantity that colors the beams: "strain" or "stress" (largest magnitude in each section), or
+        the section force "N", "Q" or "M". The color scale covers the whole run.
     trail
-        True if all observed points leave a trail; or the names of those that do.
+        True to show the trails of all observed points, or the names of the points to trace.
+
+    Returns
+    -------
+    Animation or Path
+        Animation for a notebook, or the path of the file.
 
     Raises
     ------
     BeamdaeError
-        If the run is not one of a mechanism, it has no such color or point, or the file has another
-        suffix or cannot be written.
+        If the run has no mechanism, the color quantity or a traced point does not exist, the suffix
+        is not .gif or .mp4, or the file cannot be written.
     """
     if not isinstance(solution, Solution):
-        raise BeamdaeError(f"animate: solution must be that of a run, got {short_repr(solution)}.")
+        raise BeamdaeError(
+            f"animate: solution must be a Solution of a run, got {short_repr(solution)}."
+        )
     t = frame_times(solution, 2)
     speed = require_positive("animate", "speed", speed)
     duration = float(t[-1] - t[0]) / speed
@@ -103,7 +110,7 @@ def animate(
 
 
 def _format_captions(times: Array, speed: float) -> list[str]:
-    """Return the times with as many digits as distinguish the frames."""
+    """Return captions with the times of the frames, with enough digits to distinguish them."""
     step = float(times[-1] - times[0]) / (len(times) - 1)
     digits = min(max(math.ceil(-math.log10(step)), 0), 9) if step > 0.0 else 3
     suffix = "" if speed == 1.0 else f"   {speed:.3g} of real time"
@@ -140,7 +147,7 @@ def _add_color_bar(figure: Figure, colors: BeamColors) -> None:
 
 
 def draw_thumbnail(solution: Solution) -> str:
-    """Return the bodies of a run at six times as SVG, the last time in full color."""
+    """Return an SVG picture of the bodies at six times of a run; earlier times are faded."""
     times = frame_times(solution, _THUMBNAIL_FRAMES)
     scene = build_run_scene("animate", solution, times, is_hidden=lambda part: True)
     low, high = padded_extent([scene])

@@ -11,8 +11,8 @@ from beamdae.report.pictures.figures import COLORS, disable_math_text, wrap_titl
 from beamdae.results.displays import Plot
 from beamdae.results.section_forces.section_forces import SECTION_FORCE_HEADERS, SectionForces
 
-# A requested time may differ from the nearest row by this fraction of the mean distance of the
-# rows: every time between the first and the last row is accepted.
+# Largest distance of a requested time from the nearest row, relative to the mean row spacing. With
+# equally spaced rows, all times between the first and the last row are accepted.
 _MAX_TIME_DISTANCE = 0.51
 _TIME_ROUNDING = 1e-12
 
@@ -20,8 +20,8 @@ _TIME_ROUNDING = 1e-12
 def plot_section_diagram(forces: SectionForces, what: str = "M", t: float | None = None) -> Plot:
     """Plot N, Q or M of a beam over its arc length, at one time or as an envelope.
 
-    The line is the section force in balance with the loads, dots are the section force by the
-    strains, and the gray band is the estimated error.
+    At one time, the line is the section force in equilibrium with the loads, the dots are computed
+    from the strains, and the gray band is the estimated error.
 
     Parameters
     ----------
@@ -30,20 +30,20 @@ def plot_section_diagram(forces: SectionForces, what: str = "M", t: float | None
     what
         "N", "Q" or "M".
     t
-        Time [s], within the range of the forces. Defaults to the envelope over all times, or to
-        the time of the forces if there is only one.
+        Time [s]; the nearest available time is used. Defaults to the envelope over all times if
+        there are several times.
 
     Returns
     -------
     Plot
-        Displayed by a notebook; `Plot.save` writes it to a file.
+        The figure, displayed by a notebook; `Plot.save` writes it to a file.
 
     Raises
     ------
     BeamdaeError
-        If `what` or `t` is outside these values.
+        If `what` is invalid, or `t` is out of range.
     """
-    # matplotlib takes longer to import than some commands take to run.
+    # Imported here because importing Matplotlib takes longer than some commands.
     from matplotlib.figure import Figure
 
     name = forces.beam.name
@@ -77,7 +77,7 @@ def plot_section_diagram(forces: SectionForces, what: str = "M", t: float | None
 
 
 def _find_row(forces: SectionForces, t: Any) -> int | None:
-    """Return the row nearest to a time; None for the envelope."""
+    """Return the index of the row nearest to a time, or None for the envelope."""
     if t is None:
         return 0 if len(forces.t) == 1 else None
     t = require_finite(forces.beam.name, "t", t)
@@ -85,7 +85,7 @@ def _find_row(forces: SectionForces, t: Any) -> int | None:
     distance = np.ptp(forces.t) / max(len(forces.t) - 1, 1)
     if abs(forces.t[row] - t) > _MAX_TIME_DISTANCE * distance + _TIME_ROUNDING * abs(t):
         raise BeamdaeError(
-            f"{forces.beam.name}: t must be one of the times of the forces, {forces.t[0]:g} to "
-            f"{forces.t[-1]:g} s, got {t:g}."
+            f"{forces.beam.name}: t must be one of the times of the section forces "
+            f"({forces.t[0]:g} to {forces.t[-1]:g} s), got {t:g}."
         )
     return row

@@ -1,4 +1,4 @@
-"""Plots over time: columns of runs in notebooks, figures of one run and of a comparison."""
+"""Plots over time: columns of runs, figures of a single run and of a comparison of runs."""
 
 from __future__ import annotations
 
@@ -37,10 +37,9 @@ if TYPE_CHECKING:
 
     from beamdae.report.pictures.figures import Columns
 
-# Letters of the title of a panel, without and with a legend beside it, and of a legend entry.
-_TITLE_LETTERS = 40
+_TITLE_LETTERS = 40  # of a panel title
 _TITLE_LETTERS_BESIDE_LEGEND = 22
-_PANEL_LEGEND_LETTERS = 14
+_PANEL_LEGEND_LETTERS = 14  # of an entry in the legend of a panel
 _PANEL_LEGEND_COLUMNS = 4
 
 
@@ -50,22 +49,22 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
     Parameters
     ----------
     solutions
-        A solution, or several.
+        A solution or several solutions.
     names
-        Headers with or without their units, or names of observables for all their columns, see
+        Headers with or without units, or names of observables, which select all their columns; see
         `Solution.__getitem__`. Defaults to up to three characteristic columns of the first run.
     labels
-        Labels of the runs; defaults to their integrators.
+        Labels of the runs. Defaults to the names of their integrators.
 
     Returns
     -------
     Plot
-        Displayed by a notebook; `Plot.save` writes it to a file.
+        The figure, displayed by a notebook; `Plot.save` writes it to a file.
 
     Raises
     ------
     BeamdaeError
-        If a run has no column of such a name.
+        If a run does not contain one of the columns, or the arguments are invalid.
 
     Examples
     --------
@@ -107,7 +106,7 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
 
 
 def _line_styles() -> list[dict[str, Any]]:
-    """Return styles that differ in color and, as far as possible, in dashes."""
+    """Return line styles with distinct combinations of color and dash pattern."""
     colors, dashes = repeat_styles(COLORS), repeat_styles(DASHES)
     return [{"color": color, "ls": dash} for color, dash in zip(colors, dashes, strict=False)]
 
@@ -117,9 +116,11 @@ def _require_runs(solutions: Any) -> list[TimeSeries]:
     runs = runs or require_sequence("plot", "solutions", solutions, "a solution or several")
     for run in runs:
         if not isinstance(run, TimeSeries):
-            raise BeamdaeError(f"plot: solutions must be solutions, got {short_repr(run)}.")
+            raise BeamdaeError(
+                f"plot: solutions must contain only solutions, got {short_repr(run)}."
+            )
     if not runs:
-        raise BeamdaeError("plot: solutions must be a solution or several, got none.")
+        raise BeamdaeError("plot: solutions must contain at least one solution, got none.")
     return runs
 
 
@@ -132,14 +133,16 @@ def _require_labels(runs: Sequence[TimeSeries], labels: Any) -> list[str]:
     are_texts = all(isinstance(label, (str, Real)) for label in texts)
     if not are_texts or len(texts) != len(runs) or len(set(map(str, texts))) < len(texts):
         raise BeamdaeError(
-            f"plot: labels must be {len(runs)} different texts, one for each run, got "
+            f"plot: labels must be {len(runs)} different strings, one per run, got "
             f"{short_repr(labels)}."
         )
     return [str(label) for label in texts]
 
 
 def save_run_figure(path: Path, table: Columns, title: str) -> Path:
-    """Plot observed positions, deformations and forces over time; rates are left out.
+    """Plot observed positions, deformations and forces over time, and write a PNG file.
+
+    Rates are omitted. If nothing is observed, energies are plotted.
 
     Parameters
     ----------
@@ -153,7 +156,7 @@ def save_run_figure(path: Path, table: Columns, title: str) -> Path:
     Returns
     -------
     Path
-        Path of the file.
+        Path of the PNG file.
     """
     masked = mask_huge_values(table)
     groups = _group_by_observable(masked)
@@ -175,7 +178,7 @@ def save_run_figure(path: Path, table: Columns, title: str) -> Path:
 
 
 def _group_by_observable(table: Columns) -> dict[tuple[str, str], list[str]]:
-    """Return the columns that share a panel, by observable and unit."""
+    """Group the columns to plot by observable and unit; each group shares a panel."""
     groups: dict[tuple[str, str], list[str]] = {}
     for column in varying_columns(table) or [c for c in map(str, table) if c in LEDGER_COLUMNS]:
         header = Header.of(column)
@@ -184,7 +187,7 @@ def _group_by_observable(table: Columns) -> dict[tuple[str, str], list[str]]:
 
 
 def _add_panel_legend(axis: Axes, labels: Sequence[str]) -> None:
-    """Add a legend in the corner above the axes, where it covers no curve."""
+    """Add a legend above the right corner of the axes, where it covers no curve."""
     legend = axis.legend(
         axis.lines,
         [""] * len(labels),

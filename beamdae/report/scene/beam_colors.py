@@ -1,4 +1,4 @@
-"""Colors along beams: strain, stress and section forces over a run."""
+"""Colors along beams that show strain, stress or section forces during a run."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _QUANTITIES = {
     "Q": _ColorQuantity("shear force Q", "N", is_signed=True),
     "M": _ColorQuantity("bending moment M", "N m", is_signed=True),
 }
-# Color scales from zero to the largest value, and from the negative to the positive limit.
+# Color scales for magnitudes and for signed quantities, from the lower to the upper limit.
 _SEQUENTIAL_SCALE = ("#3a6fc4", "#7660c4", "#b452a3", "#e0566e", "#f58538", "#f5c31d")
 _DIVERGING_SCALE = ("#0072B2", "#b8b8b8", "#D55E00")
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""))
@@ -46,18 +46,18 @@ _MAX_SMALL_STRAIN = 0.1
 
 @dataclass(frozen=True, eq=False)
 class BeamColors:
-    """Values along beams in each frame, with one scale for the whole run.
+    """Values along beams in each frame, with a common color scale for the whole run.
 
     Attributes
     ----------
     title
-        Name of the quantity and its unit.
+        Name and unit of the quantity.
     values
-        Values by name of the beam, (frames, sections), in the unit of the title.
+        Values (frames, sections) by beam name, in the unit of the title.
     limits
-        Smallest and largest value of the scale, over frames and output times.
+        Lower and upper limit of the color scale, which covers all frames and output times.
     factor
-        Value of one unit of the title in SI units.
+        Conversion factor from the unit of the title to SI units.
     """
 
     title: str
@@ -66,27 +66,27 @@ class BeamColors:
     factor: float
 
     def segment_values(self, part: str, frame: int) -> Array:
-        """Return the means of neighboring sections of a beam in a frame."""
+        """Return the values of the segments between neighboring sections in a frame."""
         along = self.values[part][frame]
         return 0.5 * (along[:-1] + along[1:])
 
     @property
     def scale(self) -> tuple[str, ...]:
-        """Equally spaced colors from the lower to the upper limit."""
+        """Colors at equally spaced values from the lower to the upper limit."""
         return _DIVERGING_SCALE if self.limits[0] < 0.0 else _SEQUENTIAL_SCALE
 
 
 def compute_beam_colors(name: str, solution: Solution, what: Any, times: Array) -> BeamColors:
     """Return strain, stress or a section force along all beams of a run.
 
-    Strain and stress are the larger one in size of |eps11 + eta kappa11| on the two surfaces of the
-    section; stress includes the damping part. The limits cover the output times as well, so that a
-    color has the same value in all frames.
+    The strain is the larger of |eps11 + eta kappa11| at the top and the bottom of the section; the
+    stress includes the damping contribution. The limits of the color scale cover the output times
+    in addition to the frames.
 
     Parameters
     ----------
     name
-        Name of the calling function, for messages.
+        Name of the calling function, used in error messages.
     solution
         The run.
     what
@@ -97,8 +97,8 @@ def compute_beam_colors(name: str, solution: Solution, what: Any, times: Array) 
     Raises
     ------
     BeamdaeError
-        If `what` is another value, the mechanism has no beams, or strain or stress is requested and
-        the height of a section is unknown.
+        If `what` is invalid, the mechanism has no beams, or strain or stress is requested and a
+        section does not define its height.
     """
     what = require_choice(name, "color", what, tuple(_QUANTITIES))
     mechanism = solution.equations.mechanism
@@ -106,7 +106,7 @@ def compute_beam_colors(name: str, solution: Solution, what: Any, times: Array) 
     beams = [part for part in parts if isinstance(part, Beam)]
     if mechanism is None or not beams:
         raise BeamdaeError(
-            f"{name}: color {what!r} requires a beam, the mechanism has none; leave out color."
+            f"{name}: color {what!r} requires a beam, but the mechanism has none; omit color."
         )
     all_times = np.unique(np.concatenate([times, solution.t]))
     _, state = solution.trajectory.at(all_times)
@@ -133,10 +133,11 @@ def compute_beam_colors(name: str, solution: Solution, what: Any, times: Array) 
 
 
 def available_colors(solution: Solution, times: Array, first: Any = None) -> list[BeamColors]:
-    """Return the colors that an animation offers.
+    """Return the color quantities that the viewer of an animation can select.
 
-    These are `first`, if it is given, and stress and bending moment, unless the run has no beams
-    or the height of a section is unknown.
+    These are the quantity `first`, if given, followed by stress and bending moment. Quantities that
+    cannot be computed are omitted: all of them if the run has no beams, and the stress if a section
+    does not define its height.
     """
     colors = [] if first is None else [compute_beam_colors("animate", solution, first, times)]
     for what in (x for x in ("stress", "M") if x != first):
@@ -148,7 +149,7 @@ def available_colors(solution: Solution, times: Array, first: Any = None) -> lis
 
 
 def _evaluate(beam: Beam, what: str, sections: int, q: Array, v: Array) -> Array:
-    """Return values (rows, sections) at rows of the coordinates of a beam."""
+    """Return the quantity (rows, sections) along a beam, given rows of its coordinates."""
     places = np.linspace(0.0, beam.length, sections).tolist()
     strain_terms = [beam.kinematics.strains(s) for s in places]
     functions = [SectionFunction(x.operator, x.values) for x in strain_terms]

@@ -1,4 +1,4 @@
-"""Scene of a run: its frames, loads, inactive parts and the trails of observed points."""
+"""Scene of a run: frames, loads, inactive parts and trails of observed points."""
 
 from __future__ import annotations
 
@@ -22,15 +22,14 @@ from beamdae.symbolic.statements import Quantity
 Array = np.ndarray
 
 _DEFAULT_FRAMES = 120
-# Points of a trail in the whole run, and between two frames.
-_MAX_TRAIL_POINTS = 2000
+_MAX_TRAIL_POINTS = 2000  # in the whole run
 _MAX_TRAIL_POINTS_PER_FRAME = 10
-# Columns of an observable that is the motion of an attachment.
+# Columns that an observable has if it observes the motion of an attachment.
 _MOTION_COLUMNS = {"x", "y", "x_dot", "y_dot"}
 
 
 def frame_times(solution: Solution, frames: int = _DEFAULT_FRAMES) -> Array:
-    """Return equally spaced times from the start of a run to the last time it reached [s]."""
+    """Return equally spaced times from the start to the end of a run [s]."""
     start = solution.trajectory.intervals[0].t[0]
     return np.linspace(start, solution.trajectory.end, frames)
 
@@ -43,27 +42,25 @@ def build_run_scene(
     Parameters
     ----------
     name
-        Name of the calling function, for messages.
+        Name of the calling function, used in error messages.
     solution
         The run.
     times
         Times of the frames [s].
     trail
-        If True, all observed points leave a trail; or the names of those that do.
+        True to show the trails of all observed points, or the names of the points to trace.
     settings
         Further arguments of `build_scene`.
 
     Raises
     ------
     BeamdaeError
-        If the run is not one of a mechanism, has nothing that can be drawn, or `trail` is not the
-        name of an observed point.
+        If the run has no mechanism or no parts that can be drawn, or `trail` contains a name that
+        is not an observed point.
     """
     mechanism = solution.equations.mechanism
     if mechanism is None:
-        raise BeamdaeError(
-            f"{name}: the run is not one of a mechanism; only mechanisms can be drawn."
-        )
+        raise BeamdaeError(f"{name}: the run has no mechanism; only mechanisms can be drawn.")
     branches, state = solution.trajectory.at(times)
     measure = _create_measure(solution, branches, state)
     poses = CoordinatePoses(mechanism, state.q)
@@ -77,7 +74,7 @@ def build_run_scene(
 
 
 def _find_absent_frames(solution: Solution, times: Array) -> dict[str, Array]:
-    """Return the frames in which parts are inactive, for parts inactive at some time."""
+    """Return masks (frames,) that are True in frames in which a part is inactive, by part name."""
     intervals, absent = solution.trajectory.interval_index(times), dict[str, Array]()
     for k, interval in enumerate(solution.trajectory.intervals):
         configuration = interval.configuration
@@ -96,7 +93,7 @@ def _create_measure(solution: Solution, branches: Array, state: State) -> Measur
 
 
 def _find_observed_points(observables: dict[str, Quantity]) -> dict[str, Quantity]:
-    """Return the observables that are the motion of an attachment."""
+    """Return the observables that contain the motion of an attachment."""
     return {
         name: quantity
         for name, quantity in observables.items()
@@ -120,7 +117,7 @@ def _select_trails(name: str, trail: Any, points: Iterable[str]) -> list[str]:
 def _build_trails(
     solution: Solution, points: dict[str, Quantity], times: Array
 ) -> list[MovingCurve]:
-    """Return the path of each point up to each frame, sampled several times between frames."""
+    """Return the path of each point up to each frame, also sampled between the frames."""
     between = int(np.clip(_MAX_TRAIL_POINTS // len(times), 1, _MAX_TRAIL_POINTS_PER_FRAME))
     fine = np.interp(np.arange(between * (len(times) - 1) + 1) / between, range(len(times)), times)
     measure = _create_measure(solution, *solution.trajectory.at(fine))

@@ -1,4 +1,4 @@
-"""Report of a check in words, by topic."""
+"""Text report of a model check."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ from beamdae.equations.starts.dependent_constraints import describe_dependent_se
 from beamdae.integrators.error_control import STABLE_DAMPING_RATIO
 
 _MAX_FREE_MOTIONS = 8
-# A step of this fraction of a period resolves a vibration.
-_RESOLVING_STEP = 0.05
+_RESOLVING_STEP = 0.05  # step that resolves a vibration, as a fraction of its period
 
 
 def describe_check(check: Any) -> Mapping[str, str]:
-    """Return the findings of a `Check` in words, by topic."""
+    """Return the results of a `Check` as texts by topic."""
     facts = {"size": f"{check.coordinates} coordinates, {check.constraints} constraints"}
     if check.mobility is not None:
         facts["mobility"] = (
@@ -29,7 +28,7 @@ def describe_check(check: Any) -> Mapping[str, str]:
             motions.append(f"and {omitted} more")
         facts["free motions"] = "; ".join(motions) or "none"
     else:
-        facts["mobility"] = "not computed, there are too many constraints"
+        facts["mobility"] = "not computed: too many constraints"
     loose = "; ".join(", ".join(group) for group in check.loose)
     facts["unconnected parts"] = f"no joint connects to the ground: {loose}" if loose else "none"
     facts["start"] = _describe_start(check)
@@ -47,7 +46,7 @@ def describe_check(check: Any) -> Mapping[str, str]:
     if check.spectrum is not None:
         facts |= _describe_frequencies(check.spectrum)
     elif check.start is not None:
-        facts["frequencies"] = "not computed, there are too many coordinates"
+        facts["frequencies"] = "not computed: too many coordinates"
     for mesh in check.meshes:
         facts[f"mesh of {mesh.beam}"] = (
             f"{mesh.verdict}; error of the arc length {mesh.length_error:.2g}, of curvature times "
@@ -63,7 +62,7 @@ def describe_check(check: Any) -> Mapping[str, str]:
         facts["predicted cost"] = (
             f"about {p.steps:.1g} steps, {p.seconds:.1g} s ({p.method}), measured by {source}"
         )
-    facts["verdict"] = check.problem or "it can be run"
+    facts["verdict"] = check.problem or "ready to run"
     return facts
 
 
@@ -83,7 +82,7 @@ def _describe_start(check: Any) -> str:
 
 def _describe_frequencies(frequencies: FrequencyRange) -> dict[str, str]:
     if frequencies.massless:
-        return {"mass": f"singular, {frequencies.massless} moves without inertia"}
+        return {"mass": f"singular: {frequencies.massless} has no inertia"}
     facts = {"mass": "positive in every motion the joints allow"}
     lowest, highest = frequencies.lowest, frequencies.highest
     if highest is not None and lowest is not None:

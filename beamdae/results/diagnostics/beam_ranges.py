@@ -1,4 +1,4 @@
-"""Range of validity of the strain measures of floating-frame beams, checked over a run."""
+"""Check of whether beam deformations stay within the validity range of their strain measure."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from beamdae.results.trajectory import Trajectory
 
 MAX_UNREPORTED_ERROR = 0.01  # relative error of the deformation above which a beam is reported
 _MAX_PREDICTED_ERROR = 0.5  # beyond this, predictions of the error are meaningless
-# Error that remains after a beam is split in half, relative to the error before;
+# Ratio of the errors after and before splitting a beam in half;
 # validation/strain_validity/run.py measures 0.05 to 0.3.
 _ERROR_AFTER_HALVING = 0.2
-_SAMPLE_COUNT = 400  # times of a run at which beams are checked
+_SAMPLE_COUNT = 400  # number of times at which beams are checked
 
 
 @dataclass(frozen=True)
@@ -27,18 +27,18 @@ class BeamRange:
     name
         Name of the beam.
     deflection
-        Largest displacement relative to the undeformed beam in its frame, over its length [-].
+        Largest displacement relative to the undeformed beam in its frame, divided by its length [-].
     rotation
         Largest section rotation relative to the frame [rad].
     strain
-        Largest axial strain at the outer fibers of a rectangular section, bending included [-].
+        Largest axial strain at the outer fibers of a rectangular section, including bending [-].
     error
-        Predicted relative error of the deformation due to the strain measure; None if the strain
-        measure has no such limit. Measured errors (see validation/) are up to three times as large
-        for a single beam, down to a thirtieth in pure bending, and smaller for one of several beams
-        welded together.
+        Predicted relative error of the deformation due to the strain measure. None if the strain
+        measure does not limit the rotation. Measured errors of a single beam (see validation/) range
+        from a thirtieth of this value in pure bending to three times this value; they are smaller
+        for one of several welded beams.
     remedies
-        Settings of the beam that reduce the error, besides splitting it into several bodies.
+        Settings of the beam that reduce the error, as alternatives to splitting the beam.
     """
 
     name: str
@@ -50,7 +50,7 @@ class BeamRange:
 
     @property
     def warning(self) -> str | None:
-        """Warning if the predicted error exceeds 1 %."""
+        """Warning if the predicted error exceeds 1 %, otherwise None."""
         if self.error is None or self.error <= MAX_UNREPORTED_ERROR:
             return None
         consequence = "the deformation is wrong"
@@ -60,9 +60,10 @@ class BeamRange:
         bodies = 2 ** ceil(log(reduction) / log(_ERROR_AFTER_HALVING))
         settings = "".join(f", or set {remedy}" for remedy in self.remedies)
         return (
-            f"{self.name}: it bends {self.rotation:.2g} rad away from its floating frame "
-            f"(deflection {self.deflection:.2g} of its length), where {consequence}; split it with "
-            f"bd.welded_beams(..., bodies={bodies}){settings}."
+            f"{self.name}: the beam bends {self.rotation:.2g} rad away from the "
+            f"floating frame (deflection {self.deflection:.2g} of the length), where "
+            f"{consequence}; split it with bd.welded_beams(..., "
+            f"bodies={bodies}){settings}."
         )
 
 
@@ -72,14 +73,14 @@ def measure_beam_ranges_of_run(
     """Return the largest deformation of each beam over a run, sampled at 400 times."""
     if not equations.ranges:
         return ()
-    # Equally spaced times rather than steps, because the steps of Radau may be long.
+    # Sampled at equally spaced times because the steps of Radau may be too long.
     times = np.linspace(trajectory.intervals[0].t[0], trajectory.end, _SAMPLE_COUNT)
     _, state = trajectory.at(np.unique(times))
     return measure_beam_ranges(equations, state.q)
 
 
 def measure_beam_ranges(equations: EquationsOfMotion, q: np.ndarray) -> tuple[BeamRange, ...]:
-    """Return the largest deformation of each beam over rows of coordinates (k, n)."""
+    """Return the largest deformation of each beam over coordinates q (k, n)."""
     ranges = []
     for term in equations.ranges:
         statement = term.statement

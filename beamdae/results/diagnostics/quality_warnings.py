@@ -11,14 +11,14 @@ from beamdae.results.diagnostics.energy_balance import EnergyLedger
 
 _MAX_ENERGY_IMBALANCE = 0.1  # relative to the energy exchanged
 _MAX_RESIDUAL = 0.5  # relative to the largest force
-# Fraction of the run above that residual. Single steps exceed it after a sudden load and at
-# singular positions; in published cases they take up to 0.008 of the run.
+# Fraction of the run with a larger residual. Single steps exceed it after a sudden load and at
+# singular positions; in published cases these take up to 0.008 of the run.
 _MAX_TIME_ABOVE_RESIDUAL = 0.05
-_REST_TOLERANCE = 1e-9  # energy over length below which a force is rounding noise, relative
+_REST_TOLERANCE = 1e-9  # forces below this multiple of energy / length are rounding noise
 
 _REMEDY = (
-    "reduce rtol or the step by a factor of ten, try another integrator, and look for loads or "
-    "positions that become infinite"
+    "reduce rtol or the step by a factor of ten, try another integrator, and check "
+    "for loads or positions that become infinite"
 )
 
 
@@ -30,17 +30,18 @@ def quality_warnings(
 ) -> Iterator[str]:
     """Yield one warning per failed check of the energy balance, the residual and the columns.
 
-    Systems at rest are exempt from the first two: there, energies and forces are rounding noise.
+    Systems at rest are exempt from the energy and residual checks because their energies and
+    forces are rounding noise.
 
     Parameters
     ----------
     observed
-        The observed columns by header, (k,) each.
+        The observed columns (k,) by header.
     times
-        Times of their rows (k,) [s].
+        Times (k,) of the rows [s].
     """
     energy, force = energy_ledger.energy, energy_ledger.force
-    # Negated, so that an imbalance that is not a number is reported.
+    # `not <=` rather than `>`, so that an imbalance of nan is reported.
     if not energy.ratio <= _MAX_ENERGY_IMBALANCE:
         yield (
             f"energy: the energy imbalance is {_format_percent(energy.ratio)} of the energy "
@@ -58,9 +59,9 @@ def quality_warnings(
         (rows,) = np.nonzero(~np.isfinite(observed[name]))
         if len(rows):
             yield (
-                f"{name}: this column is not finite at {len(rows)} of {len(times)} times, first at "
-                f"t = {times[rows[0]]:.6g} s; check the observable, and the model for very large "
-                "or very small numbers."
+                f"{name}: this column is not finite at {len(rows)} of {len(times)} "
+                f"times, first at t = {times[rows[0]]:.6g} s; check the observable and "
+                "the model for very large or very small values."
             )
 
 

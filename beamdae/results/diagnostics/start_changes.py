@@ -1,4 +1,4 @@
-"""Changes that making the start consistent with the joints made to the requested start."""
+"""Differences between the requested start and the start that is consistent with the joints."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ _AS_DRAWN = "as drawn"
 
 @dataclass(frozen=True)
 class StartChange:
-    """Change of one part when the start was made consistent.
+    """Difference between the requested and the consistent start of one part.
 
     Attributes
     ----------
     part
         Name of the part.
     displacement, velocity
-        Largest change of a coordinate [m] and of a velocity [m/s]. Angles are multiplied by the
-        length of the part.
+        Largest change of a coordinate [m] and of a velocity [m/s]. Angles and angular velocities
+        are multiplied by the size of the part.
     coordinate
         Name of the coordinate with the largest displacement.
     """
@@ -37,18 +37,17 @@ class StartChange:
 
 @dataclass(frozen=True)
 class StartSummary:
-    """Start of a run.
+    """Requested start of a run, and its changes to satisfy the joints.
 
     Attributes
     ----------
     request
-        Requested start: "as drawn", "equilibrium", or the given values as text.
+        Requested start: "as drawn", "equilibrium", or a description of the given values.
     changes
-        Difference between the requested and the consistent start, one entry per part that has
-        coordinates.
+        Changes to satisfy the joints, one entry per part with coordinates.
     warning
-        Warning if a mechanism that starts as drawn was displaced by more than a thousandth of its
-        length; otherwise empty.
+        Warning if no displacement was requested and a part was displaced by more than a thousandth
+        of the length of the mechanism; otherwise empty.
     """
 
     request: str
@@ -57,12 +56,12 @@ class StartSummary:
 
     @property
     def largest(self) -> StartChange | None:
-        """The part with the largest displacement."""
+        """Change with the largest displacement, or None if no part has coordinates."""
         return max(self.changes, key=lambda change: change.displacement, default=None)
 
 
 def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
-    """Compare the requested start of these equations with the state at which a run starts."""
+    """Compare the requested start of the equations with the actual first state of a run."""
     request, q, v, is_moved = (_AS_DRAWN, e.q0, e.v0, False) if e.start is None else e.start
     is_angle = np.array([coordinate.unit == "rad" for coordinate in e.coordinates], bool)
     changes = []
@@ -83,8 +82,9 @@ def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
     ):
         return summary
     warning = (
-        f"{change.part}: the joints are not closed as drawn, and this part was displaced by "
-        f"{change.displacement:.3g} m (mostly {change.coordinate}) to close them, in a mechanism "
-        f"of {e.length:.3g} m; draw the parts as they start, or pass start= by name."
+        f"{change.part}: the joints are not closed in the reference configuration, and "
+        f"closing displaces this part by {change.displacement:.3g} m (mostly "
+        f"{change.coordinate}) in a mechanism of {e.length:.3g} m; correct the "
+        "positions of the parts, or pass start= by name."
     )
     return StartSummary(request, summary.changes, warning)

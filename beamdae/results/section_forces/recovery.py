@@ -1,16 +1,16 @@
-"""Recovery of the section forces of a beam from its loads, and from its strains.
+"""Recovery of the section forces of a beam from its loads and from its strains.
 
-The force n and the moment m that the part of a beam beyond the arc length s exerts on the part
-before it balance all loads on the latter (d'Alembert: including inertia with the opposite sign),
+Cut the beam at the arc length s. The force n and the moment m that the segment beyond the cut
+exerts on the segment before it balance all loads on the latter, including d'Alembert forces:
 
     n(s) = -sum F_k - int_0^s f ds,
     m(s) = -sum (M_k + (r_k - r(s)) x F_k) - int_0^s (mu + (r - r(s)) x f) ds.
 
-Section forces jump where a load acts at a section. Distributed loads are integrated as the
-polynomials through the points at which the element integrates inertia, so that inside an element
-the moment is of a higher degree than any derivative of the displacements. The sum of all loads on
-the beam, which is the residual of the run, is distributed evenly along the beam, so that both ends
-balance what they are joined to.
+Section forces jump at concentrated loads. Distributed loads are interpolated by polynomials through
+the inertia points of each element and integrated, so that inside an element the moment has a higher
+polynomial degree than any derivative of the displacements. The sum of all loads on the beam, which
+is the residual of the run, is distributed uniformly along the beam, so that the section forces at
+both ends equal the end reactions.
 """
 
 from __future__ import annotations
@@ -43,18 +43,18 @@ from beamdae.results.section_forces.section_motions import (
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
-# Indices of rows, and the load factors of parts in these rows.
+# Row indices and the load factors that apply to these rows.
 RowGroup = tuple[Array, Mapping[str, float]]
 
-_SAME_SECTION_TOLERANCE = 1e-9  # arc lengths closer than this are the same, relative to the length
-_SECTIONS_PER_STRETCH = 5  # between two element boundaries or forces, including both ends
-MAX_EVALUATIONS = 100_000  # sections times rows that are evaluated at once
+_SAME_SECTION_TOLERANCE = 1e-9  # distance of equal arc lengths, relative to the length of the beam
+_SECTIONS_PER_STRETCH = 5  # between two element boundaries or loads, including both ends
+MAX_EVALUATIONS = 100_000  # sections times rows per evaluation, which limits the memory
 
 
 def recover_section_forces(
     run: RunData, beam: Beam | str, t: Any = None, s: Any = None
 ) -> SectionForces:
-    """Recover the section forces of a beam of a run.
+    """Return axial force, shear force and bending moment along a beam.
 
     Parameters
     ----------
@@ -63,10 +63,20 @@ def recover_section_forces(
     beam
         The beam, or its name.
     t
-        One time or several ascending times [s]; default the output times.
+        A time or ascending times within the run [s]. Defaults to the output times.
     s
-        One arc length or several [m]; default the element boundaries and the sections at which
-        loads act and stay (both sides of these), with three sections between any two of them.
+        Arc lengths [m]. Defaults to the element boundaries and the fixed points of application of
+        loads (evaluated on both sides), with three sections in between.
+
+    Returns
+    -------
+    SectionForces
+        Section forces at these times and arc lengths.
+
+    Raises
+    ------
+    BeamdaeError
+        If the mechanism does not contain the beam, or a time or an arc length is out of range.
     """
     e, trajectory = run.equations, run.trajectory
     beam = _find_beam(e, beam)
@@ -74,8 +84,8 @@ def recover_section_forces(
     first, last = trajectory.start, trajectory.end
     if not (np.all(np.diff(times) > 0.0) and first <= times[0] and times[-1] <= last):
         raise BeamdaeError(
-            f"{beam.name}: t must be times of the run, ascending, {first:g} to {last:g} s, "
-            f"got {short_repr(t)}."
+            f"{beam.name}: t must contain ascending times of the run ({first:g} to "
+            f"{last:g} s), got {short_repr(t)}."
         )
     branch_times, state = trajectory.at(times)
     groups = _group_rows(trajectory, times)
@@ -107,18 +117,20 @@ def recover_section_forces_at_state(
     factors: Mapping[str, float],
     s: Any = None,
 ) -> SectionForces:
-    """Recover the section forces at a single state.
+    """Return axial force, shear force and bending moment along a beam at a single state.
 
     Parameters
     ----------
+    equations
+        Equations of motion of the mechanism.
     beam, s
-        As for `recover_section_forces`.
+        See `recover_section_forces`.
     t
-        Time of the loads [s].
+        Time at which the loads are evaluated [s].
     state
-        The state, one row of each of q, v, a, lam.
+        The state as arrays with one row: q (1, n), v (1, n), a (1, n) and lam (1, m).
     factors
-        Load factors of parts by name, and of "gravity"; default 1.
+        Load factors by part name, and of gravity by the name "gravity". Missing factors are 1.
     """
     beam = _find_beam(equations, beam)
     time, groups = np.array([[t, t]]), [(np.zeros(1, int), factors)]
@@ -141,25 +153,29 @@ def balanced_and_elastic_forces(
     before: Array,
     factors: Mapping[str, float] = ALL_LOADS,
 ) -> tuple[Array, Array]:
-    """Return section forces (N [N], Q [N], M [N m]) at rows of states, by two methods.
+    """Return section forces (N [N], Q [N], M [N m]) from the loads and from the strains.
 
     Parameters
     ----------
+    beam
+        The beam.
+    equations
+        Equations of motion of the mechanism.
     times, state
         Rows (t, branch), and rows of states.
     s
-        Arc lengths [m], (sections,).
+        Arc lengths (sections,) [m].
     before
-        Where true, the section forces are those just before a load that acts at this section, and
-        otherwise those just beyond it, (sections,).
+        For each section, True to evaluate just before a concentrated load at this section, False
+        to evaluate just beyond it, (sections,).
     factors
-        Load factors of parts by name, and of "gravity"; default 1.
+        Load factors by part name, and of gravity by the name "gravity". Missing factors are 1.
 
     Returns
     -------
     tuple of ndarray
-        The section forces that balance the loads, and those of the strains, (3, rows, sections)
-        each.
+        Section forces in equilibrium with the loads (3, rows, sections), and section forces
+        computed from the strains (3, rows, sections).
     """
     sections = _BeamSections(beam, equations, state)
     loads = collect_applied_loads(beam, equations, times, state, factors)
@@ -168,7 +184,7 @@ def balanced_and_elastic_forces(
 
 
 def _accumulate_loads(beam: Beam, loads: AppliedLoads, s: Array, before: Array) -> Array:
-    """Return the sum of the loads up to each section, (rows, sections, 3)."""
+    """Return the sum of the loads before each section, (rows, sections, 3)."""
     mesh, length = beam.mesh, beam.length
     weights = gauss_points(mesh.nodes)[1]
     by_element = np.einsum("rekc,k->rec", loads.line_loads, weights)
@@ -186,19 +202,22 @@ def _accumulate_loads(beam: Beam, loads: AppliedLoads, s: Array, before: Array) 
 
 
 def _integrate_polynomials(points: int, xi: Array) -> Array:
-    """Integrate the Lagrange polynomials of the Gauss points from -1 to xi, (len(xi), points)."""
+    """Return integrals of the Lagrange polynomials of Gauss points from -1 to xi.
+
+    The shape is (len(xi), points).
+    """
     powers = xi[:, None] ** np.arange(1, points + 1) - (-1.0) ** np.arange(1, points + 1)
     return powers / np.arange(1, points + 1) @ _lagrange_coefficients(points)
 
 
 @lru_cache
 def _lagrange_coefficients(points: int) -> Array:
-    """Return the ascending coefficients of the Lagrange polynomials, (power, point)."""
+    """Return the coefficients of the Lagrange polynomials of Gauss points, (power, point)."""
     return np.linalg.inv(np.vander(gauss_points(points)[0], increasing=True))
 
 
 class _BeamSections:
-    """Positions, angles and strains of the sections of a beam at rows of states."""
+    """Positions, angles and strains of beam sections at several states."""
 
     def __init__(self, beam: Beam, equations: EquationsOfMotion, state: State) -> None:
         assert equations.mechanism is not None
@@ -211,23 +230,23 @@ class _BeamSections:
         points = [self._beam.kinematics.material_point(x) for x in s.tolist()]
         at = [SectionFunction(point.operator, point.motion) for point in points]
         motion = evaluate_sections(position_and_angle, at, *self._beam_state)
-        # The angle of a material point is that of its element; elements meet at small angles,
-        # whereas sections are normal to the curve.
+        # A material point has the angle of its element. Elements meet at small angles, whereas
+        # sections are normal to the curve.
         return motion[..., :2], motion[..., 2] + self._beam.curve.tangent_angle(s)
 
     def resolve_wrenches(self, s: Array, wrenches: Array) -> Array:
-        """Return (N, Q, M) from the wrenches of the loads up to sections, (3, rows, sections)."""
+        """Return (N, Q, M) from the sums of the loads before each section, (3, rows, sections)."""
         position, angle = self._locate(s)
         n, arm = -wrenches[..., :2], position - self._start
         cosine, sine = np.cos(angle), np.sin(angle)
         axial = cosine * n[..., 0] + sine * n[..., 1]
         shear = cosine * n[..., 1] - sine * n[..., 0]
-        # A positive M stretches the left side: it is the clockwise moment on the preceding part.
+        # M is positive if it stretches the left side: a clockwise moment on the preceding segment.
         moment = wrenches[..., 2] + arm[..., 0] * n[..., 1] - arm[..., 1] * n[..., 0]
         return np.stack([axial, shear, moment])
 
     def elastic_forces(self, s: Array) -> Array:
-        """Return (N, Q, M) of the strains and their damping, (3, rows, sections)."""
+        """Return (N, Q, M) from the strains and their rates, (3, rows, sections)."""
         strains = [self._beam.kinematics.strains(x) for x in s.tolist()]
         at = [SectionFunction(strain.operator, strain.values) for strain in strains]
         values = evaluate_sections(strains_and_rates, at, *self._beam_state)
@@ -238,7 +257,7 @@ class _BeamSections:
 
 
 def _find_beam(equations: EquationsOfMotion, beam: Any) -> Beam:
-    """Return the beam if it belongs to the mechanism of the equations."""
+    """Return the beam, given as a part or by name; it must belong to the equations."""
     mechanism = equations.mechanism
     parts = {} if mechanism is None else mechanism.parts
     part = parts.get(beam) if isinstance(beam, str) else beam
@@ -246,7 +265,7 @@ def _find_beam(equations: EquationsOfMotion, beam: Any) -> Beam:
         beams = ", ".join(repr(name) for name, part in parts.items() if isinstance(part, Beam))
         raise BeamdaeError(
             "section_forces: beam must be a beam of the mechanism that ran "
-            f"({beams or 'it has none'}), got {short_repr(beam)}."
+            f"({beams or 'no beams'}), got {short_repr(beam)}."
         )
     return part
 
@@ -260,7 +279,7 @@ def _require_numbers(part: str, name: str, value: Any) -> Array:
 
 
 def _requested_sections(beam: Beam, s: Any) -> tuple[Array, Array]:
-    """Return arc lengths, and whether they are evaluated before the loads: those at the end."""
+    """Return arc lengths, and True for sections at the end, which are evaluated before a load."""
     arc_lengths = _require_numbers(beam.name, "s", s)
     near = _SAME_SECTION_TOLERANCE * beam.length
     if np.any(arc_lengths < -near) or np.any(arc_lengths > beam.length + near):
@@ -278,14 +297,14 @@ def _default_sections(
     state: State,
     groups: list[RowGroup],
 ) -> tuple[Array, Array]:
-    """Return arc lengths at and between element boundaries and loads.
+    """Return arc lengths at and between element boundaries and concentrated loads.
 
-    The second array is true for sections that are evaluated just before a load.
+    The second array is True for sections that are evaluated just before a load.
     """
     length = beam.length
     near, jumps = _SAME_SECTION_TOLERANCE * length, [0.0, length]
     for rows, factors in groups:
-        # A load that is at the same section in the first and in the last row stays there.
+        # A load at the same section in the first and the last row is taken as fixed.
         ends = np.unique(rows[[0, -1]])
         states = State(*(x[ends] for x in state))
         s = collect_applied_loads(beam, e, times[ends], states, factors).arc_lengths
@@ -305,7 +324,7 @@ def _default_sections(
 
 
 def _group_rows(trajectory: Trajectory, times: Array) -> list[RowGroup]:
-    """Group consecutive rows with the same active parts; inactive parts have the factor 0."""
+    """Group consecutive rows with the same active parts; load factors of inactive parts are 0."""
     index = trajectory.interval_index(times)
     groups: list[RowGroup] = []
     for k, interval in enumerate(trajectory.intervals):

@@ -1,4 +1,4 @@
-"""Section forces N, Q and M of a beam, with stresses, envelopes, safety and diagrams."""
+"""Section forces N, Q and M of a beam, with stresses, envelopes, safety factors and diagrams."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _ARC_LENGTH = "s [m]"
 
 @dataclass(frozen=True)
 class Safety:
-    """Smallest safety factor against yielding of a beam over a run.
+    """Smallest safety factor of a beam against yielding, with its time and position.
 
     Attributes
     ----------
     factor
-        Yield stress over the equivalent stress [-].
+        Yield stress divided by the equivalent stress [-].
     stress
-        Equivalent stress of von Mises [Pa].
+        Von Mises equivalent stress [Pa].
     yield_stress
         Yield stress of the material [Pa].
     t
@@ -52,13 +52,13 @@ class Safety:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SectionForces:
-    """Section forces of a beam: normal force N, shear force Q and bending moment M.
+    """Section forces of a beam: axial force N, shear force Q and bending moment M.
 
-    N [N] acts along the direction of the deformed section and Q [N] along its left normal; M [N m]
-    is positive where it stretches the left side. The section forces balance all loads on the beam
-    up to the section: joints, forces at sections and per length, weight and inertia. At the ends
-    they therefore equal the reactions, they jump where forces act, and they are accurate between
-    nodes, where the derivatives of displacements (`strained`) are not.
+    N [N] acts normal to the deformed section, and Q [N] acts parallel to it, positive to the left.
+    M [N m] is positive if it stretches the left side of the beam. The section forces are in equilibrium with
+    all loads on the beam before the section: joint reactions, concentrated and distributed forces,
+    weight and inertia. They therefore equal the reactions at the ends, jump at concentrated forces,
+    and are accurate between nodes, unlike section forces computed from strains (`strained`).
 
     Attributes
     ----------
@@ -67,12 +67,12 @@ class SectionForces:
     t
         Times (k,) [s].
     s
-        Arc lengths (l,) [m]. The arc length of a section at which a force acts is listed twice, for
-        the section forces before it and beyond it.
+        Arc lengths (l,) [m]. The default arc lengths contain the position of a concentrated load
+        twice, for the section forces before and beyond the load.
     N, Q, M
         Section forces (k, l) [N, N, N m].
     strained
-        N, Q and M computed from the strains (3, k, l), as `Beam.section_forces` observes them.
+        N, Q and M computed from the strains (3, k, l), as in `Beam.section_forces`.
     """
 
     beam: Beam
@@ -92,20 +92,20 @@ class SectionForces:
 
     @cached_property
     def error(self) -> Array:
-        """Estimated errors of N, Q and M, (3, k, l): their differences from those of the strains.
+        """Estimated errors of N, Q and M, (3, k, l): differences from `strained`.
 
-        The estimate contains the errors of the mesh, of the integrator and of the moderate
-        rotations of a floating frame. It does not contain an error of the motion as a whole, as of
-        a mesh that is too coarse for it, nor the forces of `RayleighDamping`, which the strains do
-        not show. It is asymptotically the error of the section forces from strains, of order 3;
-        the error of N, Q and M is of order 5 to 6 and much smaller. On the hub beam with 2, 4 and 8
-        elements of any formulation, the error of M is 1.9e-3, 4e-5 and 7e-7 of its largest value,
-        and the estimate is 1.3e-2, 1.6e-3 and 2e-4 (tests/results/test_section_forces.py).
+        The estimate covers the errors of the mesh, the integrator and the moderate-rotation
+        assumption of a floating frame. It does not cover errors of the overall motion, for example
+        due to a coarse mesh, or the forces of `RayleighDamping`, which do not appear in the
+        strains. Asymptotically it is the error of the section forces from strains, of order 3; the
+        error of N, Q and M is of order 5 to 6 and much smaller. For a hub-mounted beam with 2, 4
+        and 8 elements of any formulation, the error of M is 1.9e-3, 4e-5 and 7e-7 of its largest
+        value, and the estimate is 1.3e-2, 1.6e-3 and 2e-4 (tests/results/test_section_forces.py).
         """
         return np.abs(np.stack([self.N, self.Q, self.M]) - self.strained)
 
     def table(self) -> pd.DataFrame:
-        """Return one row per time and section: N, Q, M and their errors, with units."""
+        """Return N, Q, M and their estimated errors, one row per time and section."""
         import pandas as pd
 
         columns = dict(zip(SECTION_FORCE_HEADERS.values(), (self.N, self.Q, self.M), strict=True))
@@ -131,10 +131,10 @@ class SectionForces:
     def stress(self, offset: float | str) -> pd.DataFrame:
         """Return the stresses at a distance from the axis, one row per time and section.
 
-        The longitudinal stress is sigma = N / A + M offset / I. The shear stress tau is the largest
-        one of the section, `Section.shear_peak` Q / A, which occurs on the axis. The effect of the
-        curvature of the axis on the bending stress (Winkler) is neglected; on the inner side of a
-        rectangular section it is h / (3 R) of that stress.
+        The longitudinal stress is sigma = N / A + M offset / I. The shear stress tau is the maximum
+        over the section, `Section.shear_peak` Q / A, which occurs on the axis. The effect of an
+        initial curvature on the bending stress (Winkler) is neglected; on the inner side of a
+        rectangular section it is h / (3 R) of the bending stress.
 
         Parameters
         ----------
@@ -144,7 +144,7 @@ class SectionForces:
         Returns
         -------
         pandas.DataFrame
-            Time, arc length, sigma, tau, and the estimated error of sigma [Pa].
+            Time [s], arc length [m], sigma, tau and the estimated error of sigma [Pa].
         """
         import pandas as pd
 
@@ -164,10 +164,10 @@ class SectionForces:
         return self._section_values("shear_peak") * self.Q / self._section_values("area")
 
     def envelope(self) -> pd.DataFrame:
-        """Return one row per section: minima and maxima of N, Q and M, and their times.
+        """Return minima and maxima of N, Q and M over time, and their times, one row per section.
 
-        The minima and maxima of the longitudinal stress at the top and the bottom are included if
-        the section defines its height.
+        If all sections define their height, the table includes the longitudinal stress at the top
+        and the bottom.
         """
         import pandas as pd
 
@@ -185,18 +185,19 @@ class SectionForces:
     def safety(self, yield_stress: float | None = None) -> Safety:
         """Return the smallest safety factor against yielding over all times and sections.
 
-        The equivalent stress (von Mises) is |sigma| at the top and the bottom, and
+        The von Mises equivalent stress is |sigma| at the top and the bottom, and
         sqrt(sigma^2 + 3 tau^2) on the axis.
 
         Parameters
         ----------
         yield_stress
-            Yield stress [Pa]; default `Material.yield_stress`.
+            Yield stress [Pa]. Defaults to `Material.yield_stress`.
 
         Raises
         ------
         BeamdaeError
-            If no yield stress is given, or a section does not define its height.
+            If neither the argument nor the material defines a yield stress, or a section does not
+            define its height.
         """
         name = self.beam.name
         if yield_stress is not None:
@@ -207,8 +208,8 @@ class SectionForces:
             of_materials = [section.material.yield_stress for section in self._sections]
             if None in of_materials:
                 raise BeamdaeError(
-                    f"{name}: its material has no yield_stress; set Material(yield_stress=) or "
-                    "pass safety(yield_stress=)."
+                    f"{name}: the material has no yield_stress; set "
+                    "Material(yield_stress=) or pass safety(yield_stress=)."
                 )
             yield_stresses = np.array(of_materials, float)
         axis = np.hypot(self._sigma(0.0)[0], np.sqrt(3.0) * self._tau)
@@ -227,16 +228,17 @@ class SectionForces:
         )
 
     def diagram(self, what: str = "M", t: float | None = None) -> Plot:
-        """Draw "N", "Q" or "M" along the beam.
+        """Plot "N", "Q" or "M" over the arc length, at one time or as an envelope.
 
-        The line is the section force that balances the loads, the dots are computed from the
-        strains, and the gray band is the estimated error.
+        At one time, the line is the section force in equilibrium with the loads, the dots are
+        computed from the strains, and the gray band is the estimated error.
 
         Parameters
         ----------
         what
             The section force.
         t
-            One of the times [s]; default the only one, or the envelope over all times.
+            Time [s]; the nearest available time is used. Defaults to the envelope over all times
+            if there are several times.
         """
         return load_views().plot_section_forces(self, what, t)

@@ -1,4 +1,4 @@
-"""Checkpoints: the last state of a run, from which another run resumes."""
+"""Checkpoints: the last state of a run, from which another run can resume."""
 
 from __future__ import annotations
 
@@ -27,32 +27,33 @@ _CHECKSUM = "checksum"
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The last state of a run, in memory or in a JSON file.
+    """Last state of a run, from which another run can resume.
 
     Attributes
     ----------
     t
         Time of the state [s].
     q, v
-        Coordinates and velocities by the name of the coordinate.
+        Coordinates and velocities by coordinate name.
     events
-        Events that occurred and were executed at this time; they do not occur again at the start of
-        the resumed run.
+        Events that were executed at this time; they do not occur again at the start of the resumed
+        run.
     due
-        Events that occurred at this time and were not executed yet: "up" or "down" by name.
+        Events that occurred at this time but were not executed: direction "up" or "down" by event
+        name.
     inactive
         Joints and forces that events have deactivated.
     frozen_gaps
-        Gaps of joints that events activated "as they are", by name.
+        Gaps that joints keep because an event activated them with `as_is`, by joint name.
     model, parameters
-        Name of the model, and its parameters as texts.
+        Name of the model, and its parameters as strings.
     identity
-        Hash of the equations, see `hash_model`. Empty for the end of an equilibrium path, from
-        which any model with the same coordinates may start.
+        Hash of the equations, see `hash_model`. The hash of a checkpoint from an equilibrium path
+        is empty, so that any model with the same coordinates can start from it.
     event_signs
-        Side of its value on which the quantity of each event was, see `Solution`.
+        Side of the event value for each event, see `Solution`.
     doubt
-        Reason why the state may be wrong, or an empty text.
+        Reason why the state may be wrong. Empty if the state is reliable.
     """
 
     t: float
@@ -70,7 +71,7 @@ class Checkpoint:
 
     @classmethod
     def of(cls, run: RunData) -> Checkpoint:
-        """Return the checkpoint at the last state of a run, whatever ended it."""
+        """Return the checkpoint at the last state of a run, whether or not the run succeeded."""
         last, names = run.trajectory.intervals[-1], run.equations.q_names
         end = run.trajectory.end
         q, v = (x[-1].tolist() for x in last.state[:2])
@@ -97,11 +98,11 @@ class Checkpoint:
 
     @property
     def state(self) -> str:
-        """Hash of time, positions and velocities."""
+        """Hash of time, coordinates and velocities."""
         return state_hash(self.t, list(self.q.values()), list(self.v.values()))
 
     def write(self, path: str | Path) -> Path:
-        """Write the checkpoint as JSON, replacing the file at once; return the path.
+        """Write the checkpoint to a JSON file atomically and return the path.
 
         Raises
         ------
@@ -129,31 +130,35 @@ class Checkpoint:
 
     @classmethod
     def read(cls, path: str | Path) -> Checkpoint:
-        """Read a checkpoint that `write` wrote.
+        """Read a checkpoint written by `write`.
 
         Raises
         ------
         BeamdaeError
-            If the file cannot be read, or is not a valid checkpoint of this version.
+            If the file cannot be read or is not a valid checkpoint of the current version.
         """
         try:
             content = json.loads(Path(path).read_text(encoding="utf-8"))
         except OSError as problem:
             why = problem.strerror or problem
-            raise BeamdaeError(f"{path}: it cannot be read, {why}.") from None
+            raise BeamdaeError(f"{path}: the checkpoint cannot be read: {why}.") from None
         except (ValueError, RecursionError):
             content = None
         if not isinstance(content, dict) or content.get("format") != _FORMAT:
-            raise BeamdaeError(f"{path}: this file is not a complete checkpoint.")
+            raise BeamdaeError(
+                f"{path}: the file is not a complete checkpoint; run the model again "
+                "from the start."
+            )
         if content.get("version") != _VERSION:
             raise BeamdaeError(
-                f"{path}: the checkpoint has version {short_repr(content.get('version'))}, but "
-                f"this beamdae reads version {_VERSION}; run the model again from its start."
+                f"{path}: the checkpoint has version "
+                f"{short_repr(content.get('version'))}, but this beamdae reads version "
+                f"{_VERSION}; run the model again from the start."
             )
         if content.get(_CHECKSUM) != _compute_checksum(content):
             raise BeamdaeError(
-                f"{path}: the checkpoint is damaged, its checksum does not match; run the model "
-                "again from its start."
+                f"{path}: the checkpoint is damaged (wrong checksum); run the model "
+                "again from the start."
             )
         try:
             states = content["states"]
@@ -176,13 +181,13 @@ class Checkpoint:
             )
         except (KeyError, TypeError, ValueError, AttributeError, IndexError):
             raise BeamdaeError(
-                f"{path}: the checkpoint is damaged; run the model again from its start."
+                f"{path}: the checkpoint is damaged; run the model again from the start."
             ) from None
         values = [checkpoint.t, *checkpoint.q.values(), *checkpoint.v.values()]
         if not np.isfinite(values).all():
             raise BeamdaeError(
-                f"{path}: the checkpoint contains values that are not finite; run the model again "
-                "from its start."
+                f"{path}: the checkpoint contains values that are not finite; run the "
+                "model again from the start."
             )
         return checkpoint
 
@@ -192,8 +197,8 @@ class Checkpoint:
         Raises
         ------
         BeamdaeError
-            If the equations have other coordinates (the first one that differs is named), or events
-            of the run switched parts and no event of these equations does.
+            If the equations have other coordinates, or the run switched parts by events and the
+            equations define no event that switches parts.
         """
         names, required = list(self.q), list(equations.q_names)
         for k in range(max(len(names), len(required))):
@@ -227,20 +232,23 @@ class Checkpoint:
         return replace(equations, q0=q, v0=v, events=events, configurations=configurations)
 
     def describe_changes(self, equations: EquationsOfMotion, parameters: dict[str, Any]) -> str:
-        """Describe how a model differs from the one that ran; empty if they are the same."""
+        """Describe the differences between a model and the model of the run.
+
+        Returns an empty string if there are no differences.
+        """
         changes = [
             f"{name} was {self.parameters[name]}"
             for name, value in parameters.items()
             if name in self.parameters and self.parameters[name] != str(value)
         ]
         if changes:
-            return f"other parameters, {', '.join(changes)}"
+            return f"other parameters ({', '.join(changes)})"
         is_same = not self.identity or hash_model(equations) == self.identity
         return "" if is_same else "other numbers or formulas"
 
 
 def _compute_checksum(content: dict[str, Any]) -> str:
-    """Hash the content without its checksum, whatever the layout of the file."""
+    """Return a hash of the content without its checksum, independent of the file layout."""
     text = json.dumps({name: x for name, x in content.items() if name != _CHECKSUM})
     return hashlib.sha256(text.encode()).hexdigest()
 

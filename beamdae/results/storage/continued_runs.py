@@ -1,4 +1,4 @@
-"""Tables of runs that resume from each other: one per run, and one of all runs together."""
+"""Tables of consecutive runs, each resumed from the previous: one per run and one combined."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from beamdae.results.storage.files import unescape_cell, write_bytes, write_tabl
 
 Array = np.ndarray
 
-# Works and the energy imbalance, which each run counts from its own start.
+# Works and the energy imbalance, which start from zero in each run.
 CUMULATIVE_COLUMNS = LEDGER_COLUMNS[len(ENERGIES) :]
 _STATUS = "status"
-# Entries of the result of which the whole run has the maximum; the others are added up.
+# Entries of the result that are combined by their maximum; other numbers are added.
 _MAXIMA = ("max_residual", "max_position_drift", "max_velocity_drift", "energy_imbalance")
-# Metadata of a single run that do not hold for the whole.
+# Metadata that apply to a single run and are omitted from the combined metadata.
 _OF_ONE_RUN = ("versions", "written", "errors")
 
 
 @dataclass(frozen=True)
 class RunParts:
-    """Files of runs that resume from each other, in one folder.
+    """Files of consecutive runs in one folder, each resumed from the end of the previous run.
 
     Attributes
     ----------
     table
-        Path of the table of all runs.
+        Path of the combined table.
     before
-        Tables of the previous runs, from the first one to the one that is resumed.
+        Paths of the tables of the previous runs in chronological order.
     """
 
     table: Path
@@ -46,12 +46,12 @@ class RunParts:
 
     @classmethod
     def ending_at(cls, table: Path, checkpoint: Checkpoint) -> RunParts:
-        """Find the runs in the folder of `table` that end at a checkpoint.
+        """Find the runs in the folder of `table` that lead to a checkpoint.
 
         Raises
         ------
         BeamdaeError
-            If the table belongs to another run, or a part is missing; nothing is overwritten.
+            If the table belongs to a different run, or the table of a previous run is missing.
         """
         if not table.exists():
             return cls(table)
@@ -59,34 +59,37 @@ class RunParts:
         parts = [table.with_name(name) for name in names] or [table]
         for k, part in enumerate(parts):
             if not part.exists():
-                raise BeamdaeError(f"{part}: this part of the run is missing, see {table}.")
+                raise BeamdaeError(
+                    f"{part}: this part of the run in {table} is missing; restore the "
+                    "file, or choose another --out."
+                )
             if _read_metadata(part).get("end", {}).get("state") == checkpoint.state:
                 return cls(table, tuple(parts[: k + 1]))
         raise BeamdaeError(
-            f"{table}: this table belongs to another run and is not overwritten; choose another "
-            "--out, or move the file."
+            f"{table}: the table belongs to another run and is not overwritten; choose "
+            "another --out, or move the file."
         )
 
     @property
     def latest(self) -> Path:
-        """Path of the table of the run that resumes."""
+        """Path of the table of the resumed run."""
         return self._numbered_path(len(self.before) + 1) if self.before else self.table
 
     def _numbered_path(self, number: int) -> Path:
         return self.table.with_name(f"{self.table.stem}_part{number}{self.table.suffix}")
 
     def write(self, solution: Solution) -> tuple[dict[str, Any], list[Path]]:
-        """Write the table of a run that resumed, and the table of all runs.
+        """Write the table of the resumed run and the combined table of all runs.
 
         Returns
         -------
         dict, list of Path
-            The columns of the table of all runs by header, and the files that were written.
+            Columns of the combined table by header, and the paths of all tables and their metadata.
 
         Raises
         ------
         BeamdaeError
-            If a file cannot be read or written; existing files then stay as they were.
+            If a file cannot be read or written. No file is left partially written.
         """
         latest = solution.to_csv(self.latest)
         if not self.before:
@@ -114,7 +117,9 @@ def _read_metadata(table: Path) -> dict[str, Any]:
     try:
         metadata = json.loads(path.read_text(encoding="utf-8"))
     except OSError as problem:
-        raise BeamdaeError(f"{path}: it cannot be read, {problem.strerror or problem}.") from None
+        raise BeamdaeError(
+            f"{path}: the metadata cannot be read: {problem.strerror or problem}."
+        ) from None
     except ValueError:
         metadata = None
     if not isinstance(metadata, dict):
@@ -123,7 +128,7 @@ def _read_metadata(table: Path) -> dict[str, Any]:
 
 
 def _read_columns(table: Path) -> dict[str, Array]:
-    """Read the columns of numbers of a CSV file, by header."""
+    """Read the numeric columns of a CSV file, by header."""
     try:
         with open(table, encoding="utf-8", newline="") as file:
             header, *rows = csv.reader(file)
@@ -135,7 +140,9 @@ def _read_columns(table: Path) -> dict[str, Array]:
             for name, column in columns.items()
         }
     except OSError as problem:
-        raise BeamdaeError(f"{table}: it cannot be read, {problem.strerror or problem}.") from None
+        raise BeamdaeError(
+            f"{table}: the table cannot be read: {problem.strerror or problem}."
+        ) from None
     except ValueError:
         raise BeamdaeError(
             f"{table}: this file is not the table of a run; run the model again."
@@ -145,14 +152,14 @@ def _read_columns(table: Path) -> dict[str, Array]:
 def _join_columns(
     tables: Sequence[dict[str, Array]], metadata: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
-    """Join the columns of all runs; works continue from run to run."""
+    """Concatenate the columns of all runs, accumulating works from run to run."""
     latest = tables[-1]
     for table in tables[:-1]:
         if list(table) != list(latest):
             different = next(iter(set(table) ^ set(latest)), "their order")
             raise BeamdaeError(
-                f"run: the runs have different columns ({different}), so they cannot be joined; "
-                "resume with the same observables, or choose another --out."
+                f"run: the runs have different columns ({different}) and cannot be "
+                "joined; resume with the same observables, or choose another --out."
             )
     pieces = {name: [tables[0][name]] for name in latest}
     works = dict.fromkeys(CUMULATIVE_COLUMNS, 0.0)
@@ -166,7 +173,7 @@ def _join_columns(
 
 
 def _join_status(metadata: Sequence[dict[str, Any]]) -> Status:
-    """Return the status of runs that resumed from each other, taken as one run."""
+    """Return the combined status of consecutive runs."""
     status, has_pending_event = REACHED_END, False
     for part in metadata:
         status = status.followed_by(Status(part["status"], part["reason"]), has_pending_event)
@@ -175,7 +182,7 @@ def _join_status(metadata: Sequence[dict[str, Any]]) -> Status:
 
 
 def _join_metadata(names: Sequence[str], metadata: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return the metadata of the table of all runs, from the file names and metadata of each."""
+    """Return the metadata of the combined table, given file name and metadata of each run."""
     latest = metadata[-1]
     results = [part["result"] for part in metadata]
     result = dict(latest["result"])
@@ -185,7 +192,7 @@ def _join_metadata(names: Sequence[str], metadata: Sequence[dict[str, Any]]) -> 
             result[name] = max(one[name] for one in results)
         elif name != "last_time" and is_number:
             result[name] = sum(one[name] for one in results)
-    # An event that a run did not execute is executed, and listed, by the next one.
+    # An event that a run did not execute is executed and listed by the next run.
     events = [
         event for part in metadata[:-1] for event in part["events"] if event.get("done", True)
     ]

@@ -25,9 +25,9 @@ from beamdae.results.outcome import Status
 if TYPE_CHECKING:
     import pandas as pd
 
-# Names of scratch files contain the process and the machine that write them.
+# Names of scratch files contain the id and the host name of the writing process.
 _SCRATCH = re.compile(r"\.(?P<process>\d+)@(?P<node>[^@]*)@[0-9a-f]+\.scratch")
-# Spreadsheets read text that begins like this, in narrow or wide characters, as a formula.
+# Spreadsheets read text that starts with these (half- or full-width) characters as a formula.
 _FORMULA = re.compile("'*[=+\\-@\t\r＝＋－＠]")  # noqa: RUF001
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)")
 
@@ -35,7 +35,9 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)")
 def write_result(
     path: Any, columns: Mapping[str, Any], status: Status, metadata: Mapping[str, Any]
 ) -> Path:
-    """Write the files of `to_csv`; runs that did not succeed get a last column "status".
+    """Write the CSV and JSON files of `to_csv`.
+
+    If the run did not succeed, a last column "status" is added to the table.
 
     Raises
     ------
@@ -50,20 +52,25 @@ def write_result(
 
 
 def write_table(path: Path, columns: Mapping[str, Any], metadata: Mapping[str, Any]) -> Path:
-    """Write a table as CSV and its metadata as JSON of the same name; return the CSV path.
+    """Write a table as CSV and its metadata to a JSON file of the same name.
 
-    Headers and texts are escaped by `escape_cell`. Numbers that are NaN become empty cells.
-    Versions and the time of writing are added to the metadata.
+    Headers and texts are escaped by `escape_cell`, and NaN is written as an empty cell. Package
+    versions and the current time are added to the metadata.
+
+    Returns
+    -------
+    Path
+        Path of the CSV file.
 
     Raises
     ------
     BeamdaeError
-        If a file cannot be written.
+        If the suffix of the path is .json, or a file cannot be written.
     """
     if path.suffix == ".json":
         raise BeamdaeError(f"{path}: .json is reserved for the metadata of the table; use .csv.")
     text = _format_metadata(metadata)
-    # Both files are replaced right after each other, once both are on the disk.
+    # Both files are complete on disk before either of them is replaced.
     with atomic_write(path.with_suffix(".json")) as sidecar:
         sidecar.write_text(text, encoding="utf-8")
         with atomic_write(path) as scratch:
@@ -82,10 +89,10 @@ def _format_metadata(metadata: Mapping[str, Any]) -> str:
 
 
 def _write_columns(path: Path, columns: Mapping[str, Any]) -> None:
-    """Write the CSV that pandas would write, without importing pandas."""
+    """Write a CSV file in the format of pandas, without importing pandas."""
     with open(path, "w", encoding="utf-8", errors="backslashreplace", newline="") as file:
         csv.writer(file, lineterminator=os.linesep).writerow(map(escape_cell, columns))
-        # For numbers, csv.writer takes twice as long as these joins.
+        # Joining formatted numbers is twice as fast as csv.writer.
         rows = zip(*(_format_cells(columns[name]) for name in columns), strict=True)
         file.writelines(",".join(row) + os.linesep for row in rows)
 
@@ -99,13 +106,13 @@ def _format_cells(values: Any) -> list[str]:
 
 def _quote_cell(value: Any) -> str:
     cell = io.StringIO()
-    # The line terminator is passed because cells that contain it must be quoted.
+    # The writer quotes cells that contain the line terminator, so it must know it.
     csv.writer(cell, lineterminator=os.linesep).writerow([value])
     return cell.getvalue().removesuffix(os.linesep)
 
 
 def escape_table(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the table with headers and texts escaped by `escape_cell`, and the same index."""
+    """Return a copy of the table with headers and texts escaped by `escape_cell`."""
     import pandas as pd
 
     escaped = table.rename(columns=escape_cell)
@@ -116,33 +123,34 @@ def escape_table(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def escape_cell(value: Any) -> Any:
-    """Return a value so that no spreadsheet reads it as a formula.
+    """Escape a text that a spreadsheet would read as a formula.
 
-    An apostrophe is put in front of texts that begin with = + - or @ and are not numbers; other
-    values are returned unchanged.
+    Texts that begin with =, +, -, @, a tab or a carriage return and are not numbers are prefixed
+    with an apostrophe. Other values are returned unchanged.
     """
     is_formula = isinstance(value, str) and _FORMULA.match(value) and not _NUMBER.fullmatch(value)
     return f"'{value}" if is_formula else value
 
 
 def unescape_cell(value: Any) -> Any:
-    """Return the value from which `escape_cell` made a cell."""
+    """Return the original value of a cell escaped by `escape_cell`."""
     is_escaped = isinstance(value, str) and value[:1] == "'" and escape_cell(value[1:]) == value
     return value[1:] if is_escaped else value
 
 
 def require_file_path(name: str, path: Any) -> Path:
-    """Return the argument `path` of the function `name` as the path of a file."""
+    """Return `path` as a `Path`; raise an error that names the function if it is not a file path."""
     text = str(path) if isinstance(path, (str, Path)) else ""
     if not (is_valid_path(text) and Path(text).name):
-        raise BeamdaeError(f"{name}: path must be that of a file, got {short_repr(path)}.")
+        raise BeamdaeError(f"{name}: path must be the path of a file, got {short_repr(path)}.")
     return Path(text)
 
 
 def write_text(path: Path, text: str) -> Path:
-    """Write a text as UTF-8 without translating line ends, by `atomic_write`; return the path.
+    """Write a text as UTF-8 with `atomic_write` and return the path.
 
-    Characters that UTF-8 cannot encode (lone surrogates) are written as escapes.
+    Line endings are not translated. Characters that UTF-8 cannot encode (lone surrogates) are
+    written as backslash escapes.
 
     Raises
     ------
@@ -153,7 +161,7 @@ def write_text(path: Path, text: str) -> Path:
 
 
 def write_bytes(path: Path, content: bytes) -> Path:
-    """Write bytes by `atomic_write` and return the path."""
+    """Write bytes with `atomic_write` and return the path."""
     with atomic_write(path) as scratch:
         scratch.write_bytes(content)
     return path
@@ -161,17 +169,17 @@ def write_bytes(path: Path, content: bytes) -> Path:
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """Yield a scratch file in the folder of `path` that replaces it when the block ends.
+    """Yield a scratch file that replaces the file at `path` when the block ends.
 
-    The folder is created if needed. If the block raises an exception, KeyboardInterrupt included,
-    `path` stays as it was and the scratch file is removed. An existing file keeps its permissions,
-    and a link keeps pointing to its file. Paths that are not regular files, such as pipes, are
-    written directly.
+    The folder of `path` is created if needed. If the block raises any exception, including
+    KeyboardInterrupt, the file at `path` is unchanged and the scratch file is removed. Permissions
+    of an existing file are preserved, and symbolic links are followed. Paths that are not regular
+    files, such as pipes, are written directly.
 
     Raises
     ------
     BeamdaeError
-        If the block or the replacement raises an OSError: "<path>: it cannot be written, <reason>."
+        If the file cannot be written, or the block raises an OSError.
     """
     target = Path(os.path.realpath(path))
     owner = f"{os.getpid()}@{platform.node()}"
@@ -191,12 +199,12 @@ def atomic_write(path: Path) -> Iterator[Path]:
                 scratch.unlink(missing_ok=True)
     except OSError as problem:
         why = problem.strerror or problem
-        raise BeamdaeError(f"{path}: it cannot be written, {why}.") from problem
+        raise BeamdaeError(f"{path}: the file cannot be written: {why}.") from problem
 
 
 def _flush_to_disk(file: Path) -> None:
-    # The directory entry may reach the disk before the content, and a full disk may only be
-    # reported here.
+    # Otherwise the renamed file could reach the disk before its content. Some file systems report a
+    # full disk only here.
     descriptor = os.open(file, os.O_RDWR)
     try:
         os.fsync(descriptor)
@@ -213,7 +221,7 @@ def _replace_file(target: Path, scratch: Path) -> None:
 
 
 def remove_stale_scratch_files(folder: Path) -> None:
-    """Remove the scratch files of processes of this machine that have ended."""
+    """Remove scratch files left by processes of this machine that are no longer running."""
     for path in folder.glob(".*.scratch"):
         name = _SCRATCH.fullmatch(path.name)
         if name and name["node"] == platform.node() and not _is_running(int(name["process"])):
@@ -223,7 +231,7 @@ def remove_stale_scratch_files(folder: Path) -> None:
 
 def _is_running(process: int) -> bool:
     if os.name == "nt":
-        # Windows has no signal 0; only this process is known to be running.
+        # Windows has no signal 0, so only the current process is known to be running.
         return process == os.getpid()
     try:
         os.kill(process, 0)
@@ -236,7 +244,7 @@ def _is_running(process: int) -> bool:
 
 @cache
 def versions() -> dict[str, str]:
-    """Return the versions of beamdae and of the packages that affect its numbers."""
+    """Return the versions of beamdae and of the packages that affect numerical results."""
     from importlib.metadata import version
 
     names = ("beamdae", "casadi", "scikit-sundae", "numpy", "scipy")

@@ -1,4 +1,4 @@
-"""Saved runs: files of `Solution.save`, and the tables that they contain."""
+"""Saved runs: files written by `Solution.save`, and their tables."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ Array = np.ndarray
 
 _FORMAT = "beamdae run"
 _VERSION = 1
-# Exceptions of NumPy and zipfile for files that are not complete, or not what was written.
+# Exceptions that NumPy and zipfile raise for incomplete or damaged files.
 _READ_ERRORS = (
     *(AttributeError, EOFError, KeyError, MemoryError, OSError, RuntimeError, TypeError),
     *(ValueError, struct.error, zipfile.BadZipFile, zlib.error),
 )
-# Names of arrays in a file; `_CONTENT` is JSON, with the headers of the other two.
+# Names of arrays in the archive. `_CONTENT` is JSON and contains the headers of the other two.
 _CONTENT = "told"
 _TABLE = "table"
 _COORDINATES = "coordinates"
@@ -43,14 +43,16 @@ _COORDINATES = "coordinates"
 class SavedRun(TimeSeries):
     """Tables, status and statistics of a saved run, loaded without its model.
 
-    It supports the methods of `Solution` that need no equations, such as `run["tip.y"]`,
-    `run.plot("tip")` and `run.to_csv(path)`. For the others (`observe`, `animate`,
-    `section_forces`, times between the rows) pass the model to `load`.
+    Supports the methods of `Solution` that do not need the equations, such as `run["tip.y"]`,
+    `run.plot("tip")` and `run.to_csv(path)`. To use `observe`, `animate`, `section_forces` or times
+    between the rows, pass the model to `load`.
 
     Attributes
     ----------
-    status, statistics
-        How the run ended, and its cost.
+    status
+        Kind and reason of the end of the run.
+    statistics
+        Computational cost of the run.
     """
 
     status: Status
@@ -70,21 +72,21 @@ class SavedRun(TimeSeries):
         return tuple(self._metadata["warnings"])
 
     def all_columns(self) -> dict[str, Array]:
-        """Return the columns of `table`, (k,) each, by header."""
+        """Return the columns (k,) of `table` by header."""
         return dict(self._columns)
 
     def coordinates(self) -> pd.DataFrame:
-        """Return time, coordinates, velocities and multipliers, named by part, with units."""
+        """Return time, coordinates, velocities and multipliers; headers contain names and units."""
         import pandas as pd
 
         return pd.DataFrame(self._coordinates)
 
     def summary(self) -> dict[str, Any]:
-        """Return status, statistics and quality as plain values."""
+        """Return status, statistics and quality as a flat dictionary."""
         return dict(self._metadata["result"])
 
     def metadata(self) -> dict[str, Any]:
-        """Return the content of the JSON file that `to_csv` writes, with the versions that ran."""
+        """Return the JSON content written by `to_csv`, with the package versions of the run."""
         return dict(self._metadata)
 
     def at_times(self, times: Array) -> SavedRun:
@@ -93,7 +95,7 @@ class SavedRun(TimeSeries):
         Raises
         ------
         BeamdaeError
-            If there is no row at one of the times.
+            If the run has no row at one of the times.
         """
         owner = f"the saved run {self._metadata['file']}"
         rows = self._rows_at(times, owner, "load it with its model, bd.load(path, model)")
@@ -102,7 +104,7 @@ class SavedRun(TimeSeries):
         return SavedRun(self.status, self.statistics, self._metadata, columns, coordinates)
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write the table as CSV and the metadata as JSON, see `Solution.to_csv`."""
+        """Write the table as CSV and the metadata to a JSON file, see `Solution.to_csv`."""
         return write_result(path, self._columns, self.status, self._metadata)
 
     def __repr__(self) -> str:
@@ -114,7 +116,7 @@ class SavedRun(TimeSeries):
 
 
 def save_run(run: RunData, path: str | Path) -> Path:
-    """Write all data of a run to a zip archive of NumPy arrays and JSON, see `load`.
+    """Write all data of a run to a zip archive of NumPy arrays and JSON; return its path.
 
     Raises
     ------
@@ -146,12 +148,12 @@ def save_run(run: RunData, path: str | Path) -> Path:
 
 
 def read_saved_run(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Read a file of `save_run`; return its arrays and its JSON content.
+    """Read the arrays and the JSON content of a file written by `save_run`.
 
     Raises
     ------
     BeamdaeError
-        If the file does not exist, or is not a saved run of this version.
+        If the file cannot be read, or is not a saved run of the current version.
     """
     invalid = BeamdaeError(
         f"{file}: this file is not a complete saved run of version {_VERSION}; save the run again."
@@ -160,7 +162,7 @@ def read_saved_run(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
         raw = file.read_bytes()
     except OSError as problem:
         why = problem.strerror or problem
-        raise BeamdaeError(f"{file}: it cannot be read, {why}.") from None
+        raise BeamdaeError(f"{file}: the saved run cannot be read: {why}.") from None
     try:
         # Pickled objects are rejected because reading them could execute code.
         with np.load(io.BytesIO(raw), allow_pickle=False) as archive:
@@ -178,7 +180,7 @@ def read_saved_run(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
 def saved_run_from_arrays(
     file: Path, arrays: dict[str, Array], content: dict[str, Any]
 ) -> SavedRun:
-    """Return the tables in the result of `read_saved_run`."""
+    """Create a `SavedRun` from the result of `read_saved_run`."""
     plain = content["plain"]
     return SavedRun(
         Status(**plain["status"]),

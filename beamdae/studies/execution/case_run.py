@@ -1,4 +1,4 @@
-"""Run of one case in this process, within its limits, and the values its study records."""
+"""Run of one case in the current process, within its limits, and the recorded values."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ from beamdae.studies.store.file_reads import (
 from beamdae.studies.store.trajectory_csv import format_trajectory
 from beamdae.studies.tasks import Limits, Outcome, Task, describe_exception
 
-_MIN_PROGRESS = 1e-5  # of the simulated time within `Limits.patience`, relative to the end time
+_MIN_PROGRESS = 1e-5 # advance of the simulated time per `Limits.patience`, relative to the end time
 
 
 def run_task(serialized: bytes) -> Outcome:
-    """Run a serialized task; exceptions of the model become failed outcomes.
+    """Run a serialized task; exceptions raised by the model become failed outcomes.
 
-    The outcome lists the files that were read. The working directory is restored.
+    The outcome lists the files that were read. The working directory is restored afterwards.
     """
     folder = os.getcwd()
     try:
@@ -56,9 +56,9 @@ def run_task(serialized: bytes) -> Outcome:
                 outcome = Outcome.failed(str(problem))
             except MemoryError:
                 outcome = Outcome.failed(
-                    "out of memory: it exceeds its limit or the memory of the machine"
+                    "out of memory: the run exceeds the memory limit or the memory of the machine"
                 )
-            except BaseException as problem:  # Whatever a model raises ends its own case only.
+            except BaseException as problem: # An exception of a model ends only its case.
                 outcome = Outcome.failed(describe_exception(problem))
             outcome = replace(outcome, read=digest_reads(reads, home))
     finally:
@@ -71,7 +71,7 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
     begin = clock.perf_counter()
     reset_peak_memory()
     with limit_memory(task.limits.memory), warnings.catch_warnings(record=True) as caught:
-        # Warnings of a run are in the case table.
+        # The case table contains the warnings of the run.
         warnings.simplefilter("ignore", BeamdaeWarning)
         built = _build_equations(task)
         reads |= built.reads
@@ -105,7 +105,7 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
 
 @dataclass(frozen=True)
 class _EquationsKey:
-    """Key of cached equations: the fingerprint of the mechanism, with the case to build it."""
+    """Cache key of equations: the fingerprint of the mechanism, and the case to build it from."""
 
     fingerprint: str
     case: Case = field(compare=False)
@@ -120,7 +120,7 @@ class _BuiltEquations:
 
 
 def _build_equations(task: Task) -> _BuiltEquations:
-    """Return the equations of a task; those of the last one if its mechanism was the same."""
+    """Return the equations of a task, cached if the previous task had the same mechanism."""
     fingerprint = task.mechanism_fingerprint or task.case.mechanism_fingerprint()
     key = _EquationsKey(fingerprint, task.case)
     built = _cached_equations(key)
@@ -130,7 +130,7 @@ def _build_equations(task: Task) -> _BuiltEquations:
     return built
 
 
-# One entry: neighboring cases of a study differ in their integrator only.
+# One entry suffices: neighboring cases of a study differ only in their integrator.
 @lru_cache(maxsize=1)
 def _cached_equations(key: _EquationsKey) -> _BuiltEquations:
     with record_file_reads() as reads:
@@ -139,7 +139,7 @@ def _cached_equations(key: _EquationsKey) -> _BuiltEquations:
 
 
 class _LimitMonitor:
-    """Progress callback that stops a run at its limits of time, memory and patience."""
+    """Progress callback that stops a run that exceeds its limits of time, memory or patience."""
 
     def __init__(self, limits: Limits, t_end: float) -> None:
         self._limits = limits
@@ -154,9 +154,9 @@ class _LimitMonitor:
             self._progress_t, self._progress_clock = t, now
         limits = self._limits
         if limits.time is not None and now - self._start > limits.time:
-            return f"time limit of {limits.time:g} s"
+            return f"reached the time limit of {limits.time:g} s"
         if limits.patience is not None and now - self._progress_clock > limits.patience:
             return f"no progress for {limits.patience:g} s"
         if limits.memory is not None and peak_memory() > limits.memory:
-            return f"memory limit of {limits.memory:g} GB"
+            return f"reached the memory limit of {limits.memory:g} GB"
         return None

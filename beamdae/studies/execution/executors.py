@@ -1,4 +1,4 @@
-"""Executors of tasks: this process, a pool of local processes, or the workers of a Dask cluster."""
+"""Executors that run tasks in this process, in local processes or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -17,22 +17,21 @@ from beamdae.studies.execution.worker_processes import WorkerError, WorkerProces
 from beamdae.studies.store.file_reads import clear_module_reads
 from beamdae.studies.tasks import Outcome, SerializedModels, Task, describe_exception
 
-_KILL_DELAY = 60.0  # after the time limit of a task, until its process is killed [s]
-_MAX_ATTEMPTS = 2  # of a task whose process dies
-_MAX_WORKERS_PER_CORE = 16  # more are of no use, even where some of them wait
-_POLL_INTERVAL = 0.1  # between checks of interrupts and deadlines [s]
-_CONNECT_TIMEOUT = 10.0  # for a Dask scheduler to answer [s]
-_MAX_ADDRESS_LETTERS = 80
+_KILL_DELAY = 60.0 # time after the time limit of a task until its process is killed [s]
+_MAX_ATTEMPTS = 2 # per task, if its process dies _MAX_WORKERS_PER_CORE = 16 # more are of no use,
+even where some of them wait _POLL_INTERVAL = 0.1 # time between checks of interrupts and deadlines
+[s] _CONNECT_TIMEOUT = 10.0 # maximum time for a Dask scheduler to answer [s] _MAX_ADDRESS_LETTERS =
+80
 
 
 class TaskResult(NamedTuple):
-    """A task that has ended.
+    """A finished task and its outcome.
 
     Attributes
     ----------
     storable
-        Whether the outcome is that of the case, and may be stored; False if the process died or
-        could not be reached.
+        True if the outcome may be stored; False if the task could not be transferred or its process
+        died.
     """
 
     task: Task
@@ -40,12 +39,12 @@ class TaskResult(NamedTuple):
     storable: bool
 
 
-# Close it if it is not exhausted: this ends the processes.
+# Callers that do not exhaust the generator must close it, which ends the processes.
 TaskResults = Generator[TaskResult, None, None]
 
 
 class Executor(Protocol):
-    """Runs tasks and returns their outcomes in the order in which they end."""
+    """Runs tasks and yields their results in the order of completion."""
 
     workers: int
 
@@ -56,30 +55,30 @@ class Executor(Protocol):
 class SerialPool:
     """Runs tasks one after the other in this process, for debugging and small studies.
 
-    A case that kills its process ends the study, and a case that ignores its time limit blocks it.
+    A case that crashes the process ends the study, and a case that ignores its time limit blocks
+    it.
 
     Attributes
     ----------
-    workers
-        One.
+    workers Always 1.
     """
 
     workers = 1
 
     def run_tasks(self, tasks: Sequence[Task]) -> TaskResults:
-        """Yield the result of each task, in their order."""
+        """Yield the result of each task in the order of `tasks`."""
         models: SerializedModels = {}
         for task in tasks:
             clear_module_reads()
             outcome = run_task(task.serialize(models))
             yield TaskResult(task, outcome, storable=True)
-            # The integrator ends its run at an interrupt, which is meant for the whole study.
+            # The integrator only ends its run after an interrupt, which must end the whole study.
             if outcome.status.kind == "interrupted":
                 raise KeyboardInterrupt
 
 
 class _Attempt(NamedTuple):
-    """A task and the number of its attempt, from 1."""
+    """A task and the number of the attempt to run it, starting from 1."""
 
     task: Task
     number: int
@@ -88,15 +87,15 @@ class _Attempt(NamedTuple):
 class LocalPool:
     """Runs tasks in local processes, by default one per core.
 
-    A process that dies ends its own task only; the task gets a second attempt in another process.
-    Interrupts are raised between results, after all processes have ended.
+    If a process dies, only its task is affected; the task is run once more in another process.
+    Interrupts are raised between results, after all processes have been killed.
     """
 
     def __init__(self, workers: int | None = None) -> None:
         self.workers = workers or _count_cores()
 
     def run_tasks(self, tasks: Sequence[Task]) -> TaskResults:
-        """Yield the result of each task, in the order in which they end."""
+        """Yield the result of each task in the order of completion."""
         waiting = deque(_Attempt(task, 1) for task in tasks)
         workers: list[WorkerProcess[_Attempt]] = []
         results: list[TaskResult] = []
@@ -104,7 +103,7 @@ class LocalPool:
         with DeferredInterrupts() as interrupts:
             try:
                 while waiting or any(worker.current for worker in workers):
-                    # Results are handed over while the next tasks run.
+                    # Start the next tasks first, so that they run while the caller handles results.
                     yield from self._assign_tasks(waiting, workers, models)
                     yield from results
                     if interrupts.received:
@@ -121,13 +120,13 @@ class LocalPool:
         workers: list[WorkerProcess[_Attempt]],
         models: SerializedModels,
     ) -> TaskResults:
-        """Give each process a task; start processes as they are needed."""
+        """Assign tasks to idle processes; start processes as needed."""
         while waiting and sum(worker.current is not None for worker in workers) < self.workers:
             attempt = waiting.popleft()
             task = attempt.task
             try:
                 serialized = task.serialize(models)
-            except Exception as problem:  # Whatever a model holds that cannot be serialized.
+            except Exception as problem: # Pickling objects of a model can raise any error.
                 reason = f"the task cannot be serialized: {describe_exception(problem)}"
                 yield TaskResult(task, Outcome.failed(reason), storable=False)
                 continue
@@ -145,7 +144,7 @@ def _collect_outcomes(
 ) -> TaskResults:
     """Yield the results that arrive within the poll interval; kill processes past their deadline.
 
-    A caller that exhausts this at once can give all idle processes their next tasks.
+    Exhaust this generator before handling the results, so that idle processes get new tasks first.
     """
     busy = [worker for worker in workers if worker.current is not None]
     for worker in wait_for_workers(busy, _POLL_INTERVAL):
@@ -159,18 +158,18 @@ def _collect_outcomes(
             if number < _MAX_ATTEMPTS:
                 waiting.appendleft(_Attempt(task, number + 1))
             else:
-                reason = f"its process died {number} times: it {problem}"
+                reason = f"the process died {number} times; the last one {problem}"
                 yield TaskResult(task, Outcome.failed(reason), storable=False)
     for worker in list(workers):
         if worker.current is not None and worker.is_late:
             workers.remove(worker)
             worker.kill()
-            status = Status("limited", "killed because it did not stop at its time limit")
+            status = Status("limited", "killed because the run did not stop at the time limit")
             yield TaskResult(worker.current.task, Outcome(status), storable=True)
 
 
 class DaskPool:
-    """Runs tasks on the workers of a Dask scheduler; a task whose worker dies goes to another."""
+    """Runs tasks on a Dask cluster; if a worker dies, another worker runs its task again."""
 
     def __init__(self, address: str) -> None:
         option = f"--scheduler {shorten_text(address, _MAX_ADDRESS_LETTERS)}"
@@ -178,21 +177,21 @@ class DaskPool:
             from distributed import Client
         except ImportError:
             raise BeamdaeError(
-                f"{option}: Dask is not installed; pip install 'beamdae[cluster]'."
+                f"{option}: Dask is not installed; run pip install 'beamdae[cluster]'."
             ) from None
         try:
             self._client = Client(address, timeout=_CONNECT_TIMEOUT)
         except (OSError, ValueError) as problem:
             raise BeamdaeError(
-                f"{option}: no Dask scheduler answers there ({format_message(problem)})."
+                f"{option}: no Dask scheduler answers at this address: {format_message(problem)}."
             ) from problem
         self.workers = sum(self._client.nthreads().values())
         if not self.workers:
             self._client.close()
-            raise BeamdaeError(f"{option}: the scheduler has no workers.")
+            raise BeamdaeError(f"{option}: the scheduler has no workers; start at least one.")
 
     def run_tasks(self, tasks: Sequence[Task]) -> TaskResults:
-        """Yield the result of each task, in the order in which they end."""
+        """Yield the result of each task in the order of completion."""
         from distributed import KilledWorker, as_completed
 
         models: SerializedModels = {}
@@ -208,7 +207,7 @@ class DaskPool:
                 try:
                     yield TaskResult(task, future.result(), storable=True)
                 except (KilledWorker, CancelledError) as problem:
-                    outcome = Outcome.failed(f"its workers died ({problem})")
+                    outcome = Outcome.failed(f"the workers of the task died: {problem}")
                     yield TaskResult(task, outcome, storable=False)
                 except Exception as problem:  # A failed task must not end the study.
                     outcome = Outcome.failed(describe_exception(problem))
@@ -219,12 +218,13 @@ class DaskPool:
 
 
 def create_executor(part: str, option: str, workers: Any, scheduler: Any) -> Executor:
-    """Return the executor on a Dask scheduler, if its address is given, or on local processes.
+    """Return a `DaskPool` if the address `scheduler` is given, otherwise a `LocalPool`.
 
     Raises
     ------
     BeamdaeError
-        If no scheduler answers, or `workers` (called `option` in the message) is out of range.
+        If the scheduler does not answer, or `workers` (called `option` in the message) is out of
+        range.
     """
     if scheduler is not None and not isinstance(scheduler, str):
         raise BeamdaeError(

@@ -102,7 +102,9 @@ class Store:
         """
         for path in (self.record_path(task), self.rows_path(task), self.trajectory_path(task)):
             if path.is_dir():
-                raise BeamdaeError(f"{path}: it must be a file, but is a folder; remove it.")
+                raise BeamdaeError(
+                    f"{path}: the path must be a file, but is a folder; remove the folder."
+                )
         try:
             content = self._load_content(task)
             if content is None or not _is_usable(task, content):
@@ -134,7 +136,7 @@ class Store:
         except FileNotFoundError:
             return None
         except OSError as problem:
-            raise _DamagedError(f"{path.name} cannot be read, {problem.strerror}") from None
+            raise _DamagedError(f"{path.name} cannot be read ({problem.strerror})") from None
         except (ValueError, RecursionError, MemoryError):
             raise _DamagedError(f"{path.name} is not valid JSON") from None
         if not isinstance(record, dict) or "format" not in record:
@@ -181,7 +183,7 @@ class _StoredRows:
             text = self.path.read_bytes()
         except OSError as problem:
             raise _DamagedError(
-                f"{self.readable_path.name} cannot be read, {problem.strerror}"
+                f"{self.readable_path.name} cannot be read ({problem.strerror})"
             ) from None
         if hashlib.sha256(text).hexdigest() != self.sha256:
             raise _DamagedError(f"{self.readable_path.name} has changed since it was written")

@@ -96,8 +96,8 @@ class ParameterStudy(Study):
             return digest(dict(self.outputs))
         except FingerprintError as problem:
             raise BeamdaeError(
-                f"{self.name}: outputs must be functions that another process can reproduce, "
-                f"{problem.place} is a {problem.kind}."
+                f"{self.name}: outputs must be functions that another process can "
+                f"reproduce, but {problem.place} is a {problem.kind}."
             ) from None
 
 
@@ -150,7 +150,7 @@ def _require_list(part: str, name: str, values: Any, allowed: str) -> list[Any]:
     unordered = isinstance(values, (str, bytes, set, frozenset))
     entries = require_iterable(part, name, None if unordered else values, allowed, MAX_CASES + 1)
     if len(entries) > MAX_CASES:
-        raise BeamdaeError(f"{part}: {name} must have at most {MAX_CASES} values, got more.")
+        raise BeamdaeError(f"{part}: {name} has more than {MAX_CASES} values; use fewer.")
     return entries
 
 

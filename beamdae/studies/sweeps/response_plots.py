@@ -257,7 +257,7 @@ def plot_maps(
     if len(varied) != 2:
         names = f" ({', '.join(varied)})" if varied else ""
         raise BeamdaeError(
-            f"{study.name}: a map needs two varied parameters, got {len(varied)}{names}."
+            f"{study.name}: a map requires two varied parameters, got {len(varied)}{names}."
         )
     horizontal = ParameterScale.of(table, choose_axis(study, table, x))
     (other,) = [name for name in varied if name != horizontal.name]

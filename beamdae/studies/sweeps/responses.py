@@ -167,8 +167,8 @@ def select_panels(study: ParameterStudy, headers: list[str], name: Any) -> list[
         return [Panel(_remove_unit(x), _parse_unit(x), measure_columns(x)) for x in columns]
     names = [*study.outputs, *map(_remove_unit, headers)]
     raise BeamdaeError(
-        f"{study.name}: no response {short_repr(name)}{suggest(name, names)}; "
-        f"there are {', '.join(names) or 'none'}."
+        f"{study.name}: there is no response {short_repr(name)}{suggest(name, names)}; "
+        f"the responses are {', '.join(names) or 'none'}."
     )
 
 
@@ -202,12 +202,16 @@ def choose_axis(study: ParameterStudy, table: pd.DataFrame, name: Any = None) ->
     """
     varied = study.varied
     if not varied:
-        raise BeamdaeError(f"{study.name}: no parameter varies, so there is nothing to plot over.")
+        raise BeamdaeError(
+            f"{study.name}: no parameter varies; give at least one parameter several "
+            "values to plot."
+        )
     if name is not None:
         if not isinstance(name, str) or name not in varied:
             raise BeamdaeError(
-                f"{study.name}: no parameter {short_repr(name)}{suggest(name, varied)} varies; "
-                f"choose {', '.join(varied)}."
+                f"{study.name}: there is no varied parameter "
+                f"{short_repr(name)}{suggest(name, varied)}; choose "
+                f"{', '.join(varied)}."
             )
         return name
 

@@ -101,7 +101,7 @@ def _guard_progress(part: str, progress: Any) -> Callable[[StudyProgress], None]
             progress(status)
         except Exception as problem:
             raise BeamdaeError(
-                f"{part}: progress failed, {format_exception(problem)}."
+                f"{part}: progress failed: {format_exception(problem)}."
             ) from problem
 
     return report_progress
@@ -291,7 +291,9 @@ def sweep(
 
     def decorate(function: Callable[[], Over]) -> Sweep:
         if not callable(function) or not hasattr(function, "__name__"):
-            raise BeamdaeError(f"sweep: it must decorate a function, got {short_repr(function)}.")
+            raise BeamdaeError(
+                f"sweep: the decorated object must be a function, got {short_repr(function)}."
+            )
         values = call_definition(function, "values")
         return create_sweep(study_model, values, function.__name__, **options)
 
@@ -307,8 +309,8 @@ def _require_model(model: Any, t_end: float | None) -> Model:
             f"bd.model, got {short_repr(model)}."
         )
     if t_end is None:
-        raise BeamdaeError(f"sweep: {model.__name__} has no default end time; give t_end=.")
+        raise BeamdaeError(f"sweep: {model.__name__} has no default end time; pass t_end=.")
     try:
         return create_model(t_end=t_end)(model)
     except BeamdaeError as problem:
-        raise BeamdaeError(f"sweep: model must have named parameters, {problem}") from None
+        raise BeamdaeError(f"sweep: model must have named parameters: {problem}") from None

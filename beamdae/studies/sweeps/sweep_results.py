@@ -89,7 +89,7 @@ class SweepRun(TimeSeries):
 
     def at_times(self, times: Array) -> SweepRun:
         """Return the run at some of its output times [s]."""
-        advice = "its sweep and the other run must have the same output_step"
+        advice = "use the same output_step in the sweep and the other run"
         rows = self.rows.iloc[self._rows_at(times, f"the run {self.name}", advice)]
         return SweepRun(self.name, self.parameters, self.status, rows, self.warnings)
 
@@ -157,7 +157,7 @@ class SweepResults:
         if row not in self._runs_by_row:
             reason = str(self.table[REASON].iloc[row]).removesuffix(".")
             tag = self.sweep.tag(self.sweep.cases[row])
-            raise BeamdaeError(f"{self.sweep.name}: the case {tag} has no rows, {reason}.")
+            raise BeamdaeError(f"{self.sweep.name}: the case {tag} has no rows: {reason}.")
         return self._runs_by_row[row]
 
     def _find_row(self, parameters: Mapping[str, Any]) -> int:
@@ -165,8 +165,9 @@ class SweepResults:
         for parameter in parameters:
             if parameter not in swept:
                 raise BeamdaeError(
-                    f"{name}: no parameter {short_repr(parameter)}{suggest(parameter, swept)} is "
-                    f"swept; choose {', '.join(swept)}."
+                    f"{name}: there is no swept parameter "
+                    f"{short_repr(parameter)}{suggest(parameter, swept)}; choose "
+                    f"{', '.join(swept)}."
                 )
         request = ", ".join(f"{x}={short_repr(value)}" for x, value in parameters.items())
         rows = [row for row, setting in enumerate(settings) if _matches(setting, parameters)]
