@@ -60,7 +60,7 @@ class Model:
     t_end
         Default end time [s], positive.
     parameters
-        Default values by name; the type of a default is the type of its parameter.
+        Default values by name; the type of a default value is the type of the parameter.
     data
         Names of files on which the results depend; see `model`.
 
@@ -100,7 +100,7 @@ class Model:
 
     @property
     def summary(self) -> str:
-        """First line of the docstring of the function, or of its module."""
+        """First line of the docstring of the function or, if missing, of the module."""
         module_docstring = inspect.unwrap(self.build).__globals__.get("__doc__")
         lines = (self.build.__doc__ or module_docstring or "").strip().splitlines()
         return lines[0] if lines else ""
@@ -133,7 +133,7 @@ class Model:
         return files
 
     def __call__(self, **values: Any) -> Any:
-        """Build the mechanism with `values` in place of the defaults.
+        """Build the mechanism with `values` instead of the defaults.
 
         Raises
         ------

@@ -364,7 +364,7 @@ def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) 
     Parameters
     ----------
     shape
-        A function of the material and the dimensions that returns a `Section`, such as
+        Function of the material and the dimensions that returns a `Section`, such as
         ``bd.Section.rectangle``.
     material
         The material.

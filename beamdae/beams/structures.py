@@ -27,7 +27,7 @@ from beamdae.parts.mechanism import Mechanism
 
 _MEMBER_FORMAT = "a pair of point names, optionally followed by a section"
 _MAX_BODIES = 10_000
-# Gap between the ends of a closed curve, relative to its length; joints reject larger gaps.
+# Largest gap between the ends of a closed curve, relative to its length; joints reject larger gaps.
 _MAX_CLOSING_GAP = 1e-6
 
 
@@ -68,7 +68,7 @@ def frame(
     points
         Positions (x, y) [m] of corners and ends, by name.
     members
-        The beams: pairs of names of points, or triples of two names and a section.
+        The beams: pairs of point names, or triples of two point names and a section.
     section
         Section of the members that do not specify one.
     settings
@@ -129,7 +129,7 @@ def frame(
 def _parse_member(
     name: str, member: Any, positions: Mapping[str, Any], section: Any
 ) -> tuple[str, str, Any]:
-    """Return both points of a member and its section."""
+    """Return the names of both points of a member, and its section."""
     # Points with names of one letter may be written as one string, such as "AB".
     entries = (
         list(member)

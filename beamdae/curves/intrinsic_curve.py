@@ -1,4 +1,4 @@
-"""Plane curves given by their curvature, such as clothoids."""
+"""Plane curves defined by their curvature, such as clothoids."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MAX_TURN_PER_INTERVAL = 0.5  # [rad]; the splines cannot resolve sharper bends
 
 @dataclass(frozen=True)
 class IntrinsicCurve:
-    """Curve given by its curvature as a function of arc length (Cesàro's equation).
+    """Curve defined by its curvature as a function of arc length (Cesàro's equation).
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ class PlaneCurve(Protocol):
 
 def require_curve(part: str, curve: Any) -> PlaneCurve:
     """Return `curve` if it is a plane curve of positive length, or raise BeamdaeError."""
-    # A curve class has these methods as well, but is not an instance.
+    # Curve classes, unlike instances, are rejected although they have the same methods.
     if isinstance(curve, type) or not isinstance(curve, PlaneCurve):
         raise BeamdaeError(
             f"{part}: curve must be a Line, Arc, Parabola, Curve or Segment, got "
@@ -129,7 +129,7 @@ class Arc:
     Parameters
     ----------
     radius
-        Radius [m]; a positive arc bends to the left (counter-clockwise), a negative one to the
+        Radius [m]; positive for an arc to the left (counter-clockwise), negative for an arc to the
         right.
     length
         Arc length [m].
@@ -141,7 +141,7 @@ class Arc:
     Raises
     ------
     BeamdaeError
-        If the radius is zero, or the arc longer than a full circle.
+        If the radius is zero, or the arc is longer than a full circle.
 
     Examples
     --------

@@ -42,8 +42,8 @@ _MIN_POINTS = 4  # of a cubic spline
 _PARAMETER_ITERATIONS = 3
 # Smallest ratio of the minimum to the maximum parameter speed; at a cusp, the ratio is smaller.
 _MIN_SPEED_RATIO = 1e-8
-# Cosines of the angle between successive tangents, and successive steps between points, below which
-# the curve folds back.
+# Smallest cosines of the angle between successive tangents and between successive steps from point
+# to point; if the cosine is smaller, the curve folds back.
 _MIN_TANGENT_COSINE = 0.5
 _MIN_STEP_COSINE = -0.5
 
@@ -86,7 +86,7 @@ class _SplineCurve:
         return half * (speed @ weights)
 
     def _require_regular(self, part: str) -> None:
-        """Reject a curve with a cusp or a sharp turn."""
+        """Reject a curve with a cusp or a sharp bend."""
         grid, _ = self._arc_length_table
         tangent = self._spline(grid, 1)
         speed = np.linalg.norm(tangent, axis=-1)
@@ -207,7 +207,7 @@ class Curve(_SplineCurve):
     function
         Smooth function y = f(x) [m]; requires `x`.
     x
-        Interval (x_start, x_end) [m]; the curve runs from the first to the second.
+        Interval (x_start, x_end) [m]; the curve runs from x_start to x_end.
     points
         At least 4 points, shape (n, 2) [m], joined by a cubic spline parametrized by chord length.
     noise
@@ -358,7 +358,7 @@ def _interpolating_spline(parameter: Array, points: Array, degree: int) -> Any:
 
 
 def fit_smoothing_spline(parameter: Array, points: Array, noise: float) -> Any:
-    """Return the smoothing spline whose rms error in each coordinate is `noise` [m].
+    """Return the smoothing spline whose RMS error in each coordinate is `noise` [m].
 
     Raises
     ------

@@ -49,8 +49,8 @@ _NONSMOOTH_OPERATIONS = {
 _SAMPLE_TIMES = (0.0, 0.37, 1.9, 11.3)
 # Largest difference at these times, relative to the largest value.
 _SAMPLE_TOLERANCE = 1e-6
-# Adaptive integrators take at least this many steps per time scale of a law. The time scale of a
-# table makes steps no longer than its shortest interval.
+# Adaptive integrators take at least this many steps per time scale of a law. In a table, no step is
+# longer than the shortest interval.
 MIN_STEPS_PER_TIME_SCALE = 4.0
 _MIN_TABLE_ROWS = 3
 _BRANCHES_ON_TIME = (
