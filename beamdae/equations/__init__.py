@@ -1,8 +1,8 @@
-"""Equations of motion: assembled from statements, formulated for integrators, made consistent.
+"""Equations of motion: data, assembly, formulations for integrators, and consistent starts.
 
 Here: the equations as data, their structure, energy balance, hash and failure diagnosis; assembly/
 builds them, formulations/ derives residuals and Jacobians, starts/ consistent initial conditions.
 May import: beams, parts, symbolic, native, linear, model_functions and below.
-Next: a new form of the equations goes to formulations/; what it derives from a structure is
-cached with `@cache_on_owner`.
+To extend: add a form of the equations to formulations/, and cache the data it derives from a
+structure with `@cache_on_owner`.
 """

@@ -1,6 +1,6 @@
 """Equations of motion F(t, q, v, a, p) + G^T lam = 0, g(t, q, p) = 0, as immutable data.
 
-They consist of a structure, shared by models that differ in numbers only, and the numbers p.
+They consist of a structure, shared by models that differ only in numbers, and the numbers p.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FrozenGaps = Mapping[str, FrozenGap]
 
 
 class State(NamedTuple):
-    """Coordinates, velocities, accelerations and multipliers, at one time or in rows."""
+    """Coordinates, velocities, accelerations and multipliers, as vectors or rows of vectors."""
 
     q: Array
     v: Array
@@ -36,13 +36,13 @@ class State(NamedTuple):
 
 @dataclass(frozen=True)
 class RangeTerm:
-    """Measures of the deformation of a part, on the global coordinates."""
+    """Deformation measures of a part as functions of the global coordinates."""
 
     statement: RangeStatement
     operator: sp.csr_array
 
     def largest_deformation(self, q: Array) -> Array:
-        """Return the largest (deflection over length, rotation [rad], strain) over rows of q."""
+        """Return the maxima of (deflection / length, rotation [rad], strain) over rows of q."""
         kernel, data = self.statement.kernel, self.statement.data
         copies = data.shape[1]
         local = np.asarray(self.operator @ q.T).T.reshape(len(q) * copies, kernel.local.size)
@@ -65,9 +65,9 @@ class Observable:
     operator
         Maps global to local coordinates.
     data
-        Slice of p with its numbers.
+        Slice of p with the numbers of the observable.
     rows
-        Slice of the multipliers it depends on.
+        Slice of the multipliers on which the columns depend.
     """
 
     name: str
@@ -95,20 +95,22 @@ class EventTerm:
     name
         Name of the event.
     observable, column
-        The column that is watched.
+        Observable, and index of the monitored column in it.
     crosses
-        The value it crosses, in the unit of the column.
+        Value to be crossed, in the unit of the column.
     direction
         1 for upward, -1 for downward crossings, 0 for both.
     do
         Action of the event.
     begins_there
-        True if the run starts at the event, up to what a consistent start changes; the event does
-        not occur there again.
+        True if the run resumes from a state at which this event occurred and its action was
+        executed; the event is not triggered again at the start.
     due
-        1 (up) or -1 (down) if the run starts with this event, otherwise 0.
+        1 (up) or -1 (down) if the previous run ended at this event before executing its action; the
+        resumed run then executes the action first. Otherwise 0.
     side
-        Side of the value on which an earlier run left the column, 1 or -1; 0 if unknown.
+        1 if the column was above `crosses` at the end of the previous run, -1 if it was below, 0 if
+        unknown.
     """
 
     name: str
@@ -122,23 +124,24 @@ class EventTerm:
     side: int = 0
 
     def evaluate_difference(self, p: Array, times: Array, q: Array, v: Array, lam: Array) -> Array:
-        """Return the column minus its value at rows of states, with times (t, branch)."""
+        """Return the column minus `crosses`, at rows of states and times (t, branch)."""
         o = self.observable
         local = (np.asarray(o.operator @ x.T).T for x in (q, v))
         return o.function(times, *local, p[o.data], lam[:, o.rows])[:, self.column] - self.crosses
 
 
 class PartCoordinates(NamedTuple):
-    """Coordinates that move together.
+    """Coordinates of one part, or a single free coordinate, with a length scale.
 
     Attributes
     ----------
     name
-        Name of the part, or of the coordinate.
+        Name of the part or of the free coordinate.
     rows
         Slice of the coordinates.
     size
-        Largest distance between its points [m]; scales angles to displacements.
+        Largest distance between points of the part [m]; it converts rotations to displacements. The
+        characteristic length of the mechanism replaces zero.
     """
 
     name: str
@@ -147,16 +150,16 @@ class PartCoordinates(NamedTuple):
 
 
 class Start(NamedTuple):
-    """Requested start other than the drawing.
+    """Requested initial conditions other than "as drawn".
 
     Attributes
     ----------
     description
-        The request in words.
+        Text that describes the request.
     q, v
         Requested coordinates and velocities, before joints make them consistent.
     moves
-        True if positions differ from the drawing.
+        True if the positions differ from "as drawn".
     """
 
     description: str
@@ -173,22 +176,23 @@ class EquationsOfMotion:
 
         F(t, q, v, a, p) + G^T lam = 0,    0 = g(t, q, p),    G = dg/dq,
 
-    where F is inertia minus applied forces, and constraints on velocities alone,
-    0 = A(t, q) v + b(t, q), take the rows of g_dot with A in place of G. The object is immutable:
-    formulations, integrators and analyses derive what they need from it and share the results.
+    where F is inertia minus applied forces. Nonholonomic constraints replace their rows of
+    g_dot = 0 by A(t, q) v + b(t, q) = 0, and G by A. The object is immutable, so that
+    formulations, integrators and analyses can share the data derived from it.
 
     Attributes
     ----------
     coordinates, multipliers
         Name 'part.coordinate' or 'part.constraint' and unit of each coordinate and multiplier.
     q0, v0
-        Start as drawn or as requested, (n,) each; integrators make it consistent.
+        Initial coordinates and velocities, as drawn or as requested, (n,) each; integrators make
+        them consistent.
     p
         Numbers of the model: quadrature data, section, mass and load values.
     length
         Characteristic length of the mechanism [m], the scale of positions.
     parts
-        Coordinates that move together.
+        Coordinates and size of each part.
     breakpoints
         Ascending times [s] at which a law changes its formula; integrators stop and restart there.
     time_scale
@@ -198,14 +202,13 @@ class EquationsOfMotion:
     structure
         Kernels of forces and joints with their operators, without numbers.
     scales
-        Amplitude of each coordinate [its unit], (n,), if the model states it; None: integrators
-        estimate it.
+        Amplitude of each coordinate [its unit], (n,). If None, integrators estimate it.
     ranges
-        Measures of the deformation of parts.
+        Deformation measures of the parts.
     laws
-        Laws that change with time, with their parts.
+        Time-dependent laws, with the names of their parts.
     start
-        Requested start, if it is not the drawing.
+        Requested initial conditions; None if "as drawn".
     redundant
         True if redundant constraints are removed and their reactions restored with minimum norm;
         otherwise they are rejected.
@@ -214,8 +217,8 @@ class EquationsOfMotion:
     configurations
         Equations with some parts inactive, if events switch parts; otherwise None.
     mechanism
-        The mechanism they were assembled from, for drawing and observing after a run; None for a
-        constrained system.
+        Mechanism from which the equations were assembled, for pictures and for observables added
+        after a run; None for a constrained system.
     """
 
     coordinates: tuple[Variable, ...]
@@ -261,7 +264,7 @@ class EquationsOfMotion:
 
     @cached_property
     def nonholonomic_rows(self) -> Array:
-        """Indices of the constraints on velocities alone."""
+        """Indices of the nonholonomic constraints."""
         rows = [term.rows.indices for term in self.joints if not term.kernel.is_holonomic]
         return np.concatenate([np.zeros(0, np.int64), *rows])
 
@@ -289,13 +292,13 @@ class Configuration:
     Attributes
     ----------
     equations
-        Equations on the same coordinates as those of all parts.
+        Equations of the active parts, on the coordinates of all parts.
     multiplier_rows
-        Indices of their multipliers among those of all parts.
+        Indices of the active multipliers among the multipliers of all parts.
     inactive
         Names of the inactive parts.
     frozen_gaps
-        Offsets of joints that an event switched on as they were, by name.
+        Gaps of joints that events activated "as they are", by name.
     """
 
     equations: EquationsOfMotion
@@ -316,14 +319,14 @@ class Configuration:
 
 @dataclass(frozen=True)
 class ImpactEquations:
-    """Equations with the constraints that an impact acts on.
+    """Equations of the active parts, extended by the constraints of an impact.
 
     Attributes
     ----------
     restitution
         Coefficient of restitution by name of the multiplier.
     gaps
-        Names of those multipliers whose gaps open freely.
+        Names of the multipliers of contact gaps, which may open without an impulse.
     """
 
     equations: EquationsOfMotion
@@ -334,7 +337,7 @@ class ImpactEquations:
 class Configurations(Protocol):
     """Configurations of a mechanism whose parts are switched by events.
 
-    `whole` are the equations of all parts; times are arrays (t, branch).
+    `whole` denotes the equations of all parts. Times are arrays (t, branch).
     """
 
     @property

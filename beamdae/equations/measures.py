@@ -16,7 +16,7 @@ from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum
 
 Array = np.ndarray
 
-# Rows evaluated at once: as many as stay in the caches.
+# Rows evaluated together: few enough to stay in the processor caches.
 _MAX_NUMBERS_AT_ONCE = 100_000
 _MAX_ROWS_AT_ONCE = 1024
 
@@ -40,7 +40,7 @@ class ObservedRows:
     equations: EquationsOfMotion
 
     def __call__(self, times: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
-        """Return rows of the columns at rows of (t, branch) and states (q, v, a, lam)."""
+        """Return rows of the columns, given rows of (t, branch) and of states (q, v, a, lam)."""
         e, blocks = self.equations, [np.zeros((len(times), 0))]
         for o in e.observables:
             local = (np.asarray(o.operator @ x.T).T for x in (q, v))
@@ -57,7 +57,7 @@ class BalancePlan:
     n, m
         Numbers of coordinates and constraints.
     total
-        `assemble_balance` over (q, v, a, lam).
+        Plan of the sum `assemble_balance` with the input (q, v, a, lam).
     """
 
     n: int
@@ -134,7 +134,7 @@ def evaluate_balance(run: BalanceBuffers) -> int:
 
 
 class BalanceRows:
-    """Evaluates the balance of one run, in machine code if available."""
+    """Evaluates the energy balance of one run, in machine code if available."""
 
     def __init__(self, balance: BalancePlan, p: Array) -> None:
         self._run, self._loop = prepare_loop(
@@ -156,7 +156,7 @@ class BalanceRows:
             if self._loop is not None:
                 self._loop()
             else:
-                # Norms report forces that overflow.
+                # Overflowing forces show in the norms.
                 with np.errstate(over="ignore", invalid="ignore"):
                     evaluate_balance(run)
             results[block] = run.results[: run.n_rows]
@@ -165,15 +165,15 @@ class BalanceRows:
 
 @cache_on_owner
 def plan_balance(e: Structure) -> BalancePlan:
-    """Return the plan of energies (3) [J], powers of the works (3) [W] and five norms.
+    """Return the plan of three energies [J], three powers [W] and five norms.
 
-    The norms are the largest entries of F + G^T lam, G^T lam, F at a = 0, g and g_dot. Energies
-    and works are those of `ENERGIES` and `WORKS`.
+    The energies are listed in `ENERGIES`, the works of the powers in `WORKS`. The norms are the
+    largest entries of F + G^T lam, G^T lam, F at a = 0, g and g_dot.
     """
     layout = InputLayout(q=0, v=e.n, a=2 * e.n, lam=3 * e.n)
     return BalancePlan(e.n, e.m, assemble_balance(e, layout).vector())
 
 
 def balance_rows(equations: EquationsOfMotion) -> BalanceRows:
-    """Return an evaluator of rows (energies, powers, norms), see `plan_balance`; for one run."""
+    """Return an evaluator of rows (energies, powers, norms) for one run, see `plan_balance`."""
     return plan_balance(equations.structure).rows(equations.p)

@@ -1,4 +1,4 @@
-"""Hash of a model by structure, formulas and numbers, equal in every process."""
+"""Hash of the structure, formulas and numbers of a model, the same in every process."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = np.ndarray
 
 
 def hash_model(equations: EquationsOfMotion) -> str:
-    """Return the hash of equations of motion, without start, observables and events.
+    """Return a hash of equations of motion that ignores start, observables and events.
 
     Numbers enter with nine digits, so that rounding does not change the hash.
     """

@@ -27,9 +27,9 @@ def estimate_fastest_modes(
 ) -> tuple[Mode, ...]:
     """Estimate the fastest natural mode of each elastic body of the constrained mechanism.
 
-    A few steps of power iteration with M^-1 K under the constraints. Coordinates coupled by M or K
-    make up a body; each is normalized separately, so that slower bodies are not lost beside the
-    fastest one.
+    The method is power iteration with M^-1 K under the constraints. Coordinates coupled by M or K
+    form a body. Each body is normalized separately, so that the fastest body does not mask slower
+    bodies.
     """
     stiffness, damping, mass = solver.linearize_forces(time, state)
     solve = solver.mass_solver(time, state)

@@ -8,8 +8,8 @@ import numpy as np
 
 Array = np.ndarray
 
-SAME_TIME = 1e-12  # relative difference of times that are the same time, rounded twice
-# Assumed duration of the motion where only a time is given [s].
+SAME_TIME = 1e-12  # relative difference of equal times with different rounding
+# Assumed duration of the motion [s] if no end time is given.
 _DEFAULT_DURATION = 1.0
 
 
@@ -25,12 +25,12 @@ def interval_ends(breakpoints: Sequence[float], start: float, end: float) -> tup
 
 
 def branch_time(start: float, end: float) -> float:
-    """Return a time inside an interval [s]; laws choose their piece by it."""
+    """Return a time inside an interval [s], by which laws select their branch."""
     return 0.5 * (start + end)
 
 
 def time_on_branch(breakpoints: Sequence[float], t: float, end: float | None = None) -> Array:
-    """Return (t, branch): a time and a time in the smooth interval that starts at it [s].
+    """Return (t, branch): `t` and a time inside the smooth interval that starts at `t` [s].
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from beamdae.symbolic.rotations import LocalRotation
 
 
 class CacheOwner(Protocol):
-    """Object that caches what is derived from it."""
+    """Object that caches the data derived from it."""
 
     @property
     def _derived(self) -> dict[Any, Any]: ...
@@ -26,9 +26,9 @@ P = ParamSpec("P")
 T = TypeVar("T")
 K = TypeVar("K", bound=CacheOwner)
 
-_MAX_STRUCTURES = 16  # kept for later models
-# Larger structures are not kept: the sums built from them need memory in proportion, while the time
-# to build them becomes negligible against that of the run.
+_MAX_STRUCTURES = 16  # cached for later models
+# Larger structures are not cached: their sums need memory in proportion to their size, while the
+# time to build them becomes negligible compared with the run.
 _MAX_COORDINATES = 1000
 
 
@@ -39,13 +39,14 @@ class ForceTerm:
     Attributes
     ----------
     operator, rotation
-        The operator selects global coordinates; the rotation, if any, turns them to local ones.
+        The operator selects global coordinates; the rotation, if any, transforms them to local
+        coordinates.
     data
-        Slice of p with the numbers of the copies, followed by those of the rotation.
+        Slice of p with the numbers of the copies, followed by the numbers of the rotation.
     count
         Number of copies.
     rows
-        Selects the multipliers it depends on, if any.
+        Operator that selects the multipliers on which the force depends, if any.
     """
 
     kernel: ForceKernel
@@ -58,7 +59,7 @@ class ForceTerm:
 
 @dataclass(frozen=True, eq=False)
 class ConstraintTerm:
-    """Copies of one constraint kernel on the global coordinates; `rows` picks their rows of g."""
+    """Copies of one constraint kernel on the global coordinates; `rows` selects their rows of g."""
 
     kernel: ConstraintKernel
     operator: sp.csr_array
@@ -69,7 +70,7 @@ class ConstraintTerm:
 
 @dataclass(frozen=True)
 class Structure:
-    """Equations of motion without their numbers, which are an array p.
+    """Equations of motion without their numbers p.
 
     Two structures are equal if they have the same kernels, slices and operators.
 
@@ -99,7 +100,7 @@ class Structure:
 
 
 def _comparison_key(value: Any) -> Any:
-    """Return a hashable key of an entry of a term; kernels compare by identity."""
+    """Return a hashable key for a field of a term; kernels compare by identity."""
     if isinstance(value, slice):
         return value.start, value.stop
     if isinstance(value, sp.csr_array):
@@ -112,10 +113,10 @@ _interning = threading.Lock()
 
 
 def intern_structure(structure: Structure) -> Structure:
-    """Return the equal structure of an earlier model, or else this one."""
+    """Return an equal structure of an earlier model, or else `structure` itself."""
     if structure.n > _MAX_COORDINATES:
         return structure
-    # Without the lock, simultaneous threads would each keep their own.
+    # Without the lock, concurrent threads could return different objects for equal structures.
     with _interning:
         return _intern_equal(structure)
 
@@ -126,7 +127,7 @@ def _intern_equal(structure: Structure) -> Structure:
 
 
 def cache_on_owner(build: Callable[Concatenate[K, P], T]) -> Callable[Concatenate[K, P], T]:
-    """Decorate a function of a structure or of equations of motion: cache results on its owner.
+    """Cache results of a function of a structure or of equations of motion on that object.
 
     Results must be immutable, because runs share them.
     """

@@ -1,6 +1,6 @@
 """Linear systems whose sparsity pattern is fixed: orderings, pivots, factorizations.
 
 May import: errors.
-Next: another factorization goes into `factorizations`, loops over the entries of factors that
-compiled code calls into `elimination`.
+To extend: add factorizations to `factorizations`, and loops over the entries of factors that
+compiled code calls to `elimination`.
 """

@@ -14,9 +14,9 @@ from threadpoolctl import ThreadpoolController
 class _SingleThreadedBlas(contextlib.ContextDecorator):
     """Context in which BLAS uses one thread.
 
-    Matrices of this size gain nothing from threads and lose a factor of ten where cores are busy.
-    Contexts of several threads may overlap: the last one to end restores the limits that the first
-    one replaced.
+    Threads do not speed up matrices of this size, and slow them down by a factor of ten if cores
+    are busy. Contexts of several threads may overlap: the last context to end restores the limits
+    that the first context replaced.
     """
 
     def __init__(self) -> None:
@@ -45,10 +45,10 @@ class _SingleThreadedBlas(contextlib.ContextDecorator):
 
 
 def _call_in_thread(function: Callable[[], None]) -> None:
-    """Call a function that changes BLAS limits in a thread that ends afterwards.
+    """Call a function that changes BLAS limits, in a new thread that ends afterwards.
 
-    Threadpoolctl accepts changes from one thread only: the first one to make a change, until it
-    ends. Besides, no interrupt arrives in that thread.
+    Threadpoolctl accepts changes only from the thread that made the first change, until that thread
+    ends. In addition, no interrupt reaches the new thread.
     """
     with ThreadPoolExecutor(1) as threads:
         threads.submit(function).result()

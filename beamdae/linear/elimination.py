@@ -1,9 +1,8 @@
 """Numeric factorization and solution of sparse matrices whose pivots and fill are known.
 
 Plain loops over arrays that numba can compile: they do not allocate, raise or call Python. The
-matrix is eliminated column by column from the left with the pivots of an `EliminationPlan`, as KLU
-does for further numbers of one pattern (Davis & Palamadai Natarajan, ACM Trans. Math. Softw. 37
-(2010) 36).
+matrix is eliminated column by column from the left with the pivots of an `EliminationPlan`, as in
+the refactorization of KLU (Davis & Palamadai Natarajan, ACM Trans. Math. Softw. 37 (2010) 36).
 """
 
 from __future__ import annotations
@@ -14,24 +13,24 @@ import numpy as np
 
 Array = np.ndarray
 
-# Backward error up to which a system counts as solved.
+# Largest backward error of a system that counts as solved.
 MAX_BACKWARD_ERROR = 1e-10
-# Steps of iterative refinement up to which pivots are used.
+# Pivots that require more steps of iterative refinement are rejected.
 MAX_REFINEMENTS = 2
 
 
 class EliminationPlan(NamedTuple):
     """Pivots of a matrix and the pattern of its factors.
 
-    A position is an index in the order of elimination. Integers are unsigned, which spares compiled
-    loops the check for negative indices.
+    A position is an index in the order of elimination. Integers are unsigned, so that compiled
+    loops need not check for negative indices.
 
     Attributes
     ----------
     rows, columns
         Rows and columns of the pivots, by position.
     scale
-        Factors of the rows, by position.
+        Scale factors of the rows, by position.
     starts, positions, sources
         Columns of the matrix, by position: their starts, the positions of their rows, and the
         indices of their CSC non-zeros.
@@ -53,18 +52,18 @@ class EliminationPlan(NamedTuple):
 
 
 class Factors(NamedTuple):
-    """Factors of the last matrix; the next one overwrites them.
+    """Factors of the last matrix; the next factorization overwrites them.
 
     Attributes
     ----------
     matrix
         Scaled entries of the matrix in the order of `EliminationPlan.sources`.
     upper, lower, inverse
-        Entries of the factors above and below the diagonal, and one over the pivots.
+        Entries of the factors above and below the diagonal, and the reciprocals of the pivots.
     x, right, residual, terms
         Work arrays.
     refinements
-        Steps of iterative refinement of each solution; shape (1,).
+        Number of steps of iterative refinement per solution, shape (1,).
     """
 
     matrix: Array
@@ -96,7 +95,7 @@ def allocate_factors(plan: EliminationPlan, dtype: Any) -> Factors:
 def refactorize(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> bool:
     """Factorize the matrix with these CSC non-zeros; return False if the pivots are unsuitable.
 
-    They are unsuitable if one of them is zero or not finite, or if refinement does not make
+    Pivots are unsuitable if one of them is zero or not finite, or if refinement does not make
     solutions accurate.
     """
     return _eliminate(plan, factors, nonzeros) and _set_refinements(plan, factors)
@@ -227,7 +226,7 @@ def _update_residual(
     residual: Array,
     terms: Array,
 ) -> bool:
-    """Set `residual` to right - matrix x; return True if x counts as the solution."""
+    """Set `residual` to right - matrix x; return True if x is accurate."""
     for k in range(len(x)):
         residual[k] = right[k]
         terms[k] = _estimate_modulus(right[k])
@@ -246,5 +245,5 @@ def _update_residual(
 
 
 def _estimate_modulus(value: complex) -> float:
-    """Return the modulus within a factor of 1.4; the exact one takes as long as ten products."""
+    """Return the modulus within a factor of 1.4; the exact value costs as much as ten products."""
     return abs(value.real) + abs(value.imag)

@@ -28,7 +28,7 @@ class SingularMatrixError(ArithmeticError):
 
 
 class Factorization(Protocol):
-    """LU factors of the last matrix passed in, for repeated solution."""
+    """LU factors of the last matrix, for repeated solution."""
 
     factorizations: int
     solves: int
@@ -69,20 +69,20 @@ class DenseFactorization:
 
 
 class SparseFactorization:
-    """SuperLU factors in a bordered order: cost grows linearly with the number of elements.
+    """SuperLU factors in a bordered ordering; the cost is linear in the number of elements.
 
-    Rows are scaled to size 1, those of the border (`orderings.compute_bordered_ordering`) to far
-    less. Partial pivoting therefore stays within the band where it has a pivot, and ends within the
-    border. Without this, SuperLU takes pivots from the dense rows of floating frames, which fill
-    the factors up to a hundredfold. The accuracy that such pivots lose is measured by a solution
-    after each factorization and recovered by iterative refinement, as with the static pivots of
-    Li & Demmel, Proc. SC98 (1998). Where refinement does not suffice, SuperLU chooses the order of
-    columns and the pivots.
+    Rows of the band are scaled to size 1, rows of the border
+    (`orderings.compute_bordered_ordering`) to far less. Partial pivoting therefore chooses pivots
+    from the border only if the band has none. Without this scaling, SuperLU takes pivots from the
+    dense rows of floating frames, which fill the factors up to a hundredfold. The loss of accuracy
+    due to restricted pivoting is measured by a solution after each factorization and recovered by
+    iterative refinement, as for the static pivots of Li & Demmel, Proc. SC98 (1998). If refinement
+    does not suffice, SuperLU chooses the column order and the pivots.
 
     Attributes
     ----------
     refinements
-        Steps of iterative refinement of each solution.
+        Number of steps of iterative refinement per solution.
     """
 
     def __init__(self, pattern: sp.csc_array, dtype: type = float) -> None:
@@ -111,7 +111,7 @@ class SparseFactorization:
 
     @property
     def fill(self) -> float:
-        """Number of entries of the factors over that of the matrix."""
+        """Number of entries of the factors, relative to the number of entries of the matrix."""
         return self._lu.nnz / self._matrix.nnz
 
     def factorize(self, nonzeros: Array) -> None:
@@ -169,7 +169,7 @@ class SparseFactorization:
 
 
 def _invert_largest(values: Array, starts: Array) -> Array:
-    """Return powers of two close to 1 / the largest magnitude in each range from `starts` on."""
+    """Return powers of two close to 1 / (largest magnitude); ranges begin at `starts`."""
     return invert_to_power_of_two(np.maximum.reduceat(np.abs(values), starts))
 
 

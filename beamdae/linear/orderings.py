@@ -16,27 +16,28 @@ _MAX_DEFINITION_ENTRIES = 2
 # Unknowns with more couplings than this many times the median, such as the floating frame of a beam
 # (coupled with all its nodes), fill the factors unless they are eliminated last.
 _MAX_RELATIVE_COUPLINGS = 2.0
-# Relative size of the rows of the border: they become pivots only where the rows of the band have
-# nothing larger.
+# Relative size of the rows of the border, so small that they provide pivots only if the band has
+# none.
 _BORDER_WEIGHT = 2.0**-60
-# Diagonal entries of at least this fraction of the largest one are pivots: this keeps the band
-# narrow.
+# Diagonal entries of at least this fraction of the largest entry of their column become pivots,
+# which keeps the band narrow.
 _DIAGONAL_THRESHOLD = 0.1
 # Threshold at which the largest entry of a column is the pivot.
 _PARTIAL_PIVOTING = 1.0
-# Exponent of two below which a row counts as zero; its scale stays finite.
+# Exponent of two below which a row counts as zero, so that its scale stays finite.
 _MIN_EXPONENT = -1000
 
 
 class Ordering(NamedTuple):
-    """Order of elimination, the same for equations and unknowns.
+    """Elimination order, the same for equations and unknowns.
 
     Attributes
     ----------
     order
-        Indices of all unknowns, the first one eliminated first.
+        Indices of all unknowns, in the order of elimination.
     border
-        Number of unknowns at the end that are coupled with many others or have no diagonal entry.
+        Number of unknowns at the end of the order that are coupled with many others or have no
+        diagonal entry.
     """
 
     order: Array
@@ -44,18 +45,18 @@ class Ordering(NamedTuple):
 
     @property
     def row_weights(self) -> Array:
-        """Sizes to which the rows are scaled, in this order: 1, far less in the border."""
+        """Sizes to which the ordered rows are scaled: 1 in the band, far less in the border."""
         size = len(self.order)
         return np.where(np.arange(size) < size - self.border, 1.0, _BORDER_WEIGHT)
 
 
 def compute_bordered_ordering(pattern: sp.csc_array) -> Ordering:
-    """Order unknowns as a band with a border: definitions, the band, then whatever would fill it.
+    """Order unknowns as definitions, a band, and a border of unknowns that would fill the band.
 
     The nodes of a beam, in order along it, form a band. Its floating frame is coupled with all of
-    them, and multipliers have no diagonal entry: both form the border, in the order in which they
-    are met along the mechanism. Bands and paths are those of Cuthill & McKee, Proc. 24th Nat.
-    Conf. ACM (1969) 157, reversed.
+    them, and multipliers have no diagonal entry: both form the border, in their order along the
+    mechanism. Band and border are ordered by the reverse algorithm of Cuthill & McKee, Proc. 24th
+    Nat. Conf. ACM (1969) 157.
     """
     size = pattern.shape[0]
     ones = (np.ones(pattern.nnz), pattern.indices, pattern.indptr)
@@ -94,12 +95,12 @@ def invert_to_power_of_two(sizes: Array) -> Array:
 
 
 def factorize_in_order(matrix: sp.csc_matrix) -> SuperLU:
-    """Factorize a matrix in the order it has, with diagonal pivots unless they are small."""
+    """Factorize a matrix in its given order, with diagonal pivots unless they are small."""
     return _factorize(matrix, "NATURAL", _DIAGONAL_THRESHOLD)
 
 
 def factorize_with_partial_pivoting(matrix: sp.csc_matrix) -> SuperLU:
-    """Factorize a matrix with SuperLU's column order and the largest pivots."""
+    """Factorize a matrix with SuperLU's column order and partial pivoting."""
     return _factorize(matrix, "COLAMD", _PARTIAL_PIVOTING)
 
 

@@ -1,8 +1,9 @@
-"""Choice of pivots for one pattern, and the fill that follows from them.
+"""Choice of pivots for a sparsity pattern, and the resulting fill.
 
-This is done once for many matrices of one pattern; `elimination` then works on new numbers alone.
-Scaling and pivots are chosen for one set of numbers. The fill follows from pattern and pivots
-alone, so that it is valid for other numbers, and for other runs with the same pivots.
+Pivots are chosen once for many matrices of one pattern; `elimination` then processes only the
+numbers. Scaling and pivots depend on the numbers for which they are chosen. The fill depends only
+on pattern and pivots, so that it also holds for other numbers and for other runs with the same
+pivots.
 """
 
 from __future__ import annotations
@@ -35,16 +36,16 @@ _MAX_CACHED_SIZE = 3000
 
 
 def propose_plans(pattern: sp.csc_array, nonzeros: Array) -> Iterator[EliminationPlan]:
-    """Yield elimination plans for a matrix and others like it, the preferred one first.
+    """Yield elimination plans for a matrix and similar matrices, the preferred plan first.
 
-    The first plan has pivots within the band where it has some, and within the border otherwise
-    (see `orderings.compute_bordered_ordering`); it is sparse, but may lack accuracy. The second one
-    has the column order of SuperLU and the largest pivots.
+    The first plan takes pivots from the band if possible and from the border otherwise (see
+    `orderings.compute_bordered_ordering`); it is sparse but may be inaccurate. The second plan uses
+    the column order of SuperLU and partial pivoting.
 
     Parameters
     ----------
     pattern
-        Pattern of a square matrix; its numbers are not used.
+        Pattern of a square matrix; its values are not used.
     nonzeros
         CSC non-zeros, real or complex.
 
@@ -156,7 +157,7 @@ def _plan(
 
 
 def _analyze_pattern(key: _PatternKey, row_bytes: bytes, column_bytes: bytes) -> EliminationPlan:
-    """Return the plan for pivots in these rows and columns, without the scale of its rows."""
+    """Return the plan for pivots in these rows and columns, without row scaling."""
     rows, columns = (np.frombuffer(x, np.int64) for x in (row_bytes, column_bytes))
     position = np.empty(len(rows), int)
     position[rows] = np.arange(len(rows))
@@ -185,7 +186,7 @@ _cached_analyze_pattern = lru_cache(maxsize=_MAX_CACHED_PATTERNS)(_analyze_patte
 
 
 def _flatten_columns(columns: list[list[int]]) -> tuple[Array, Array]:
-    """Return the starts of the columns, and their rows one after the other."""
+    """Return the starts of the columns and the concatenated rows."""
     starts = np.cumsum([0, *map(len, columns)])
     rows = np.fromiter(chain.from_iterable(columns), int, starts[-1])
     return _to_unsigned(starts), _to_unsigned(rows)
@@ -198,9 +199,9 @@ def _to_unsigned(numbers: Array) -> Array:
 def compute_fill(starts: list[int], indices: list[int]) -> tuple[list[list[int]], list[list[int]]]:
     """Return the rows above and below the diagonal of each column of the factors, ascending.
 
-    The pattern is that of arbitrary numbers: cancellation is not considered. A column contains
-    what its entries reach through the columns before it. Of each of these only the rows down to
-    the first symmetric one have to be followed (Eisenstat & Liu, SIAM J. Matrix Anal. Appl. 13
+    The pattern holds for arbitrary numbers: cancellation is not considered. A column contains the
+    rows that its entries reach through the preceding columns. In each of these, only the rows down
+    to the first symmetric entry have to be followed (Eisenstat & Liu, SIAM J. Matrix Anal. Appl. 13
     (1992) 202).
 
     Parameters
@@ -232,8 +233,8 @@ def compute_fill(starts: list[int], indices: list[int]) -> tuple[list[list[int]]
         followed_rows.append(below[j])
         for k in above[j]:
             if not is_pruned[k]:
-                place = bisect_left(below[k], j)
-                if place < len(below[k]) and below[k][place] == j:
-                    followed_rows[k] = below[k][: place + 1]
+                position = bisect_left(below[k], j)
+                if position < len(below[k]) and below[k][position] == j:
+                    followed_rows[k] = below[k][: position + 1]
                     is_pruned[k] = True
     return above, below

@@ -1,4 +1,4 @@
-"""Factorization of saddle-point (KKT) matrices, for a few right sides each."""
+"""Factorization of saddle-point (KKT) matrices, for a few right-hand sides each."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def factorize_saddle_point(
     Parameters
     ----------
     block
-        (n, n).
+        Sparse matrix (n, n).
     reactions, rows
-        (n, m) and (m, n); m may be zero.
+        Sparse matrices (n, m) and (m, n); m may be zero.
     """
     matrix = block
     if rows.shape[0]:

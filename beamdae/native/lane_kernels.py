@@ -1,4 +1,4 @@
-"""Kernels as machine code: one SX function evaluated for many copies, one copy per vector lane.
+"""Kernels as machine code: an SX function of many copies, one copy per vector lane.
 
 The code performs the operations of CasADi's virtual machine in the same order and without
 contraction, so that results agree to the last bit. This is tested whenever a kernel is built.
@@ -37,14 +37,14 @@ _N_TEST_COPIES = 3 * LANE_WIDTH
 
 
 def pad_copies(copies: int) -> int:
-    """Return the length of rows for `copies`: whole vectors without cache conflicts."""
+    """Return the row length for `copies`: whole vectors, without cache conflicts."""
     length = -(-copies // LANE_WIDTH) * LANE_WIDTH
     return length + LANE_WIDTH if length and length % _CACHE_CONFLICT_STRIDE == 0 else length
 
 
 @dataclass(frozen=True)
 class LaneKernel:
-    """A function of (shared, local) as machine code that evaluates `LANE_WIDTH` copies at once.
+    """A function of (shared, local) as machine code that evaluates vectors of copies.
 
     Its C prototype is void f(const double *shared, const double *local, double *out,
     int64_t padded), where `local` is [n_local][padded] and `out` is [n_out][padded]. The address is
@@ -57,7 +57,7 @@ class LaneKernel:
     address
         Address of the machine code.
     n_shared, n_local, n_out
-        Number of inputs that all copies share, of inputs of a copy, and of its outputs.
+        Numbers of inputs shared by all copies, of inputs per copy, and of outputs per copy.
     code
         Keeps the machine code in memory.
     """
@@ -105,7 +105,7 @@ class LaneKernel:
 
 
 def build_lane_kernel(function: ca.Function) -> LaneKernel | None:
-    """Return machine code of an SX function of two columns, (shared, local), with one dense output.
+    """Compile an SX function of two columns, (shared, local), with one dense output.
 
     Returns None if the function has an operation that cannot be compiled, or if machine code is
     unavailable or switched off.
@@ -124,7 +124,7 @@ def build_lane_kernel(function: ca.Function) -> LaneKernel | None:
         sizes = (function.nnz_in(0), function.nnz_in(1), function.nnz_out(0))
         return LaneKernel(name, code.addresses[name], *sizes, code)
 
-    # The IR follows from the function and the writer; writing it to build a cache key takes longer.
+    # The function and the writer determine the IR; writing the IR to build a cache key is slower.
     source = ObjectSource(
         name=name,
         text="\n".join([function.serialize(), *describe_writer()]),
@@ -141,7 +141,7 @@ def build_lane_kernel(function: ca.Function) -> LaneKernel | None:
 
 
 def _matches_virtual_machine(function: ca.Function, kernel: LaneKernel) -> bool:
-    """Return True if a kernel has the bits of CasADi's virtual machine at random points."""
+    """Return True if a kernel agrees bitwise with CasADi's virtual machine at random points."""
     random = np.random.default_rng(0)
     shared = random.uniform(0.5, 1.5, kernel.n_shared)
     local = random.uniform(0.5, 1.5, (kernel.n_local, _N_TEST_COPIES))

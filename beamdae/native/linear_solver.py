@@ -21,20 +21,20 @@ Array = np.ndarray
 
 @dataclass(slots=True)
 class LinearSolver:
-    """Factors of the successive matrices of a loop.
+    """Linear solver of a loop, with the factors of its last matrix.
 
     Attributes
     ----------
     plan, factors
-        Pivots and factors.
+        Pivots, and factors of the last matrix.
     needs_pivots
         1 if the loop has returned NEW_PIVOTS for this matrix.
     is_untried
         1 if the pivots have not been used yet.
     singular
-        1 if there are no pivots for the matrix of the current step.
+        1 if no pivots suit the matrix of the current step.
     factorizations, solves
-        Counts.
+        Numbers of factorizations and solutions.
     """
 
     plan: EliminationPlan
@@ -47,7 +47,7 @@ class LinearSolver:
 
     @classmethod
     def empty(cls, dtype: type) -> LinearSolver:
-        """Return a solver without pivots, which requests some at the first factorization."""
+        """Return a solver without pivots, which requests pivots at the first factorization."""
         plan = empty_plan()
         return cls(plan, allocate_factors(plan, dtype))
 

@@ -102,7 +102,7 @@ class LoadedObject:
     names
         Exported symbols.
     imports
-        Addresses of symbols that the object imports, besides those of the process.
+        Addresses of symbols that the object imports, besides symbols of the process.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 """Array operations of loops in plain Python; `overloads` has their compiled versions.
 
-The loops of integrators are written once, in plain Python that numba compiles. They work on whole
-arrays through these functions, which numpy computes wherever nothing is compiled.
+The loops of integrators are written once, in plain Python that numba compiles. They operate on
+whole arrays through these functions, which use numpy unless the loop is compiled.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ def combine(out: Array, factors: tuple[complex, ...], vectors: tuple[Array, ...]
 
 
 def fill(out: Array, value: float) -> None:
-    """Set all of `out` to a value."""
+    """Set all entries of `out` to a value."""
     out[:] = value
 
 
 def minimum(out: Array, vector: Array, factor: float, other: Array) -> None:
-    """Set `out` to the smaller ones of `vector` and factor times `other`; NaN of either stays."""
+    """Set `out` to the entrywise minimum of `vector` and factor times `other`; NaN is kept."""
     np.minimum(vector, factor * other, out=out)
 
 
@@ -38,7 +38,7 @@ def split_complex(real: Array, imaginary: Array, vector: Array) -> None:
 
 
 def max_norm(vector: Array, weights: Array) -> float:
-    """Return the largest |vector * weights|; 0 for empty vectors, NaN if any of them is NaN."""
+    """Return the largest |vector * weights|; 0 for empty vectors, NaN if any entry is NaN."""
     return float(np.max(np.abs(vector * weights), initial=0.0))
 
 
@@ -61,7 +61,7 @@ def pick(out: Array, at: Array, vector: Array, of: Array, begin: int, end: int) 
 def gather(
     out: Array, at: Array, weights: Array, vector: Array, of: Array, begin: int, end: int
 ) -> None:
-    """Set out[at] = weights vector[of] for a range, summed where an index occurs repeatedly."""
+    """Set out[at] = weights vector[of] for a range; repeated indices are summed."""
     out[at[begin:end]] = 0.0
     add_weighted(out, at, weights, vector, of, begin, end)
 
@@ -91,7 +91,7 @@ def call_kernel(
 
 
 def factorize(linear: Any, nonzeros: Array) -> int:
-    """Factorize a matrix; return DONE, SINGULAR, or in machine code NEW_PIVOTS."""
+    """Factorize a matrix; return DONE, SINGULAR or, in machine code only, NEW_PIVOTS."""
     return DONE if linear.try_factorize(nonzeros) else SINGULAR
 
 
@@ -114,7 +114,7 @@ def call_for_int(address: int, arguments: tuple[float, ...]) -> int:
 
 
 def call_for_pointer(address: int, arguments: tuple[float, ...]) -> int:
-    """Call a C function that returns a pointer, as `call_for_int` does."""
+    """Call a C function that returns a pointer; for `arguments`, see `call_for_int`."""
     return int(_c_function(ctypes.c_void_p, address, arguments)(*arguments) or 0)
 
 

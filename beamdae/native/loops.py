@@ -1,4 +1,4 @@
-"""Compiled loops: plain Python functions over arrays as machine code, compiled once per machine.
+"""Compiled loops: plain Python functions over arrays, compiled once per machine.
 
 A loop is a function of one object whose fields are numbers, arrays and nested objects of this kind.
 It may set numbers and entries of arrays. Its machine code receives the numbers and the addresses of
@@ -33,7 +33,7 @@ Array = np.ndarray
 _OPTIMIZATION_LEVEL = 2
 # Modules whose source determines the machine code of a loop, besides the loop.
 _RECIPE_MODULES = ("loop_functions", "overloads", "structs", "numba_compiler")
-# Implementations of those `loop_functions` whose overloads call further functions.
+# Implementations of the `loop_functions` whose overloads call further functions.
 _IMPLEMENTATIONS: dict[Any, Any] = {
     loop_functions.factorize: linear_solver.factorize_linear,
     loop_functions.solve: linear_solver.solve_linear,

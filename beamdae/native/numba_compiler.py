@@ -1,8 +1,9 @@
-"""Translation of plain Python functions to LLVM IR by numba. Importing this module imports numba.
+"""Translation of plain Python functions to LLVM IR by numba; importing it imports numba.
 
-It replaces internal parts of numba (`_library_class`, `get_executable` and `nrt` of its target), so
-that numba emits IR and nothing else. pyproject.toml therefore limits numba and llvmlite to tested
-versions; for an untested one, `compile_loops` falls back to what numba does by itself.
+This module replaces internal parts of numba (`_library_class`, `get_executable` and `nrt` of its
+target), so that numba emits only IR. pyproject.toml therefore limits numba and llvmlite
+to tested versions; with an untested version, `compile_loops` falls back to the standard behavior of
+numba.
 """
 
 from __future__ import annotations
@@ -45,11 +46,11 @@ _registered_functions: set[FunctionType] = set()
 
 
 class _IrLibrary(JITCodeLibrary):
-    """The code of a function as IR only.
+    """Code library of a function that contains only IR.
 
     By default numba optimizes every function twice, compiles it to machine code, and copies it with
-    all functions it calls into every caller, which takes two thirds of the time. `llvm` does all of
-    this once, for the whole loop.
+    all functions it calls into every caller, which takes two thirds of the compilation time. `llvm`
+    does all of this once, for the whole loop.
     """
 
     def __init__(self, codegen: Any, name: str) -> None:
@@ -72,7 +73,7 @@ class _IrLibrary(JITCodeLibrary):
         return _MODULE_SEPARATOR.join(self._iterate_modules(set()))
 
     def _iterate_modules(self, visited: set[Any]) -> Iterator[str]:
-        """Yield its modules and those of all functions it calls, each once."""
+        """Yield the modules of this function and of all functions it calls, each once."""
         visited.add(self)
         yield from self._modules
         for library in self._linking_libraries:
@@ -91,7 +92,7 @@ class _IrLibrary(JITCodeLibrary):
 
 
 class _NoReferenceCounting(NRTContext):
-    """Omits reference counts of arrays, whose memory always belongs to Python."""
+    """Omits reference counting of arrays, whose memory always belongs to Python."""
 
     def incref(self, builder: Any, kind: Any, value: Any) -> None:
         pass
@@ -108,7 +109,7 @@ def _emit_ir_only() -> Iterator[None]:
         codegen = context.codegen()
         library_class = codegen._library_class
         codegen._library_class = _IrLibrary
-        # A new object for Python to call, which never happens.
+        # A new placeholder for the Python callable, which is never called.
         context.get_executable = lambda library, description, environment: [].count
         reference_counting = vars(context).pop("nrt", None)
         context.nrt = _NoReferenceCounting(context, True)
@@ -126,7 +127,7 @@ def compile_loops(
     functions: Sequence[FunctionType],
     kind: Any,
 ) -> str:
-    """Return LLVM IR that calls neither numba nor Python, with loops of one object as symbols.
+    """Compile the loops of one object to LLVM IR that calls neither numba nor Python.
 
     Parameters
     ----------
@@ -152,7 +153,8 @@ def compile_loops(
             with _emit_ir_only():
                 text = _compile_entries(entry_points)
         except (AttributeError, TypeError, MachineCodeError):
-            # This numba differs in the replaced parts; without them it takes longer.
+            # This version of numba differs in the replaced parts; compiling without them takes
+            # longer.
             text = _compile_entries(entry_points)
     except numba.errors.NumbaError as problem:
         raise MachineCodeError(
@@ -173,7 +175,7 @@ def _define_entry_point(function: Callable[..., int], arguments: str, kind: Any)
 
 
 def _compile_entries(entry_points: Mapping[str, tuple[Any, Any]]) -> str:
-    """Return one module of C functions, named by their symbols."""
+    """Compile C functions into one module and name them by their symbols."""
     texts: dict[str, None] = {}
     symbols = {}
     for symbol, (entry, signature) in entry_points.items():
@@ -187,7 +189,7 @@ def _compile_entries(entry_points: Mapping[str, tuple[Any, Any]]) -> str:
 
 
 def _numba_type(kind: Any) -> Any:
-    """Return the type of (dtype, number of dimensions) or of (class name, fields)."""
+    """Return the numba type of (dtype, number of dimensions) or of (class name, fields)."""
     name, content = kind
     if isinstance(content, int):
         return numba.types.Array(getattr(numba.types, name), content, "C")

@@ -1,4 +1,4 @@
-"""Machine code of LLVM IR: compiled once and cached.
+"""Machine code from LLVM IR, compiled once and cached.
 
 If compiling, loading or caching fails, beamdae warns once and falls back to interpreted code.
 """
@@ -21,28 +21,28 @@ _issued_messages: set[str] = set()
 
 
 def is_native_enabled() -> bool:
-    """Return False if machine code is switched off by BEAMDAE_NATIVE=off."""
+    """Return True unless machine code is switched off by BEAMDAE_NATIVE=off."""
     return os.environ.get("BEAMDAE_NATIVE", "on") != "off"
 
 
 @dataclass(frozen=True)
 class ObjectSource:
-    """Source of an object.
+    """LLVM IR of an object, and the data required to cache and load it.
 
     Attributes
     ----------
     name
         Prefix of its file in the cache: letters, digits and underscores.
     text
-        A module of LLVM IR, or everything that determines the output of `ir`.
+        Module of LLVM IR or, if `ir` is given, text that determines its output.
     symbols
         Exported symbols of the module.
     imports
-        Addresses of symbols that the module imports, besides those of the process.
+        Addresses of symbols that the module imports, besides symbols of the process.
     level
         Optimization level, as in O1; 0 for IR that needs no passes.
     ir
-        Returns the module of LLVM IR; None: the module is `text`.
+        Function that returns the module of LLVM IR. If None, the module is `text`.
     """
 
     name: str
@@ -54,11 +54,11 @@ class ObjectSource:
 
     @property
     def recipe(self) -> str:
-        """Everything that the object depends on."""
+        """Text that determines the object: source, optimization level and target."""
         return "\n".join([self.text, f"O{self.level}", *llvm.describe_target()])
 
     def load(self, content: bytes) -> LoadedObject:
-        """Load its object into memory."""
+        """Load the object of this source into memory."""
         return LoadedObject(content, self.symbols, self.imports)
 
 

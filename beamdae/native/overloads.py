@@ -16,7 +16,7 @@ from numba.extending import overload as _overload
 
 from beamdae.native import linear_solver, loop_functions, structs
 
-# Called by compiled loops only.
+# The overloads are called only by compiled loops, which need no C wrappers.
 overload = partial(_overload, jit_options={"no_cfunc_wrapper": True})
 
 
@@ -233,7 +233,7 @@ def _array_at(address, size):
 
 
 def _c_function(result):
-    """Return a function that calls C functions with a result of this type."""
+    """Return an intrinsic that calls C functions with a result of this type."""
 
     @intrinsic
     def call(typing, address, arguments):

@@ -1,4 +1,7 @@
-"""Return codes of compiled loops; negative ones are failures. Integrators have further ones."""
+"""Return codes of compiled loops; negative codes are failures.
+
+Integrators define further codes.
+"""
 
 DONE = 0  # the interval is complete
 FULL = 1  # there is no room for more rows of results
@@ -6,5 +9,5 @@ NEW_PIVOTS = 2  # a matrix needs other pivots
 
 NOT_CONVERGED = -1  # Newton's iteration did not converge
 NOT_FINITE = -2  # the residual is not finite
-SINGULAR = -3  # a matrix has no pivots
+SINGULAR = -3  # no pivots suit a matrix
 ERROR_TOO_LARGE = -4  # the error test failed

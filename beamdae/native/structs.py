@@ -1,7 +1,7 @@
 """Numba types of the objects that loops work on: pointers to tables of 64-bit words.
 
 A word holds an integer, a floating point number or an address. An array takes one word for its
-address and one for each dimension; an object inside an object is stored in place. Importing this
+address and one for each dimension; nested objects are stored inline. Importing this
 module imports numba.
 """
 
@@ -31,7 +31,7 @@ _NAME_DIGITS = 8
 
 
 class Struct(types.Type):
-    """Type of the objects of a class with these fields: name -> (first word, type)."""
+    """Type of objects of a class; `fields` maps names to (first word, type)."""
 
     def __init__(self, name: str, fields: dict[str, tuple[int, types.Type]]) -> None:
         self.fields = fields
@@ -103,7 +103,7 @@ def _store_field(context: Any, builder: Any, signature: Any, arguments: Any, nam
 
 
 def object_at_table(struct: Struct) -> Any:
-    """Return the compiled function of a table that returns the object in it."""
+    """Return a compiled function from a table to the object stored in it."""
 
     @intrinsic
     def object_at(typing, table):

@@ -1,6 +1,6 @@
-"""IDA of SUNDIALS through its C interface, in the libraries that scikit-sundae brings along.
+"""IDA of SUNDIALS through its C interface, in the libraries that come with scikit-sundae.
 
-May import: errors. Knows no equations: residual and Jacobian are addresses of C functions.
-Next: another statistic of IDA needs its function in `prototypes` and a field in
+May import: errors. Residual and Jacobian are addresses of C functions.
+To extend: for another statistic of IDA, add its function to `prototypes` and a field to
 `solver.IdaStatistics`.
 """

@@ -1,4 +1,4 @@
-"""Access to the SUNDIALS libraries that scikit-sundae loads; a second copy would waste memory."""
+"""Access to the SUNDIALS libraries of scikit-sundae, without loading a second copy."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _UNCHANGED = -1
 
 
 class UnavailableError(Exception):
-    """The C interface of SUNDIALS cannot be used; the class of scikit-sundae remains."""
+    """The C interface of SUNDIALS cannot be used; scikit-sundae's class is the fallback."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +46,12 @@ class SundialsLibrary:
 
 @cache
 def load_library() -> SundialsLibrary:
-    """Find the functions in the libraries scikit-sundae is linked to, and check their types.
+    """Load the functions from the libraries that scikit-sundae is linked to; check their types.
 
     Raises
     ------
     UnavailableError
-        If they are missing, or of another version, precision or index width.
+        If functions are missing, or the version, precision or index width is not supported.
     """
     images = _find_images()
     addresses = FunctionAddresses(
@@ -81,14 +81,15 @@ def _find_images() -> list[ctypes.CDLL]:
         return _open_loaded_dlls(_windows_dll_names())
     try:
         # Symbols are also looked up in the libraries that the extension module is linked to. The
-        # module is not imported for that: it would import SciPy's optimizers, a third of a run.
+        # module itself is not imported, because it imports SciPy's optimizers, which takes a third
+        # of a run.
         return [ctypes.CDLL(_find_extension_module())]
     except OSError as problem:
         raise UnavailableError(f"scikit-sundae's IDA cannot be opened: {problem}") from problem
 
 
 def _find_extension_module() -> str:
-    """Return the file of scikit-sundae's compiled IDA."""
+    """Return the path of scikit-sundae's compiled IDA."""
     package = PathFinder.find_spec("sksundae")
     folders = package.submodule_search_locations if package else None
     module = PathFinder.find_spec("sksundae._cy_ida", folders) if folders else None

@@ -1,4 +1,4 @@
-"""C prototypes of SUNDIALS 7, for builds with double precision and 32-bit indices, without MPI."""
+"""C prototypes of SUNDIALS 7 with double precision, 32-bit indices and without MPI."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ _address, _real, _index = ctypes.c_void_p, ctypes.c_double, ctypes.c_int32
 _code, _int, _long = ctypes.c_int, ctypes.c_int, ctypes.c_long
 
 # Residual(t, y, y', r, user_data) and Jacobian(t, c, y, y', r, J, user_data, three vectors) with
-# J = dr/dy + c dr/dy'. A positive result makes IDA shorten the step, a negative one ends the run.
+# J = dr/dy + c dr/dy'. A positive result makes IDA shorten the step, a negative result ends the
+# run.
 RESIDUAL = ctypes.CFUNCTYPE(_code, _real, _address, _address, _address, _address)
 JACOBIAN = ctypes.CFUNCTYPE(_code, _real, _real, *[_address] * 8)
 
 
 class FunctionAddresses(NamedTuple):
-    """Addresses of the functions by their names in C; a field of objects of compiled loops."""
+    """Addresses of the functions by their names in C, as passed to compiled loops."""
 
     SUNDIALSGetVersionNumber: int
     SUNContext_Create: int
@@ -98,7 +99,7 @@ _SIGNATURES: dict[tuple[Any, ...], tuple[str, ...]] = {
         *("IDAGetNumResEvals", "IDAGetNumJacEvals", "IDAGetEstLocalErrors", "IDAGetErrWeights"),
     ),
 }
-# Calls through them release the interpreter lock.
+# Calls through these prototypes release the interpreter lock.
 PROTOTYPES = {
     name: ctypes.CFUNCTYPE(*signature) for signature, names in _SIGNATURES.items() for name in names
 }

@@ -57,8 +57,8 @@ class IdaStatistics(NamedTuple):
     """Counters of IDA since the last start, and its last and next order and step.
 
     A Newton iteration that fails with an old Jacobian counts as a failure and is repeated with a
-    new one (another setup). If that fails as well, it counts as a failed solve and IDA shortens the
-    step.
+    new Jacobian (another setup). If the repetition fails as well, it counts as a failed solve and
+    IDA shortens the step.
     """
 
     steps: int
@@ -93,7 +93,7 @@ _GETTERS: tuple[tuple[str, Any], ...] = (
 
 
 class SolverPointers(NamedTuple):
-    """Arguments of compiled code that calls IDA: its memory, and vectors for y, y' and errors."""
+    """Addresses for compiled code that calls IDA: its memory, and vectors for y, y' and errors."""
 
     memory: int
     y: int
@@ -106,8 +106,8 @@ def describe_status(status: int) -> str:
     return _STATUS_DESCRIPTIONS.get(status, f"error {status} of SUNDIALS")
 
 
-# C memory of solvers. That of a deleted solver is freed when the next one is created: an interrupt
-# during a finalizer would be lost, with a traceback.
+# C memory of solvers. The memory of a deleted solver is freed when the next solver is created,
+# because an interrupt during a finalizer would be printed and lost.
 _live_solvers: list[tuple[weakref.ref[IdaSolver], contextlib.ExitStack]] = []
 
 
@@ -123,8 +123,8 @@ class IdaSolver:
     """IDA for r(t, y, y') = 0 with a diagonal Jacobian.
 
     It is set up as `IDA(linsolver="band", lband=0, uband=0)` of scikit-sundae 1.2, so that its
-    steps agree to the last bit. Each solver has its own context: several may run at the same time,
-    each in one thread at a time.
+    steps agree to the last bit. Each solver has a separate context, so that several
+    solvers may run simultaneously, each in one thread at a time.
 
     Parameters
     ----------
@@ -136,10 +136,10 @@ class IdaSolver:
     atol
         Absolute tolerances, one per unknown.
     max_order, max_step, rtol
-        As in `Ida`.
+        See `Ida`.
     untested
-        Unknowns that are excluded from the error test; Newton's iteration is tested in all of them.
-        None excludes none.
+        Mask of the unknowns that are excluded from the error test; Newton's iteration is tested in
+        all unknowns. Defaults to no exclusion.
 
     Attributes
     ----------
@@ -148,7 +148,7 @@ class IdaSolver:
     errors
         IDA writes local errors and error weights into this array.
     pointers
-        For compiled code that calls IDA itself.
+        Addresses for compiled code that calls IDA directly.
     """
 
     def __init__(
@@ -171,7 +171,7 @@ class IdaSolver:
             self.pointers, matrix, linear = self._create(stack)
             self._call_ida("IDASetUserData", user_data)
             self._call_ida("IDAInit", residual, 0.0, self.pointers.y, self.pointers.yp)
-            # IDA copies them.
+            # IDA copies the tolerances.
             self._call_ida("IDASVtolerances", rtol, self.pointers.errors)
             if untested is not None:
                 self.errors[:] = ~untested
@@ -189,9 +189,9 @@ class IdaSolver:
             _live_solvers.append((weakref.ref(self), stack.pop_all()))
 
     def _create(self, stack: contextlib.ExitStack) -> tuple[SolverPointers, int, int]:
-        """Create IDA and its vectors; return them, the matrix and the linear solver.
+        """Create IDA and its vectors; return their pointers, the matrix and the linear solver.
 
-        The stack frees them in reverse order.
+        The stack frees all of these in reverse order.
         """
         call, context, memory = self._call, ctypes.c_void_p(), ctypes.c_void_p()
         _check_status("SUNContext_Create", call.SUNContext_Create(0, ctypes.byref(context)))

@@ -1,6 +1,5 @@
 """Local statements in CasADi symbols, kernels derived from them, and sparse sums of kernels.
 
-May import: native, linear, errors. Knows no mechanics.
-Next: a derivative that follows from a statement goes beside the others, in `force_kernel` or
-`constraint_kernel`.
+May import: native, linear, errors. It contains no mechanics.
+To extend: add a derivative of statements to `force_kernel` or `constraint_kernel`.
 """

@@ -11,7 +11,7 @@ _MAX_MAPPED_ROWS = 128
 
 
 class Compiled:
-    """A CasADi function bound to its own buffers.
+    """A CasADi function with preallocated buffers.
 
     A call copies the arguments into the leading input buffers, evaluates, and returns the output
     buffers, which the next call overwrites. Inputs that are not passed keep the values written to
@@ -20,9 +20,9 @@ class Compiled:
     Parameters
     ----------
     function
-        All outputs must be dense.
+        CasADi function whose outputs are all dense.
     *last
-        Values of its last inputs.
+        Values of the last inputs.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class RowFunction:
         return result
 
     def derivative(self, argument: int) -> RowFunction:
-        """Return the row function of the derivative by an argument, entries column by column."""
+        """Return the derivative with respect to an argument, with entries column by column."""
         if argument not in self._derivatives:
             inputs = self._function.sx_in()
             (value,) = self._function.call(inputs)
@@ -91,7 +91,7 @@ class RowFunction:
         return self._derivatives[argument]
 
     def _map(self, count: int, shared: list[int]) -> ca.Function:
-        """Return the function over `count` rows; stored, as mapping costs as much as calling."""
+        """Return the function over `count` rows; cached, as mapping costs as much as a call."""
         function, key = self._function, (count, *shared)
         if key not in self._mapped_functions:
             self._mapped_functions[key] = (
@@ -102,7 +102,7 @@ class RowFunction:
         return self._mapped_functions[key]
 
     def jacobians(self, *arguments: Array) -> list[Array]:
-        """Return the derivatives (size, .) by each argument, at one row of arguments."""
+        """Return the derivatives (size, .) with respect to each argument, at one row."""
         function = self._function
         unused_value = np.zeros(function.numel_out(0))
         derivatives = function.jacobian()(*map(np.ravel, arguments), unused_value)

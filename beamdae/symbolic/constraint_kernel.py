@@ -1,4 +1,4 @@
-"""Constraints of one statement, holonomic or nonholonomic, and the kernels derived from them."""
+"""Holonomic and nonholonomic constraints of one statement, and their kernels."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class ConstraintKernel:
 
     @property
     def is_holonomic(self) -> bool:
-        """True if it constrains positions rather than velocities alone."""
+        """True if the constraints are on positions, False if only on velocities."""
         return True
 
     def effective_levels(
@@ -140,12 +140,11 @@ class ConstraintKernel:
         return Kernel.of("joint", x.time, self._stack_inputs(levels, mu), outputs)
 
     def matrices_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
-        """Return the kernel of the matrices of `residual_kernel`; shared inputs are
-        `MATRIX_SHARED`.
+        """Return the kernel of the matrices of `residual_kernel`.
 
-        Outputs are G, c_l G, d(G^T lam)/dq; if `stabilized`, d(G^T mu)/dq; with level 1,
-        c_h d g_dot/dq; with level 2, d g_ddot/dq, d g_ddot/dv and c_a G; with `NO_LEVEL`, diagonal
-        matrices of 1 and of c_l.
+        Shared inputs are `MATRIX_SHARED`. Outputs are G, c_l G and d(G^T lam)/dq, followed by
+        d(G^T mu)/dq if `stabilized`; c_h d g_dot/dq for level 1; d g_ddot/dq, d g_ddot/dv and c_a G
+        for level 2; diagonal matrices of 1 and of c_l for `NO_LEVEL`.
         """
         return self._cache_kernel(self._build_matrices_kernel, levels, stabilized)
 
@@ -216,13 +215,13 @@ class NonholonomicKernel(ConstraintKernel):
 
     @property
     def is_holonomic(self) -> bool:
-        """False: it constrains velocities alone."""
+        """False: the constraints are only on velocities."""
         return False
 
     def effective_levels(
         self, levels: tuple[int, ...], stabilized: bool
     ) -> tuple[tuple[int, ...], bool]:
-        """Return the levels with positions replaced by velocities, and False: G^T mu never occurs."""
+        """Return the levels with positions replaced by velocities, and False for no G^T mu."""
         instead = NO_LEVEL if 1 in levels else 1
         return tuple(instead if level == 0 else level for level in levels), False
 

@@ -1,4 +1,4 @@
-"""Virtual work of one statement and the kernels derived from it."""
+"""Generalized forces of one statement and the kernels derived from them."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import casadi as ca
 from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 
-# Derivatives of F, in the order in which `Tangents` number them.
+# Numbers of the derivatives of F in `Tangents`.
 STIFFNESS = 0
 DAMPING = 1
 MASS = 2
 
-# One matrix per item, with the derivatives that are added in it.
+# One item per matrix: the derivatives that are added up in it.
 Tangents = tuple[tuple[int, ...], ...]
 
 _N_ENERGIES = 3
@@ -24,7 +24,7 @@ _N_POWERS = 2
 
 @dataclass(frozen=True)
 class ForceKernel:
-    """Virtual work of one statement: minus the generalized forces, F = M a - f.
+    """Generalized forces of one statement, F = M a - f, with energies and powers.
 
     Attributes
     ----------
@@ -32,8 +32,8 @@ class ForceKernel:
         Symbols.
     force
         F(time, q, v, a, lam, data), shape (size,): inertial, elastic, damping and gravity forces
-        and loads on the left-hand side of F + G^T lam = 0. lam are the multipliers of a joint, as
-        for friction.
+        and loads on the left-hand side of F + G^T lam = 0. lam are the multipliers of a joint, for
+        example for friction.
     energies
         (kinetic, strain, gravity) [J].
     powers
@@ -51,7 +51,7 @@ class ForceKernel:
 
     @property
     def inputs(self) -> list[SX]:
-        """Symbols it may depend on: (time, q, v, a, lam, data)."""
+        """Symbols on which it may depend: (time, q, v, a, lam, data)."""
         x = self.local
         return [x.time, x.q, x.v, x.a, x.lam, x.data]
 
@@ -62,13 +62,13 @@ class ForceKernel:
 
     @classmethod
     def from_outputs(cls, local: Local, outputs: list[SX]) -> ForceKernel:
-        """Return the kernel of these `outputs`."""
+        """Return the kernel with these `outputs`."""
         force, energies, powers = outputs
         return cls(local, force, energies, powers)
 
     @cached_property
     def expression_error(self) -> str:
-        """Phrase that says what is wrong with the expressions; '' if they are valid."""
+        """Error message about the expressions; '' if they are valid."""
         x = self.local
         motion = (x.time, x.q, x.v, x.lam, x.data)
         return (
@@ -79,7 +79,7 @@ class ForceKernel:
 
     @cached_property
     def has_branches(self) -> bool:
-        """True if it depends on a law of several pieces."""
+        """True if it depends on a piecewise law."""
         return ca.depends_on(self.force, self.local.time[1])
 
     @cached_property
@@ -89,7 +89,7 @@ class ForceKernel:
 
     @cached_property
     def force_kernel(self) -> Kernel:
-        """Shared (t, branch), local (q, v, a, lam, data) -> F."""
+        """Kernel of F in (t, branch) and (q, v, a, lam, data)."""
         return Kernel.of("force", self.local.time, self._stacked, [ca.densify(self.force)])
 
     def tangent_kernel(self, sums: Tangents) -> Kernel:
@@ -118,7 +118,7 @@ class ForceKernel:
 
     @cached_property
     def balance_kernel(self) -> Kernel:
-        """Shared (t, branch), local (q, v, a, lam, data) -> F, F at a = 0, (energies, powers)."""
+        """Kernel of F, F at a = 0, and (energies, powers); inputs as in `force_kernel`."""
         x = self.local
         at_zero_acceleration = ca.substitute(self.force, x.a, SX.zeros(x.a.shape))
         outputs = [self.force, at_zero_acceleration, ca.vertcat(self.energies, self.powers)]

@@ -1,8 +1,8 @@
 """Formulas: functions separated from the numbers in them.
 
-The end of a beam moves by the same expression whatever the beam, with other numbers in it. An
-expression made of formulas takes the numbers as data, so that it is built once for each function
-and not for each model.
+The end points of all beams move by the same expression with different numbers. An expression made
+of formulas takes these numbers as data, so that it is built once per function instead of once per
+model.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from beamdae.symbolic.local_symbols import Local
 
 Array = np.ndarray
 
-# Number of shared kernels kept for later models, per cache.
+# Number of shared kernels cached for later models, per cache.
 MAX_SHARED_KERNELS = 512
 
 
 @dataclass(frozen=True)
 class Formula:
-    """A function with numbers in it.
+    """A function and the numbers in it.
 
     Attributes
     ----------
     kind
-        (..., numbers) -> value. Equal kinds must compute the same, so a kind is a function of a
-        module or a frozen dataclass.
+        Function of (..., numbers). Equal kinds must compute the same values, so a kind is a
+        module-level function or a frozen dataclass.
     numbers
-        Read one by one, `numbers[0]` and so on: floats, or symbols in their place.
+        Floats, or symbols in their place; kinds read them one by one, as `numbers[0]`.
     """
 
     kind: Callable[..., Any]
@@ -61,11 +61,12 @@ class FormulaExpression:
     Attributes
     ----------
     build
-        Equal ones must compute the same, as the kind of a formula.
+        Function of (local, *functions). Equal functions must compute the same values, as for
+        `Formula.kind`.
     functions
         Kinds of formulas, or other functions.
     counts
-        Number of numbers of each of them; None for functions that are not formulas.
+        Number of numbers of each formula; None for other functions.
     """
 
     build: Callable[..., Any]
@@ -91,7 +92,7 @@ class FormulaExpression:
         return None not in self.counts
 
     def __call__(self, local: Local) -> Any:
-        """Return what `build` returns for these symbols."""
+        """Return the expression in these symbols."""
         first, functions = 0, []
         for function, count in zip(self.functions, self.counts, strict=True):
             if count is None:
@@ -116,11 +117,11 @@ def build_formula_kernel(
     Parameters
     ----------
     build, functions
-        As of `FormulaExpression`.
+        See `FormulaExpression`.
     size, n_multipliers
         Number of local coordinates, and of multipliers.
     shared
-        False if `build` contains functions of the user: the kernel then is not kept for other
+        False if `build` contains user-defined functions; the kernel is then not cached for other
         models.
     """
     expression, numbers = FormulaExpression.of(build, functions)

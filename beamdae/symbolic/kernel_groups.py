@@ -1,9 +1,9 @@
-"""Groups of statements whose kernels differ in numbers alone.
+"""Groups of statements whose kernels differ only in numbers.
 
-Joints of one type differ in the positions of their points. If each joint had its own kernel, a
-chain of many bodies would need as many functions to build and to call. With the numbers as data
-they share one kernel, whose copies are evaluated together, as the elements of beams are. Kernels
-made of `Formula`s are shared from the start; this module is for expressions of users.
+Joints of one type differ in the positions of their points. If each joint had a separate kernel, a
+chain of many bodies would need as many functions to build and to call. With the numbers as data,
+they share one kernel, whose copies are evaluated together like the elements of a beam. Kernels made
+of `Formula`s are shared from the start; this module handles user-defined expressions.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class KernelGroup(NamedTuple):
     kernel
         The kernel.
     members
-        Indices of the statements.
+        Indices of the statements that share the kernel.
     data
         Data of their copies, one column per copy, one statement after the other.
     """
@@ -84,9 +84,9 @@ class _KernelRecipe(NamedTuple):
     Attributes
     ----------
     type, size, n_data, n_multipliers
-        Of the kernel and its symbols.
+        Type of the kernel, and sizes of its symbols.
     shapes
-        Of its outputs.
+        Shapes of the outputs.
     steps
         (operation, operands, results) of each instruction.
     """
@@ -131,7 +131,7 @@ def _extract_constants(kernel: AnyKernel) -> Array:
 def _rebuild_kernel(recipe: _KernelRecipe) -> AnyKernel:
     """Return the kernel of a recipe, with its numbers as additional data.
 
-    Equal recipes return the same object, so that models which differ in numbers alone share the
+    Equal recipes return the same object, so that models which differ only in numbers share the
     kernel and everything derived from it.
     """
     count = sum(operation == ca.OP_CONST for operation, _, _ in recipe.steps)

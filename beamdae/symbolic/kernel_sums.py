@@ -1,4 +1,4 @@
-"""Sums of kernels over many copies: gathered from one vector, evaluated, scattered into another.
+"""Sums of kernels over many copies: gather inputs, evaluate kernels, scatter outputs.
 
     out = kernels(shared, gathered x, data),    result = S (out, shared, 1)
 
@@ -35,8 +35,8 @@ from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V, SHARED_
 Array = np.ndarray
 SX = ca.SX
 
-# Columns of `Sum.batches`: where the inputs of a batch start in `local`, its number of lanes, and
-# where its entries end in `pick_targets`, `gather_targets`, `add_targets` and `weighted_targets`.
+# Columns of `Sum.batches`: start of the inputs of a batch in `local`, its number of lanes, and the
+# ends of its entries in `pick_targets`, `gather_targets`, `add_targets` and `weighted_targets`.
 _START = 0
 _LANES = 1
 _PICK_END = 2
@@ -47,12 +47,12 @@ _WEIGHTED_END = 5
 
 @dataclass(frozen=True)
 class Kernel:
-    """A function of one copy: columns and matrices of shared numbers and numbers of the copy.
+    """Function that returns columns and matrices of one copy from shared and local numbers.
 
     Attributes
     ----------
     function
-        (shared, local) -> the entries of all `outputs`, one after the other.
+        CasADi function of (shared, local) that returns the concatenated entries of all `outputs`.
     outputs
         Patterns of the columns and matrices it returns.
     rotated_kernels
@@ -68,7 +68,7 @@ class Kernel:
 
     @property
     def n_local(self) -> int:
-        """Number of inputs of a copy."""
+        """Number of local inputs of a copy."""
         return self.function.numel_in(1)
 
     @property
@@ -77,7 +77,7 @@ class Kernel:
         return self.function.numel_out(0)
 
     def map_copies(self, count: int) -> ca.Function:
-        """Return the function of `count` copies; stored, as mapping costs as much as calling."""
+        """Return the function of `count` copies; cached, as mapping costs as much as a call."""
         if count not in self._mapped_functions:
             function = self.function
             mapped = function.map("copies", "serial", count, [0], []) if count > 1 else function
@@ -151,7 +151,7 @@ class Sum:
 
 
 class Batch(NamedTuple):
-    """Copies of a kernel that are evaluated at once; their inputs begin at `start` in `local`."""
+    """Copies of a kernel that are evaluated together; their inputs begin at `start` in `local`."""
 
     kernel: Kernel
     start: int
@@ -161,7 +161,7 @@ class Batch(NamedTuple):
 
 @dataclass(frozen=True)
 class SumPlan:
-    """A sum without buffers and model data; its constant arrays are shared by all `Sum`s of it.
+    """A sum without buffers and model data; all its `Sum`s share the constant arrays.
 
     The data p of a model are copied by local[data_targets] = p[data_sources].
     """
@@ -195,7 +195,7 @@ class SumPlan:
         Parameters
         ----------
         native
-            True if kernels run as machine code, False if in CasADi's virtual machine.
+            True to run kernels as machine code, False to run them in CasADi's virtual machine.
         p
             Data of the model.
         """
@@ -248,7 +248,7 @@ class _InterpretedKernel:
 
 
 def set_time(total: Sum, t: float, branch: float) -> None:
-    """Set the time at which laws are read and the time that selects their piece."""
+    """Set the time at which laws are evaluated and the time that selects their branch."""
     total.shared[SHARED_T] = t
     total.shared[SHARED_BRANCH] = branch
 
@@ -266,7 +266,7 @@ def set_matrix_factors(
 
 
 def evaluate_sum(total: Sum, x: Array, result: Array) -> None:
-    """Write the sum at x into `result`; `total.shared` has to be set before."""
+    """Write the sum at x into `result`; set `total.shared` before."""
     local, out, batches, n_shared = total.local, total.out, total.batches, total.shared.size
     fill(result, 0.0)
     pick_begin, gather_begin, add_begin, weighted_begin = 0, 0, 0, 0

@@ -97,9 +97,7 @@ class Local:
         return SX.sym("lam", self.n_multipliers)
 
     def partial_t(self, expression: SX) -> SX:
-        """Return the partial derivative with respect to t; the branch is constant on a smooth
-        interval.
-        """
+        """Return the partial derivative with respect to t, at constant branch."""
         return ca.jtimes(expression, self.time, SX([1, 0]))
 
     def dot(self, expression: SX) -> SX:

@@ -1,9 +1,8 @@
 """Rotation of local coordinates inside kernels.
 
 The operator from global to local coordinates has few columns per copy: x_e = T_e z_e, where z_e is
-a selection of global coordinates. With T_e among the data of a kernel, the vector lanes of the
-kernel rotate its inputs and outputs, and only selecting and adding remain to be done entry by
-entry in memory.
+a selection of global coordinates. With T_e in its data, a kernel rotates inputs and outputs in
+vector lanes, and only selection and addition remain to be done entry by entry in memory.
 """
 
 from __future__ import annotations
@@ -28,10 +27,10 @@ class LocalRotation:
     Attributes
     ----------
     shape
-        Number of local coordinates and of selected ones.
+        Number of local coordinates, and number of selected coordinates.
     ones, others
-        (row, column) of the entries that are 1, and of those that are data, in the order of the
-        data.
+        (row, column) of the entries equal to 1, and of the entries given by data, in the order of
+        the data.
     """
 
     shape: tuple[int, int]
@@ -48,7 +47,7 @@ class LocalRotation:
         return matrix
 
     def operator(self, selection: sp.csr_array, data: Array) -> sp.csr_array:
-        """Return T `selection`; `data` has one column per copy."""
+        """Return T @ `selection`; `data` has one column per copy."""
         copy, (rows, columns) = np.arange(data.shape[1]), self.shape
         i, j = np.array([*self.ones, *self.others]).T[:, :, None] + copy * np.array(
             [[[rows]], [[columns]]]
@@ -67,7 +66,8 @@ class RotatedOperator(NamedTuple):
     selection
         Selects global coordinates.
     rotation, data
-        Pattern of the rotation and its numbers, one column per copy. None: no rotation is needed.
+        Pattern of the rotation and its numbers, one column per copy. `rotation` is None if the
+        operator only selects.
     """
 
     selection: sp.csr_array
@@ -96,20 +96,20 @@ def factor_operator(operator: sp.csr_array, count: int) -> RotatedOperator:
     repetition -= np.maximum.accumulate(np.where(np.r_[False, is_repeated], 0, repetition))
     kind = np.empty_like(main_row)
     kind[order] = main_row[order] + rows * repetition
-    kinds, place = np.unique(kind, return_inverse=True)
-    cells, cell = np.unique(row * len(kinds) + place[column], return_inverse=True)
+    kinds, slot = np.unique(kind, return_inverse=True)
+    cells, cell = np.unique(row * len(kinds) + slot[column], return_inverse=True)
     values = np.ones((len(cells), count))
     # An entry is 1 in the pattern if it is 1 in every copy that has the column; copies without
     # the column select zero there, so their entry does not matter.
     one_count = np.bincount(cell, data == 1.0, len(cells))
-    is_one = one_count == np.bincount(place)[cells % len(kinds)]
+    is_one = one_count == np.bincount(slot)[cells % len(kinds)]
     values[~is_one] = 0.0
     values[cell, copy] = data
     entries = [(int(i), int(j)) for i, j in zip(*np.divmod(cells, len(kinds)), strict=True)]
     ones = [entry for entry, one in zip(entries, is_one, strict=True) if one]
     others = [entry for entry, one in zip(entries, is_one, strict=True) if not one]
-    # Each place of a copy belongs to at most one column.
-    selected_row = column_copy * len(kinds) + place
+    # Each slot of a copy belongs to at most one column.
+    selected_row = column_copy * len(kinds) + slot
     by_row = np.argsort(selected_row)
     starts = np.searchsorted(selected_row[by_row], np.arange(count * len(kinds) + 1))
     parts = (np.ones(len(keys)), global_column[by_row], starts)
@@ -123,7 +123,7 @@ def rotate_kernel(
 ) -> Kernel:
     """Return the kernel in selected coordinates; equal arguments return the same object.
 
-    A kernel of (vectors, data) becomes one of (selected vectors, data, numbers of the rotation).
+    A kernel of (vectors, data) becomes a kernel of (selected vectors, data, rotation numbers).
     Its columns C become T^T C and its matrices V become T^T V T, except for its last `scalars`
     outputs, which do not depend on the choice of coordinates.
     """

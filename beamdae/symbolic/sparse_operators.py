@@ -30,7 +30,7 @@ def build_selection(indices: Sequence[int] | np.ndarray, size: int) -> sp.csr_ar
 
 
 def select_rows(operator: sp.csr_array, rows: np.ndarray) -> sp.csr_array:
-    """Return operator[rows]; four times as fast as indexing if the rows are few."""
+    """Return operator[rows]; four times as fast as indexing for few rows."""
     starts, counts = operator.indptr[rows], np.diff(operator.indptr)[rows]
     ends = np.cumsum(counts)
     indptr = np.concatenate([np.zeros(1, operator.indptr.dtype), ends])
@@ -47,7 +47,7 @@ def multiply_entries(
     Returns
     -------
     i, j, k, product
-        One item per product.
+        Indices and value of each product.
     """
     left_counts, right_counts = np.diff(left.indptr)[row], np.diff(right.indptr)[column]
     product_counts = left_counts * right_counts

@@ -1,8 +1,8 @@
-"""Local statements of mechanics: contributions of one part in a few coordinates.
+"""Statements: contributions of one part to the equations of motion, in a few coordinates.
 
-A statement is a small symbolic kernel together with constant sparse operators that select its
-local coordinates from those of the bodies concerned. The equations of motion of a mechanism are
-the sum of the statements of its parts.
+A statement is a small symbolic kernel together with constant sparse operators that select its local
+coordinates from the coordinates of the bodies. The equations of motion of a mechanism are the sum
+of the statements of its parts.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ class Variable(NamedTuple):
 
     @property
     def header(self) -> str:
-        """'name [unit]', the header of a column."""
+        """Column header, 'name [unit]'."""
         return f"{self.name} [{self.unit}]"
 
     @property
     def rate(self) -> Variable:
-        """Name and unit of the rate of change."""
+        """Name and unit of the time derivative."""
         return Variable(f"{self.name}_dot", "1/s" if self.unit == "-" else f"{self.unit}/s")
 
 
@@ -71,8 +71,8 @@ class ForceStatement:
     """`count` copies of one force kernel; `data` has one column per copy.
 
     The operator of each piece stacks the local rows of copy 0, copy 1, ... and so has count * rows
-    rows. In the local coordinates of a copy, one piece follows the other. `joint` names the part
-    whose multipliers are local.lam, if any.
+    rows. The local coordinates of a copy are the rows of all pieces in sequence. `joint` names the
+    part whose multipliers are local.lam, if any.
     """
 
     part: str
@@ -89,7 +89,7 @@ class ForceStatement:
 
 @dataclass(frozen=True)
 class ConstraintStatement:
-    """Constraints of one part; `multipliers` has the name and unit of lam of each row of g."""
+    """Constraints of one part; `multipliers` has the name and unit of each multiplier."""
 
     part: str
     kernel: ConstraintKernel
@@ -103,7 +103,7 @@ _N_RANGE_VALUES = 3
 
 @dataclass(frozen=True)
 class RangeKernel:
-    """Distance of one copy of a statement from the limits of its validity.
+    """Deformation measures of one copy, which determine the validity of its strains.
 
     Attributes
     ----------
@@ -122,14 +122,14 @@ class RangeKernel:
 
     @cached_property
     def expression_error(self) -> str:
-        """Phrase that says what is wrong with the expression; '' if it is valid."""
+        """Error message about the expression; '' if it is valid."""
         return describe_column_error(
             "values", self.values, _N_RANGE_VALUES, self.local.q, self.local.data
         )
 
     @cached_property
     def function(self) -> RowFunction:
-        """Rows of (q, data) -> rows of `values`."""
+        """Function from rows of (q, data) to rows of `values`."""
         inputs = [self.local.q, self.local.data]
         return RowFunction(ca.Function("range", inputs, [ca.densify(self.values)]))
 
@@ -138,13 +138,13 @@ class RangeKernel:
 class RangeStatement:
     """Range in which the strains of a part are valid.
 
-    Pieces, copies and `data` as in `ForceStatement`.
+    For pieces, copies and `data`, see `ForceStatement`.
 
     Attributes
     ----------
     error
-        (a, b): at a rotation of r [rad] the relative error of the deformation is a r + b r^2. None
-        if the strains are valid at any rotation.
+        Coefficients (a, b) of the relative error a r + b r^2 of the deformation at a rotation of r
+        [rad]. None if the strains are valid at any rotation.
     remedies
         Settings that reduce the error, besides cutting the part into several bodies.
     """
@@ -166,9 +166,9 @@ class Quantity:
     columns
         Name and unit of each value; an empty name stands for the name of the observable.
     pieces
-        Select the local coordinates.
+        Operators that select the local coordinates.
     expression
-        local -> SX of shape (len(columns),).
+        Function of `Local` that returns an SX column with one entry per value.
     data
         Values of local.data, shape (n_data,).
     joint
@@ -191,7 +191,7 @@ class QuantityKernel:
     local
         Symbols.
     values
-        In terms of time, q, v, data and lam of `local`, shape (number of columns,).
+        Values in terms of time, q, v, data and lam of `local`, shape (number of columns,).
     """
 
     local: Local
@@ -200,7 +200,7 @@ class QuantityKernel:
 
     @property
     def inputs(self) -> list[SX]:
-        """Symbols it may depend on: (time, q, v, data, lam)."""
+        """Symbols on which it may depend: (time, q, v, data, lam)."""
         x = self.local
         return [x.time, x.q, x.v, x.data, x.lam]
 
@@ -211,11 +211,11 @@ class QuantityKernel:
 
     @classmethod
     def from_outputs(cls, local: Local, outputs: list[SX]) -> QuantityKernel:
-        """Return the kernel of these `outputs`."""
+        """Return the kernel with these `outputs`."""
         (values,) = outputs
         return cls(local, values)
 
     @cached_property
     def function(self) -> RowFunction:
-        """Rows of (time, q, v, data, lam) -> rows of values."""
+        """Function from rows of (time, q, v, data, lam) to rows of values."""
         return RowFunction(ca.Function("observed", self.inputs, [ca.densify(self.values)]))

@@ -14,8 +14,8 @@ from beamdae.symbolic.sparse_operators import multiply_entries
 
 Array = np.ndarray
 
-# Whole vectors of lanes, few enough that the matrices of elements stay in the processor caches
-# until they are added.
+# Copies per batch: whole vectors of lanes, few enough that the matrices of elements stay in the
+# processor caches until they are added.
 _MAX_BATCH_COPIES = 72
 # Source of a constant; the k-th shared number from the end has the source -k - 1.
 _SOURCE_OF_ONE = -1
@@ -34,7 +34,7 @@ class LocalInput:
 
 @dataclass(frozen=True)
 class KernelCopies:
-    """Copies of a kernel in a sum; their outputs begin at `start` among those of all kernels."""
+    """Copies of a kernel in a sum; `start` is the position of their first output."""
 
     kernel: Kernel
     count: int
@@ -58,7 +58,7 @@ def _locate_components(count: int, height: int, component: Array, copy: Array) -
 
 @dataclass
 class SumBuilder:
-    """Builder of a sum: add kernels first, then state where their outputs go.
+    """Builder of a sum: add kernels first, then add their outputs to columns or matrices.
 
     Attributes
     ----------
@@ -85,8 +85,7 @@ class SumBuilder:
         inputs
             Local inputs of the copies.
         data
-            Range of their data in the data of the model, copy after copy; local inputs after
-            `inputs`.
+            Slice of p with the data of the copies, copy by copy. They are the last local inputs.
         """
         copies, n_inputs, row = KernelCopies(kernel, count, self._n_out), kernel.n_local, 0
         if kernel.n_out == 0:
@@ -118,7 +117,7 @@ class SumBuilder:
     def add_column(
         self, copies: KernelCopies, output: int, operator: sp.csr_array, row: int
     ) -> None:
-        """Add operator^T (dense columns of all copies) to the rows from `row` on."""
+        """Add operator^T (dense columns of all copies), starting at row `row`."""
         entries = sp.coo_array(operator)
         copy, component = np.divmod(entries.coords[0], entries.shape[0] // copies.count)
         source = copies.sources(output, component, copy)
@@ -131,10 +130,10 @@ class SumBuilder:
         output: int,
         rows: sp.csr_array,
         columns: sp.csr_array,
-        place: tuple[int, int],
+        offset: tuple[int, int],
         transposed: bool = False,
     ) -> None:
-        """Add R_e^T V_e C_e of all copies, or its transpose, with its first entry at `place`.
+        """Add R_e^T V_e C_e of all copies, or its transpose, with its first entry at `offset`.
 
         `rows` is (r * count, .) and `columns` is (c * count, .) where V_e is (r, c).
         """
@@ -152,16 +151,16 @@ class SumBuilder:
         )
         if transposed:
             i, j = j, i
-        self._entries.append((i + place[0], j + place[1], source[which], weight))
+        self._entries.append((i + offset[0], j + offset[1], source[which], weight))
 
     def add_diagonal(
-        self, size: int, place: tuple[int, int], shared: int | None, value: float
+        self, size: int, offset: tuple[int, int], shared: int | None, value: float
     ) -> None:
-        """Add `value` on a diagonal, times the shared number of index `shared` unless None."""
+        """Add a diagonal of `value`, times the shared number of index `shared` unless None."""
         index = np.arange(size)
         source = _SOURCE_OF_ONE if shared is None else shared - self.n_shared + _SOURCE_OF_ONE
         sources, values = np.full(size, source), np.full(size, value)
-        self._entries.append((index + place[0], index + place[1], sources, values))
+        self._entries.append((index + offset[0], index + offset[1], sources, values))
 
     def vector(self) -> SumPlan:
         """Return the plan of the sum as a column."""
@@ -171,8 +170,8 @@ class SumBuilder:
     def matrix(self, shape: tuple[int, int], count: int = 1) -> tuple[sp.csc_array, SumPlan]:
         """Return the pattern of the sum as a matrix of ones, and the plan of its CSC non-zeros.
 
-        If the sum stacks `count` matrices below each other, the pattern is the union of theirs,
-        and the sum has the non-zeros of one matrix after the other.
+        If the sum stacks `count` matrices below each other, the pattern is the union of their
+        patterns, and the sum has the non-zeros of each matrix in turn.
         """
         stacked_row, j, source, weight = self._collect_entries()
         which, i = np.divmod(stacked_row, shape[0])
@@ -188,7 +187,7 @@ class SumBuilder:
         return _concatenate_columns(self._entries, "llld")
 
     def _plan(self, rows: Array, source: Array, weight: Array) -> SumPlan:
-        """Sort inputs and entries by batch, and separate those without weights."""
+        """Sort inputs and entries by batch, and separate entries without weights."""
         n_batches = len(self._batches)
         ends = np.array([*self._batch_starts, self._n_out])
         # Shared numbers and the 1 have negative sources and follow the last batch.
@@ -240,7 +239,7 @@ def _concatenate_columns(parts: Sequence[tuple[Array, ...]], kinds: str) -> tupl
 
 
 def _partition(order: Array, condition: Array) -> tuple[Array, Array]:
-    """Split indices into those that satisfy the condition and the others, both in this order."""
+    """Split indices by a condition: those that satisfy it and the rest, in the given order."""
     return order[condition[order]], order[~condition[order]]
 
 

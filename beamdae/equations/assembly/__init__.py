@@ -1,6 +1,6 @@
-"""Assembly: from the statements of parts, or CasADi expressions, to equations of motion.
+"""Assembly of equations of motion from the statements of parts or from CasADi expressions.
 
 May import: the rest of equations; nothing in equations imports assembly.
-Next: a new check of statements goes to statement_checks, a new source of equations beside
-constrained_system.
+To extend: add checks of statements to `statement_checks`, and a module like `constrained_system`
+for another source of equations.
 """

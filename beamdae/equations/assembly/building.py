@@ -156,7 +156,7 @@ def build_observable(
     numbers: NumberStore,
     rows: dict[str, slice],
 ) -> Observable:
-    """Return the observable of a quantity; `rows` maps each part to the slice of its multipliers."""
+    """Return the observable of a quantity; `rows` maps parts to slices of the multipliers."""
     if quantity.joint is not None and quantity.joint not in rows:
         raise BeamdaeError(
             f"{name}: {quantity.joint!r} has no constraints and therefore no reaction; observe "

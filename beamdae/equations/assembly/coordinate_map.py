@@ -23,19 +23,19 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class CoordinateMap:
-    """Maps each body to its slice of the global coordinates; the ground has none.
+    """Maps each body to its slice of the global coordinates; the slice of the ground is empty.
 
     Attributes
     ----------
     sizes
-        Number of coordinates by the identity of the body, in the order of the coordinates.
+        Number of coordinates of each body, by `id(body)`, in the order of the coordinates.
     """
 
     sizes: dict[int, int]
 
     @cached_property
     def offsets(self) -> dict[int, int]:
-        """First coordinate by the identity of the body."""
+        """Index of the first coordinate of each body, by `id(body)`."""
         starts = np.cumsum([0, *self.sizes.values()])[:-1]
         return dict(zip(self.sizes, starts.tolist(), strict=True))
 
@@ -45,7 +45,7 @@ class CoordinateMap:
         return sum(self.sizes.values())
 
     def slice_of(self, body: Any) -> slice:
-        """Return the slice of the coordinates of a body."""
+        """Return the slice of a body in the global coordinates."""
         first = self.offsets[id(body)]
         return slice(first, first + self.sizes[id(body)])
 
@@ -75,7 +75,7 @@ def locate_attachments(
 ) -> Array:
     """Return the positions (x, y) [m] of attachments at global coordinates q, (count, 2)."""
     positions = np.empty((len(attachments), 2))
-    # Attachments of one formula are evaluated together, by one compiled function.
+    # Attachments with the same formula are evaluated together by one compiled function.
     kinds: dict[tuple[Callable[..., Any], int, int], list[tuple[int, Array, Any]]] = {}
     for k, attachment in enumerate(attachments):
         formula = attachment.checked_kinematics
@@ -102,6 +102,6 @@ def _compile_position_kind(kind: Callable[..., Any], count: int, size: int) -> R
 def _compile_position(
     formula: Callable[[SX], tuple[SX, SX]], size: int, numbers: SX
 ) -> RowFunction:
-    """Compile rows of (local coordinates, numbers) -> rows of (x, y)."""
+    """Return the compiled function from rows of (local coordinates, numbers) to rows of (x, y)."""
     q = SX.sym("q", size)
-    return RowFunction(ca.Function("place", [q, numbers], [ca.densify(formula(q)[0])]))
+    return RowFunction(ca.Function("position", [q, numbers], [ca.densify(formula(q)[0])]))

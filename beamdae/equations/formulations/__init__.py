@@ -1,5 +1,5 @@
-"""Formulations: residuals and Jacobians of the equations of motion for integrators and statics.
+"""Formulations: residuals and Jacobians of the equations for integrators and statics.
 
 May import: equations_of_motion and structure, symbolic, native; neither assembly nor starts.
-Next: a first-order form is an entry of `FORMULATIONS`; another kind of equations is a new module.
+To extend: add a first-order form to `FORMULATIONS`, and a module for another kind of equations.
 """

@@ -14,9 +14,9 @@ stabilized-index1   q, v, Lam, Mu  as ggl with lam = Lam', mu = Mu'
 ==================  =============  ==========================================================
 
 ggl: Gear, Gupta & Leimkuhler, J. Comput. Appl. Math. 12-13 (1985) 77. stabilized-index1:
-Anantharaman & Hiller, Int. J. Numer. Meth. Eng. 32 (1991) 1531. A nonholonomic constraint
-A(t, q) v + b(t, q) = 0 has this row in place of g_dot = 0, with A for G. In place of g = 0 it has
-the same row in index3, and mu = 0 in the forms with mu.
+Anantharaman & Hiller, Int. J. Numer. Meth. Eng. 32 (1991) 1531. Nonholonomic constraints
+A(t, q) v + b(t, q) = 0 replace g_dot = 0, with A in place of G. They also replace g = 0 in index3;
+in the forms with mu, mu = 0 replaces g = 0.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Formulation:
     impulses
         True if the unknowns are time integrals of the multipliers: lam = Lam'.
     note
-        Limitation that every run with it reports, or "".
+        Limitation reported by every run with this form, or "".
     """
 
     name: str
@@ -137,7 +137,7 @@ class FirstOrderForm:
         return y, yp
 
     def unpack(self, y: Array, yp: Array) -> State:
-        """Return the state of (y, y'), of one row or many."""
+        """Return the state of (y, y'), which may be vectors or rows of vectors."""
         q, v, lam = self._slices
         multipliers = yp if self.formulation.impulses else y
         return State(y[..., q], y[..., v], yp[..., v], multipliers[..., lam])
@@ -169,11 +169,11 @@ class FirstOrderForm:
 
     @property
     def is_native(self) -> bool:
-        """True if it can be evaluated in machine code."""
+        """True if machine code is available for the residual and the Jacobian."""
         return all(total.is_native for total in self.sums)
 
     def buffers(self, native: bool = False) -> FirstOrderBuffers:
-        """Return buffers to evaluate R and its Jacobian with, for one run."""
+        """Return the buffers in which one run evaluates R and its Jacobian."""
         residual, jacobian = (total.sum(native, self.equations.p) for total in self.sums)
         return FirstOrderBuffers(
             self.equations.n, self.size, np.zeros(2 * self.size), residual, jacobian
@@ -236,7 +236,7 @@ def evaluate_jacobian(
 def evaluate_jacobian_parts(
     form: FirstOrderBuffers, t: float, branch: float, y: Array, yp: Array, result: Array
 ) -> None:
-    """Write the non-zeros of dR/dy, then those of dR/dy'; the form is formulated `apart`."""
+    """Write the non-zeros of dR/dy, then of dR/dy'; requires a form built with `apart`."""
     _set_inputs(form, form.jacobian, t, branch, y, yp)
     set_matrix_factors(form.jacobian, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     evaluate_sum(form.jacobian, form.x, result)
@@ -255,7 +255,7 @@ def _size(structure: Structure, form: Formulation) -> int:
 
 
 def _input_layout(structure: Structure, form: Formulation) -> InputLayout:
-    """Locate the inputs of the kernels in (y, y')."""
+    """Return the offsets of the kernel inputs in (y, y')."""
     n, m, size = structure.n, structure.m, _size(structure, form)
     lam = 2 * n + (size if form.impulses else 0)
     return InputLayout(q=0, v=n, a=size + n, lam=lam, mu=lam + m)
@@ -270,7 +270,7 @@ def _plan_residual(structure: Structure, name: str) -> SumPlan:
 
 @cache_on_owner
 def _plan_jacobian(structure: Structure, name: str, apart: bool) -> tuple[sp.csc_array, SumPlan]:
-    """Return pattern and non-zeros of dR/dy + c dR/dy', or of both one after the other."""
+    """Return pattern and plan of dR/dy + c dR/dy' or, if `apart`, of both derivatives."""
     form = FORMULATIONS[name]
     n, m, size = structure.n, structure.m, _size(structure, form)
     total, layout = create_matrix_sum(), _input_layout(structure, form)
@@ -278,19 +278,19 @@ def _plan_jacobian(structure: Structure, name: str, apart: bool) -> tuple[sp.csc
     below = size if apart else 0
     total.add_diagonal(n, (below, 0), C_A, 1.0)
     total.add_diagonal(n, (0, n), None, -1.0)
-    # Damping and mass share one place, unless they are evaluated apart.
+    # Damping and mass enter the same block, unless they are evaluated apart.
     sums: Tangents = ((STIFFNESS,), (DAMPING, MASS))
     if apart:
         sums = ((STIFFNESS,), (DAMPING,), (MASS,))
-    places = ((n, 0), (n, n), (below + n, n))[: len(sums)]
-    # c_l is c; where the multipliers themselves are unknowns, G^T enters without it.
+    blocks = ((n, 0), (n, n), (below + n, n))[: len(sums)]
+    # c_l = c scales G^T if time integrals of the multipliers are the unknowns.
     reaction, by_c = (SCALED_GRADIENT, below) if form.impulses else (GRADIENT, 0)
     for term, copies in add_tangents(total, structure, layout, sums):
-        for output, place in enumerate(places):
-            total.add_matrix(copies, output, term.operator, term.operator, place)
+        for output, block in enumerate(blocks):
+            total.add_matrix(copies, output, term.operator, term.operator, block)
         if term.rows is not None:
-            place = (by_c + n, 2 * n)
-            total.add_matrix(copies, len(sums) + reaction, term.operator, term.rows, place)
+            block = (by_c + n, 2 * n)
+            total.add_matrix(copies, len(sums) + reaction, term.operator, term.rows, block)
     for joint, copies in add_joint_matrices(total, structure, layout, form.levels, form.stabilized):
         on_q, on_g = joint.operator, joint.rows
         levels, corrects = joint.kernel.effective_levels(form.levels, form.stabilized)
@@ -303,15 +303,15 @@ def _plan_jacobian(structure: Structure, name: str, apart: bool) -> tuple[sp.csc
         for k, level in enumerate(levels):
             row = 2 * n + k * m
             if level == NO_LEVEL:
-                place = (by_c + row, 2 * n + m)
+                block = (by_c + row, 2 * n + m)
                 identity = level_output + 1 + reaction
-                total.add_matrix(copies, identity, on_g, on_g, place)
+                total.add_matrix(copies, identity, on_g, on_g, block)
             elif level == 0:
                 total.add_matrix(copies, GRADIENT, on_g, on_q, (row, 0))
             elif level == 1:
                 total.add_matrix(copies, level_output, on_g, on_q, (row, 0))
                 total.add_matrix(copies, GRADIENT, on_g, on_q, (row, n))
             else:
-                for k_derivative, place in enumerate(((row, 0), (row, n), (below + row, n))):
-                    total.add_matrix(copies, level_output + k_derivative, on_g, on_q, place)
+                for k_derivative, block in enumerate(((row, 0), (row, n), (below + row, n))):
+                    total.add_matrix(copies, level_output + k_derivative, on_g, on_q, block)
     return total.matrix((size, size), 2 if apart else 1)

@@ -39,7 +39,7 @@ Array = np.ndarray
 class StepEquations:
     """Equations of one implicit step of a second-order integrator, scaled by the step.
 
-    The unknowns x = (d, lam_bar[, eta_bar]) are increments d of a prediction and scaled multipliers
+    The unknowns x = (d, lam_bar[, eta_bar]) are increments d to a prediction and scaled multipliers
     lam_bar = c_f lam, with
 
         q = q_p + d [+ r, r = -G(q_n)^T eta_bar],   v = v_p + c_v d,   a = a_p + c_a d.
@@ -48,8 +48,8 @@ class StepEquations:
 
         c_f F + G^T lam_bar = 0,   g = 0 [, g_dot / c_v = 0],
 
-    where brackets contain the stabilized index-2 form. Nonholonomic constraints have
-    g_dot / c_v = 0 in place of g = 0 [eta_bar = 0]. With c_f ~ h^2 the condition number of the
+    where the terms in brackets belong to the stabilized index-2 form. For nonholonomic constraints,
+    g_dot / c_v = 0 [eta_bar = 0] replaces g = 0. With c_f ~ h^2 the condition number of the
     iteration matrix does not depend on the step (Bottasso, Bauchau & Cardona, SIAM J. Sci. Comput.
     29 (2007) 397).
 
@@ -58,8 +58,8 @@ class StepEquations:
     stabilized
         True for the stabilized index-2 form, False for index 3.
     pattern
-        CSC pattern of the iteration matrix in (d, lam_bar[, eta_bar, r]). r stays an unknown, with
-        its entries that can differ from zero: this keeps the matrix a sum of local matrices.
+        CSC pattern of the iteration matrix in (d, lam_bar[, eta_bar, r]). The entries of r that can
+        differ from zero remain unknowns, so that the matrix is a sum of local matrices.
     sums
         Sums of the equations, of G(q_n)^T eta_bar and of the iteration matrix, over
         (q, v, a, lam, q_n, eta_bar).
@@ -95,11 +95,11 @@ class StepEquations:
 
     @property
     def is_native(self) -> bool:
-        """True if they can be evaluated in machine code."""
+        """True if machine code is available for all sums."""
         return all(total.is_native for total in self.sums)
 
     def buffers(self, native: bool = False) -> StepBuffers:
-        """Return buffers to evaluate the equations with, for one run."""
+        """Return the buffers in which one run evaluates the equations."""
         n, m = self.equations.n, self.equations.m
         motion = np.zeros(4 * n + 2 * m)
         sums = (total.sum(native, self.equations.p) for total in self.sums)
@@ -107,7 +107,7 @@ class StepEquations:
 
     @property
     def _velocity_rows(self) -> Array:
-        """Rows with g_dot in place of g."""
+        """Rows in which g_dot replaces g."""
         rows = self.equations.n + self.equations.nonholonomic_rows
         return rows[:0] if self.stabilized else rows
 
@@ -123,7 +123,7 @@ class StepBuffers:
     motion
         (q, v, a, lam, q_n, eta_bar).
     velocity_rows
-        Rows with g_dot in place of g.
+        Rows in which g_dot replaces g.
     residual, anchor, matrix
         See `StepEquations.sums`.
     """
@@ -140,7 +140,7 @@ class StepBuffers:
 
 @dataclass(slots=True)
 class StepPrediction:
-    """Prediction of a step, to which its increments are added.
+    """Predicted state of a step, to which the increments are added.
 
     Attributes
     ----------
@@ -149,7 +149,7 @@ class StepPrediction:
     before
         Positions q_n at the beginning of the step, (n,).
     coefficients
-        (c_v, c_a, c_f).
+        Factors (c_v, c_a, c_f) of `StepEquations`.
     """
 
     q: Array
@@ -160,7 +160,7 @@ class StepPrediction:
 
 
 def evaluate_step_position(form: StepBuffers, at: StepPrediction, x: Array) -> Array:
-    """Return the positions of x, a view of `form.motion`."""
+    """Return the positions q of the unknowns x, as a view of `form.motion`."""
     n, m = form.n, form.m
     q = form.motion[:n]
     if form.stabilized == 1:
@@ -249,10 +249,10 @@ def _plan_iteration_matrix(
     corrected: sp.csr_array,
     stabilized: bool,
 ) -> tuple[sp.csc_array, SumPlan]:
-    """Return the iteration matrix; `corrected` selects r from corrections of all coordinates."""
+    """Return pattern and plan of the iteration matrix; `corrected` selects the entries of r."""
     n, m, total = structure.n, structure.m, create_matrix_sum()
     eta, r = n + m, n + 2 * m
-    # Only the stiffness multiplies r; otherwise all derivatives share one place.
+    # Only the stiffness multiplies r. Without r, all derivatives enter one block.
     sums: Tangents = ((STIFFNESS, DAMPING, MASS),)
     if stabilized:
         sums = ((STIFFNESS,), (DAMPING, MASS))

@@ -21,15 +21,15 @@ Array = np.ndarray
 TIME_SIZE = 2  # (t, branch)
 # Energies (kinetic, strain, gravity) [J] and powers (loads, drivers, dissipated) [W].
 N_BALANCE_SCALARS = 6
-_FORCE_SCALARS = (0, 1, 2, 3, 5)  # scalars of a balance that forces contribute
-_DRIVER_POWER = 4  # the scalar that joints contribute
+_FORCE_SCALARS = (0, 1, 2, 3, 5)  # scalars to which forces contribute
+_DRIVER_POWER = 4  # scalar to which joints contribute
 
 # Outputs of `ConstraintKernel.matrices_kernel`.
 GRADIENT = 0  # G
 SCALED_GRADIENT = 1  # c_l G
 REACTION_STIFFNESS = 2  # d(G^T lam)/dq
-FIRST_LEVEL = 3  # first derivative of the levels above positions, if there is no mu
-CORRECTION_STIFFNESS = 3  # d(G^T mu)/dq, if there is mu; the levels follow
+FIRST_LEVEL = 3  # first of the derivatives of g_dot and g_ddot, if there is no mu
+CORRECTION_STIFFNESS = 3  # d(G^T mu)/dq, if there is mu; the derivatives of the levels follow
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class InputLayout:
 
 
 def term_data(equations: EquationsOfMotion, term: ForceTerm | ConstraintTerm) -> Array:
-    """Return the data of the copies of a term, one column each."""
+    """Return the data of the copies of a term, one column per copy."""
     return _term_numbers(equations, term)[: term.kernel.local.n_data]
 
 
@@ -68,7 +68,7 @@ def _local_inputs(operator: sp.csr_array, *offsets: int) -> list[LocalInput]:
 def _joint_inputs(
     term: ConstraintTerm, layout: InputLayout, levels: tuple[int, ...], stabilized: bool
 ) -> list[LocalInput]:
-    """Return the inputs of the kernels of a joint: velocities and accelerations if needed."""
+    """Return the inputs of the kernels of a joint; v, a and mu are included only if needed."""
     highest = max(levels, default=0)
     motion = [layout.q]
     if highest > 0:
@@ -82,7 +82,7 @@ def _joint_inputs(
 
 
 def _add_forces(total: SumBuilder, structure: Structure, layout: InputLayout, row: int) -> None:
-    """Add F, starting at a row."""
+    """Add F, starting at row `row`."""
     for term in structure.forces:
         copies = _add_force(total, layout, term, term.kernel.force_kernel)
         total.add_column(copies, 0, term.operator, row)
@@ -91,7 +91,10 @@ def _add_forces(total: SumBuilder, structure: Structure, layout: InputLayout, ro
 def _add_force(
     total: SumBuilder, layout: InputLayout, term: ForceTerm, kernel: Kernel, scalars: int = 0
 ) -> KernelCopies:
-    """Add a kernel of a term; its last outputs are `scalars` not on local coordinates."""
+    """Add a kernel of a force term.
+
+    The last `scalars` outputs of the kernel do not refer to local coordinates.
+    """
     inputs = _local_inputs(term.operator, layout.q, layout.v, layout.a)
     if term.rows is not None:
         inputs += _local_inputs(term.rows, layout.lam)
@@ -109,8 +112,8 @@ def assemble_residual(
 ) -> SumBuilder:
     """Return the sum of F + G^T lam and the constraints on `levels`.
 
-    F + G^T lam starts at row `dynamic`, the constraints follow; if `stabilized`, the first rows are
-    G^T mu. See `ConstraintKernel.residual_kernel`.
+    F + G^T lam starts at row `dynamic` and is followed by the constraints; if `stabilized`, the
+    first rows are G^T mu. See `ConstraintKernel.residual_kernel`.
     """
     n, m, total = structure.n, structure.m, SumBuilder(TIME_SIZE)
     _add_forces(total, structure, layout, dynamic)
@@ -139,7 +142,10 @@ def _add_joint(
 
 
 def assemble_motion(structure: Structure, layout: InputLayout) -> SumBuilder:
-    """Return the sum of F, g, g_dot and g_ddot; it stays finite where G is not."""
+    """Return the sum of F, g, g_dot and g_ddot.
+
+    It does not contain G and therefore stays finite where G is not.
+    """
     total = SumBuilder(TIME_SIZE)
     _add_forces(total, structure, layout, 0)
     for joint in structure.joints:
@@ -162,7 +168,7 @@ def assemble_accelerations(structure: Structure, layout: InputLayout) -> SumBuil
 def assemble_reactions(
     structure: Structure, layout: InputLayout, of_positions: bool = False
 ) -> SumBuilder:
-    """Return the sum of G^T lam; with `of_positions` of the holonomic constraints only."""
+    """Return the sum of G^T lam; `of_positions` restricts it to holonomic constraints."""
     total = SumBuilder(TIME_SIZE)
     for joint in select_holonomic(structure) if of_positions else structure.joints:
         copies = _add_joint(total, joint, layout, (), False)
@@ -171,7 +177,7 @@ def assemble_reactions(
 
 
 def select_holonomic(structure: Structure) -> tuple[ConstraintTerm, ...]:
-    """Return the terms of constraints on positions."""
+    """Return the terms of the holonomic constraints."""
     return tuple(joint for joint in structure.joints if joint.kernel.is_holonomic)
 
 
@@ -201,7 +207,7 @@ def assemble_balance(structure: Structure, layout: InputLayout) -> SumBuilder:
 
 
 def _summation(count: int, *rows: int) -> sp.csr_array:
-    """Return the operator that adds columns of all copies to these rows of the scalars."""
+    """Return the operator that adds the outputs of all copies to these rows of the scalars."""
     column = np.tile(rows, count)
     entries = (np.ones(len(column)), (np.arange(len(column)), column))
     return sp.csr_array(entries, shape=(len(column), N_BALANCE_SCALARS))
@@ -210,7 +216,7 @@ def _summation(count: int, *rows: int) -> sp.csr_array:
 def add_tangents(
     total: SumBuilder, structure: Structure, layout: InputLayout, sums: Tangents
 ) -> list[tuple[ForceTerm, KernelCopies]]:
-    """Add the matrices of all forces, see `ForceKernel.tangent_kernel`."""
+    """Add the tangent kernels of all force terms, see `ForceKernel.tangent_kernel`."""
     return [
         (term, _add_force(total, layout, term, term.kernel.tangent_kernel(sums)))
         for term in structure.forces
@@ -224,7 +230,7 @@ def add_joint_matrices(
     levels: tuple[int, ...],
     stabilized: bool,
 ) -> list[tuple[ConstraintTerm, KernelCopies]]:
-    """Add the matrices of all joints, see `ConstraintKernel.matrices_kernel`."""
+    """Add the matrix kernels of all joints, see `ConstraintKernel.matrices_kernel`."""
     joint_copies = []
     for joint in structure.joints:
         effective = joint.kernel.effective_levels(levels, stabilized)
@@ -242,7 +248,10 @@ def add_saddle_point(
     *,
     with_reaction_stiffness: bool,
 ) -> None:
-    """Add [[dF, G^T], [G, 0]] of one sum of tangents, optionally with d(G^T lam)/dq in dF."""
+    """Add [[dF, G^T], [G, 0]], optionally with d(G^T lam)/dq in dF.
+
+    dF adds up the derivatives of F that `sums` names.
+    """
     n = structure.n
     for term, copies in add_tangents(total, structure, layout, sums):
         total.add_matrix(copies, 0, term.operator, term.operator, (0, 0))

@@ -1,4 +1,4 @@
-"""Equations of motion linearized about a state: M x'' + C x' + K x + H mu = 0, J x + V x' = 0."""
+"""Equations linearized about a state: M x'' + C x' + K x + H mu = 0, J x + V x' = 0."""
 
 from __future__ import annotations
 
@@ -22,13 +22,15 @@ class Tangent(NamedTuple):
     Attributes
     ----------
     mass, damping, stiffness
-        With respect to a, v and q, sparse (n, n) each; the stiffness includes that of reactions.
+        Derivatives of F + G^T lam with respect to a, v and q, sparse (n, n) each.
     reactions
-        With respect to lam, (n, m): G^T, and the dependence of friction on reactions.
+        Derivative of F + G^T lam with respect to lam, (n, m): G^T, plus the dependence of friction
+        on reactions.
     position_jacobian
         Derivative of g, or of a nonholonomic constraint, with respect to q, (m, n).
     velocity_jacobian
-        Derivative of nonholonomic constraints with respect to v, (m, n); zero rows for the others.
+        Derivative of nonholonomic constraints with respect to v, (m, n); the rows of holonomic
+        constraints are zero.
     residual
         F + G^T lam and the constraints, (n + m,).
     """
@@ -44,7 +46,7 @@ class Tangent(NamedTuple):
     def acceleration_jacobian(self, e: EquationsOfMotion) -> sp.csc_array:
         """Return the factor of a in the differentiated constraints, (m, n).
 
-        Constraints on positions are differentiated twice, nonholonomic ones once.
+        Holonomic constraints are differentiated twice, nonholonomic constraints once.
         """
         holonomic = np.ones(e.m)
         holonomic[e.nonholonomic_rows] = 0.0

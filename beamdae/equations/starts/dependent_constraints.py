@@ -20,7 +20,7 @@ from beamdae.symbolic.sparse_operators import column_indices
 Array = np.ndarray
 
 # Rejection of dependent constraints, by singular values of gradients of length one.
-_ZERO_GRADIENT_LENGTH = 1e-13  # of scaled gradients; shorter ones are rounding errors
+_ZERO_GRADIENT_LENGTH = 1e-13  # of scaled gradients; shorter gradients are rounding errors
 _SINGULAR_VALUE_TOLERANCE = 1e-10
 _INVOLVED_SHARE = 1e-6  # smallest share of a constraint in a dependent combination
 _MAX_SVD_CONSTRAINTS = 100  # the cost of an SVD is cubic; above, inverse iteration is tried first
@@ -303,7 +303,7 @@ def _describe_blocked_motion(
     rows = [k for k in members if _part_name(names[k]) == last]
     has_others = len(rows) < len(members)
     along = weights[rows] @ matrix[rows] if has_others else matrix[rows[-1]]
-    # Coordinates without any constraint take no part in the motion.
+    # Unconstrained coordinates do not take part in the motion.
     (nonzero_columns,) = np.nonzero(np.any(matrix, axis=0))
     outside = np.delete(matrix, members, axis=0)[:, nonzero_columns]
     free = (

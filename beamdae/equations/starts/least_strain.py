@@ -21,8 +21,8 @@ Array = np.ndarray
 ConstraintFunction = Callable[[Array], tuple[Array, Any]]
 
 _REGULARIZATION = 1e-13  # of the largest weight; makes dependent rows solvable
-_MAX_CHANGE = 0.5  # per iteration, in natural sizes of coordinates
-_CONVERGED_CHANGE = 1e-10  # in natural sizes of coordinates
+_MAX_CHANGE = 0.5  # per iteration, in units of `position_scales`
+_CONVERGED_CHANGE = 1e-10  # in units of `position_scales`
 _MAX_ITERATIONS = 30
 _STRAIN_COLUMN = 1  # of the rows of the energy balance
 
@@ -62,11 +62,12 @@ def minimize_strain(
     constraints: ConstraintFunction,
     square: float,
 ) -> Array:
-    """Return positions near `q` that satisfy constraints with the least motion and strain energy.
+    """Return positions near `q` that meet the constraints with least motion and strain energy.
 
-    Newton's method solves M (q - begin) + T^2 (F(q) - F(unstrained)) + R^T mu = 0: only elastic
-    forces beyond those at `unstrained`, such as in the drawing, count. Loads on coordinates that
-    rotate with a beam enter as far as they change; the result is used only if it strains less.
+    Newton's method solves M (q - begin) + T^2 (F(q) - F(unstrained)) + R^T mu = 0: elastic forces
+    are measured relative to the positions `unstrained`, for example as drawn. Loads contribute only
+    if they change with the rotation of a beam. The result is used only if it reduces the strain
+    energy.
 
     Parameters
     ----------
@@ -79,16 +80,16 @@ def minimize_strain(
     q
         Positions (n,) that satisfy the constraints.
     unstrained
-        Positions (n,) whose elastic forces, weights and loads do not count.
+        Positions (n,) whose elastic forces, weights and loads are subtracted.
     constraints
         Positions -> gaps (k,) and their derivative R (k, n).
     square
-        T^2 [s^2], the weight of elastic forces against inertia.
+        T^2 [s^2], the weight of elastic forces relative to inertia.
 
     Returns
     -------
     Array
-        `q` itself if the iteration fails or ends at more strain energy.
+        Positions (n,); `q` itself if the iteration fails or increases the strain energy.
     """
     zeros, scale = np.zeros(len(q)), evaluator.equations.position_scales
     reference = evaluator.force(time, unstrained, zeros, zeros)

@@ -66,7 +66,7 @@ def _find_parts_on_ground(e: EquationsOfMotion) -> set[int]:
 
 
 def find_loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
-    """Return the groups of connected parts, by name, that no joint ties to the ground."""
+    """Return the groups of connected parts, by name, that no joint connects to the ground."""
     owner = np.zeros(e.n, int)
     for k, part in enumerate(e.parts):
         owner[part.rows] = k

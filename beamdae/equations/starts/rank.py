@@ -1,4 +1,4 @@
-"""Rank of the constraint Jacobian G over a run: its smallest singular values and closed loops."""
+"""Rank of the constraint Jacobian G during a run: smallest singular values and closed loops."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from beamdae.symbolic.sparse_operators import column_indices, multiply_entries
 Array = np.ndarray
 
 RANK_TOLERANCE = 1e-9  # singular values of rows of length one below this count as zero
-_MAX_ENTRIES = 2_000_000  # entries of dense matrices held in memory at once
+_MAX_ENTRIES = 2_000_000  # total number of entries of dense matrices in memory
 _MIN_RELATIVE_SHARE = 0.1  # of the largest share; keeps rounding from naming a joint
 _GROUND = ""
 
 
 @dataclass(frozen=True)
 class ConstraintJacobian:
-    """G = dg/dq in natural units: columns scaled by coordinate sizes, rows of length one.
+    """G = dg/dq with columns scaled by `position_scales` and rows of length one.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class ConstraintJacobian:
     scatter
         For each joint, the operator from the gradients of its copies to the non-zeros of G.
     rank
-        Rank of G in regular positions; less than m if constraints are redundant.
+        Rank of G at regular positions; less than m if constraints are redundant.
     """
 
     equations: EquationsOfMotion
@@ -43,12 +43,12 @@ class ConstraintJacobian:
     rank: int
 
     def with_rank_at(self, time: Array, q: Array) -> ConstraintJacobian:
-        """Return a copy whose regular rank is that of G at `time` = (t, branch) and `q`."""
+        """Return a copy with `rank` set to the rank of G at `time` = (t, branch) and `q`."""
         singular = np.linalg.svd(self.at(time[None], q[None])[0], compute_uv=False)
         return replace(self, rank=int(np.sum(singular > RANK_TOLERANCE)))
 
     def at(self, times: Array, q: Array) -> Array:
-        """Return G at rows of (t, branch) and q without zero columns, (rows, m, columns)."""
+        """Return G at rows of (t, branch) and q, without zero columns, (rows, m, columns)."""
         pattern = self.pattern
         count = np.diff(pattern.indptr)
         (nonzero_columns,) = np.nonzero(count)
@@ -63,7 +63,7 @@ class ConstraintJacobian:
     def smallest_singular_values(self, times: Array, q: Array) -> Array:
         """Return the smallest singular value of G at rows of (t, branch) and q, (rows,).
 
-        The zeros that redundant constraints contribute everywhere are skipped.
+        Singular values that are zero at all positions, due to redundant constraints, are skipped.
         """
         m = self.equations.m
         rows_at_once = max(1, _MAX_ENTRIES // (m * max(self.pattern.nnz, 1)))
@@ -76,7 +76,7 @@ class ConstraintJacobian:
         return np.concatenate(blocks)
 
     def singular_joints(self, time: Array, q: Array) -> list[str]:
-        """Return the joints whose reactions balance each other where G has lost rank."""
+        """Return the joints whose reactions balance each other at a position where G loses rank."""
         left_vectors, _, _ = np.linalg.svd(self.at(time[None], q[None])[0])
         share = np.abs(left_vectors[:, self.rank - 1])
         names = [name.rpartition(".")[0] or name for name in self.equations.lam_names]
@@ -86,7 +86,7 @@ class ConstraintJacobian:
         )
 
     def _nonzeros(self, times: Array, q: Array) -> Array:
-        """Return the non-zeros of G at rows of (t, branch) and q, one row each."""
+        """Return the non-zeros of G at rows of (t, branch) and q, one row per position."""
         total = np.zeros((len(q), self.pattern.nnz))
         for joint, scatter in zip(self.equations.joints, self.scatter, strict=True):
             count, size = joint.count, joint.kernel.local.size
@@ -98,7 +98,7 @@ class ConstraintJacobian:
 
 
 def build_constraint_jacobian(e: EquationsOfMotion) -> ConstraintJacobian:
-    """Return the Jacobian of the constraints, taken to be independent in regular positions."""
+    """Return the constraint Jacobian, assuming full rank at regular positions."""
     return ConstraintJacobian(
         e, plan_state_sums(e.structure).gradient_pattern, _scatter_operators(e.structure), e.m
     )
@@ -112,7 +112,10 @@ def _scatter_operators(structure: Structure) -> tuple[sp.csr_array, ...]:
 
 
 def _scatter_operator(joint: ConstraintTerm, m: int, positions: Array) -> sp.csr_array:
-    """Map gradients of all copies to entries of G, whose column * m + row are `positions`."""
+    """Return the operator from the gradients of all copies to the entries of G.
+
+    `positions` has column * m + row of each entry.
+    """
     pattern = joint.kernel.gradient_pattern
     row, column = (np.array(x, int) for x in pattern.get_triplet())
     copy = np.repeat(np.arange(joint.count), len(row))

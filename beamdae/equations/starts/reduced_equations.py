@@ -109,7 +109,9 @@ class ReducedEquations:
 def remove_redundant_constraints(
     equations: EquationsOfMotion, time: Array
 ) -> ReducedEquations | None:
-    """Return the equations without the constraints redundant at the start, or None if none is.
+    """Return the equations without the constraints that are redundant at the start.
+
+    Returns None if no constraint is redundant.
 
     Raises
     ------
@@ -125,9 +127,9 @@ def remove_redundant_constraints(
 def drop_dependent_constraints(
     equations: EquationsOfMotion, time: Array
 ) -> ReducedEquations | None:
-    """Return the equations without dependent constraints, or None if none is dependent.
+    """Return the equations without dependent constraints, which may contradict the others.
 
-    Removed constraints may contradict the others.
+    Returns None if no constraint is dependent.
     """
     rows = analyze_constraint_rank(StateEvaluator(equations), time, equations.q0).rows
     if not len(rows.dependent):

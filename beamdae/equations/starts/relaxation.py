@@ -146,11 +146,14 @@ class GradientFlow:
 def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
     """Return positions and multipliers of a stable equilibrium near `q`.
 
-    Implicit steps follow the gradient flow. Each step solves a linear system with the matrix [[M /
-    T^2 + K, G^T], [G, 0]], where K is the stiffness of F + G^T lam, and a second system with this
-    matrix to close the joints. Short pseudo-times T keep steps small and lead to stable equilibria;
-    long pseudo-times converge quadratically, like Newton's method. The step size depends neither on
-    the orientation of the mechanism nor on the units.
+    Implicit steps follow the gradient flow. Each step solves a linear system with the matrix
+
+        [[M / T^2 + K, G^T], [G, 0]],
+
+    where K is the stiffness of F + G^T lam, and a second system with this matrix to close the
+    joints. Short pseudo-times T keep steps small and lead to stable equilibria; long pseudo-times
+    converge quadratically, like Newton's method. The step size depends neither on the orientation
+    of the mechanism nor on the units.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Motions of the bodies of a mechanism: rigid motions, descriptions and the size of motions."""
+"""Rigid motions of the bodies of a mechanism, descriptions of motions, and their sizes."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 
 Array = np.ndarray
 
-_MAX_CENTER_DISTANCE = 100.0  # [lengths of the mechanism]; beyond, a rotation is a translation
+_MAX_CENTER_DISTANCE = 100.0  # [lengths of the mechanism]; beyond, rotations count as translations
 _ROUNDING = 1e-9  # rounding error in a motion of size one
-_EQUAL_SIZE_TOLERANCE = 1e-6  # the first of bodies that move equally far is named
+_EQUAL_SIZE_TOLERANCE = 1e-6  # of bodies that move equally far, the first is named
 _MAX_NAMES = 9  # in a sentence
 _FRAME_COORDINATES = (("x", "y", "angle"), ("x0", "y0", "theta"))
-_NODE_COORDINATES = ("x", "y", "psi")  # of bodies without a frame
+_NODE_COORDINATES = ("x", "y", "psi")  # of bodies without a floating frame
 
 
 def join_names(names: Sequence[str]) -> str:
-    """Join names to "a, b and c", at most nine."""
+    """Join names as "a, b and c", at most nine."""
     if len(names) > _MAX_NAMES:
         names = [*names[: _MAX_NAMES - 1], f"{len(names) - _MAX_NAMES + 1} others"]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
@@ -34,17 +34,17 @@ class Body(NamedTuple):
     ----------
     name
         Name of the part.
-    place, angle
-        Rigid coordinates (x, y) and the angle, if it has them; those of the first node of a body
-        without a frame.
+    position, angle
+        Indices of the rigid coordinates (x, y) and of the angle, or None. Bodies without a floating
+        frame have the indices of their first node here.
     others
-        Elastic and other coordinates.
+        Indices of elastic and other coordinates.
     nodes
-        Coordinates (x, y, angle) of the nodes of a body without a frame, (k, 3), or None.
+        Indices (x, y, angle) of the nodes of a body without a floating frame, (k, 3), or None.
     """
 
     name: str
-    place: tuple[int, int] | None
+    position: tuple[int, int] | None
     angle: int | None
     others: tuple[int, ...]
     nodes: Array | None = None
@@ -64,14 +64,14 @@ def collect_bodies(e: EquationsOfMotion) -> tuple[Body, ...]:
         x, y, angle = next(
             (names for names in _FRAME_COORDINATES if names[0] in index), _FRAME_COORDINATES[0]
         )
-        place = (index.pop(x), index.pop(y)) if x in index and y in index else None
-        rotation = index.pop(angle) if place is not None and angle in index else None
-        bodies.append(Body(part.name, place, rotation, tuple(index.values())))
+        position = (index.pop(x), index.pop(y)) if x in index and y in index else None
+        rotation = index.pop(angle) if position is not None and angle in index else None
+        bodies.append(Body(part.name, position, rotation, tuple(index.values())))
     return tuple(bodies)
 
 
 def _node_coordinates(index: dict[str, int]) -> Array | None:
-    """Return positions and angles of nodes, (k, 3), if a part has no other coordinates."""
+    """Return the indices (x, y, angle) of nodes, (k, 3); None if there are other coordinates."""
     count = len(index) // len(_NODE_COORDINATES)
     names = [f"{name}{k}" for k in range(count) for name in _NODE_COORDINATES]
     if not count or set(names) != set(index):
@@ -80,18 +80,18 @@ def _node_coordinates(index: dict[str, int]) -> Array | None:
 
 
 def compute_rigid_motions(e: EquationsOfMotion, q: Array) -> Array:
-    """Return motions at q without deformation, in natural sizes, (n, k).
+    """Return the rigid motions at q, scaled by `position_scales`, (n, k).
 
-    Parts without a frame and without nodes contribute a motion of each coordinate.
+    Parts without a frame and without nodes contribute one motion per coordinate.
     """
     columns: list[Array] = []
     for body in collect_bodies(e):
         if body.nodes is not None:
             columns += list(_rigid_motions_of_nodes(e, q, body.nodes).T)
             continue
-        indices = (*(body.place or ()), *body.others)
-        if body.place is not None and body.angle is not None:
-            indices = (*body.place, body.angle)
+        indices = (*(body.position or ()), *body.others)
+        if body.position is not None and body.angle is not None:
+            indices = (*body.position, body.angle)
         columns += list(np.eye(e.n)[np.sort(indices)])
     return np.array(columns).reshape(-1, e.n).T
 
@@ -108,14 +108,14 @@ def _rigid_motions_of_nodes(e: EquationsOfMotion, q: Array, nodes: Array) -> Arr
 def _motion_sizes(
     e: EquationsOfMotion, q: Array, body: Body, motion: Array
 ) -> tuple[float, float, float]:
-    """Return translation, rotation and deformation in lengths of the mechanism, or rad."""
+    """Return translation, rotation [rad] and deformation; lengths relative to the mechanism."""
     scaled_motion = motion / e.position_scales
     if body.nodes is not None:
         indices, rigid = body.nodes.ravel(), _rigid_motions_of_nodes(e, q, body.nodes)
         shares = np.linalg.lstsq(rigid[indices], scaled_motion[indices])[0]
         deformation = float(np.max(np.abs(scaled_motion[indices] - rigid[indices] @ shares)))
         return float(np.hypot(*shares[:2])), abs(float(shares[2])), deformation
-    translation = float(np.hypot(*scaled_motion[list(body.place)])) if body.place else 0.0
+    translation = float(np.hypot(*scaled_motion[list(body.position)])) if body.position else 0.0
     rotation = abs(float(scaled_motion[body.angle])) if body.angle is not None else 0.0
     return (
         translation,
@@ -146,13 +146,13 @@ def describe_free_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
         translation, rotation, deformation = _motion_sizes(e, q, body, motion)
         if max(translation, rotation, deformation) <= _ROUNDING:
             continue
-        if body.place is None:
+        if body.position is None:
             phrase = "move"
         elif body.angle is None or rotation * _MAX_CENTER_DISTANCE <= translation:
             phrase = f"translate along {_describe_direction(body, motion)}"
         else:
-            (x, y), rate = q[list(body.place)], motion[body.angle]
-            dx, dy = motion[list(body.place)]
+            (x, y), rate = q[list(body.position)], motion[body.angle]
+            dx, dy = motion[list(body.position)]
             rounding = _ROUNDING * e.length
             center = [c if abs(c) > rounding else 0.0 for c in (x - dy / rate, y + dx / rate)]
             phrase = f"rotate about ({center[0]:.4g}, {center[1]:.4g})"
@@ -166,12 +166,12 @@ def describe_free_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
 
 
 def _describe_direction(body: Body, motion: Array) -> str:
-    if body.place is None:
+    if body.position is None:
         return "its coordinate"
-    along = motion[list(body.place)]
+    along = motion[list(body.position)]
     along = along / np.linalg.norm(along)
     x, y = (value if abs(value) > _ROUNDING else 0.0 for value in along)
-    # A line has no sense of direction: x is positive, or x = 0 and y is.
+    # The sign of a direction is arbitrary: make x positive, or y if x = 0.
     x, y = (x, y) if (x, y) > (0.0, 0.0) else (0.0 - x, 0.0 - y)
     return f"({x:.3g}, {y:.3g})"
 
@@ -183,10 +183,10 @@ class DisplacementMeasure:
     Attributes
     ----------
     scale
-        Natural size of each coordinate, (n,).
+        Scale of each coordinate, (n,).
     point
-        Index of the x coordinate of the point each coordinate belongs to, (n,); a coordinate that
-        is not one of a point has its own index.
+        Index of the x coordinate of the point to which each coordinate belongs, (n,); coordinates
+        that belong to no point refer to themselves.
     """
 
     scale: Array
@@ -199,8 +199,8 @@ class DisplacementMeasure:
         for body in collect_bodies(e):
             if body.nodes is not None:
                 point[body.nodes[:, 1]] = body.nodes[:, 0]
-            elif body.place is not None:
-                point[body.place[1]] = body.place[0]
+            elif body.position is not None:
+                point[body.position[1]] = body.position[0]
         return cls(e.position_scales, point)
 
     def distances(self, change: Array) -> Array:
@@ -209,5 +209,5 @@ class DisplacementMeasure:
         return np.asarray(np.sqrt(squares)[self.point])
 
     def farthest(self, change: Array) -> float:
-        """Return the largest displacement in natural sizes."""
+        """Return the largest displacement, relative to the scale of the coordinate."""
         return float(np.max(self.distances(change) / self.scale, initial=0.0))

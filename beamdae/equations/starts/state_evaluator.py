@@ -1,6 +1,6 @@
 """Constraints, forces and matrices of the equations of motion, evaluated at single states.
 
-They are evaluated a few times a run by CasADi's virtual machine, which compiles nothing.
+They are evaluated only a few times per run, by CasADi's virtual machine, without compilation.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ class ForceBlock:
     entries
         Indices of the block's entries among the non-zeros of the saddle-point matrix.
     columns
-        Column of each entry; the rows are the indices of the pattern.
+        Column of each entry; its row is the same entry of `pattern.indices`.
     mirrored
-        Index of the entry on the other side of the diagonal; -1 if there is none.
+        Index of the entry mirrored about the diagonal; -1 if it is not in the pattern.
     """
 
     pattern: sp.csc_array
@@ -104,7 +104,7 @@ def _locate_force_block(pattern: sp.csc_array, n: int) -> ForceBlock:
     rows, columns = pattern.indices[entries].astype(np.int64), column[entries]
     starts = np.searchsorted(columns, np.arange(n + 1))
     block = sp.csc_array((np.ones(len(entries)), rows, starts), shape=(n, n))
-    # The keys of the entries ascend because these are sorted by column and row.
+    # The keys ascend because the entries are sorted by column and row.
     key, mirror_key = columns * n + rows, rows * n + columns
     mirrored = np.minimum(np.searchsorted(key, mirror_key), len(key) - 1)
     return ForceBlock(block, entries, columns, np.where(key[mirrored] == mirror_key, mirrored, -1))
@@ -114,8 +114,8 @@ def _locate_force_block(pattern: sp.csc_array, n: int) -> ForceBlock:
 class StateEvaluator:
     """Evaluates constraints, forces and matrices at single states.
 
-    Times are arrays (t, branch) with t [s]. Instances own buffers: do not share one between
-    threads.
+    Times are arrays (t, branch) with t [s]. Instances hold buffers: do not share an instance
+    between threads.
     """
 
     equations: EquationsOfMotion
