@@ -165,7 +165,7 @@ class Arc:
             angle=require_finite("Arc", "angle", self.angle),
         )
         if self.radius == 0.0:
-            raise BeamdaeError("Arc: radius must not be zero.")
+            raise BeamdaeError("Arc: radius must not be zero, got 0.")
         if abs(self.angle) > _MAX_ANGLE:
             raise BeamdaeError(
                 f"Arc: angle must lie within {_MAX_ANGLE:g} rad, because rounding "

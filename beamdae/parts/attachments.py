@@ -68,7 +68,7 @@ class Attachment:
             set_fields(self, s=require_finite(name, "s", self.s))
         if not sp.issparse(self.operator) or self.operator.ndim != 2:
             raise BeamdaeError(
-                f"{name}: the operator of an attachment must be a sparse matrix of SciPy, "
+                f"{name}: the operator of an attachment must be a SciPy sparse matrix, "
                 f"got {short_repr(self.operator)}."
             )
         if not callable(self.kinematics):

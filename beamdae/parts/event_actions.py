@@ -113,8 +113,9 @@ def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
     if isinstance(on, Quantity):
         if len(on.columns) != 1 or on.joint is not None:
             raise BeamdaeError(
-                "impact: a gap must be a quantity of one column that depends on positions, such "
-                f"as surface.gap(point), got {', '.join(x.header for x in on.columns)}."
+                "impact: a gap must be a quantity with one column that depends on "
+                "positions, such as surface.gap(point), got "
+                f"{', '.join((x.header for x in on.columns))}."
             )
     elif not isinstance(on, Joint):
         raise BeamdaeError(

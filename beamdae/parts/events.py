@@ -42,7 +42,7 @@ class Switch:
 
 @dataclass(frozen=True, eq=False)
 class Impact:
-    """Jump of velocities by Newton's law of restitution, see `impact`."""
+    """Jump of velocities by Newton's law of restitution; see `impact`."""
 
     on: Any
     restitution: float
@@ -95,8 +95,9 @@ class Event:
         part = "event" if self.name is None else require_name("event", self.name)
         if not isinstance(self.what, (str, Quantity)):
             raise BeamdaeError(
-                f"{part}: the first argument must be the name of an observed column, such as "
-                f"'tip.y', or a quantity of one column, got {short_repr(self.what)}."
+                f"{part}: the first argument must be the name of an observed column, "
+                "such as 'tip.y', or a quantity with one column, got "
+                f"{short_repr(self.what)}."
             )
         crosses = require_finite(part, "crosses", self.crosses)
         if self.name is None and not isinstance(self.what, str):

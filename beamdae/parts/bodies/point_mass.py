@@ -83,7 +83,7 @@ class PointMass(Part):
             velocity=require_point(self.name, "velocity", self.velocity),
         )
         if (self.on is None) == (self.at is None):
-            raise BeamdaeError(f"{self.name}: give either on=an attachment or at=(x, y).")
+            raise BeamdaeError(f"{self.name}: pass either on= (an attachment) or at=(x, y).")
         if self.on is not None:
             require_movable(self.name, require_attachment(self.name, "on", self.on))
         else:

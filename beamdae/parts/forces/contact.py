@@ -149,8 +149,8 @@ class Contact(Part):
     stiffness
         Penalty stiffness [N/m^exponent].
     exponent
-        Exponent of the penetration, 1 to 10: 1.5 for Hertzian contact of spheres; 1 gives a force
-        with a kink.
+        Exponent of the penetration, 1 to 10; use 1.5 for Hertzian contact of spheres. With 1, the
+        force has a kink at the onset of contact.
     restitution
         Coefficient of restitution of an impact at `impact_speed`, 0.05 to 1; slower impacts lose a
         smaller fraction of their speed.

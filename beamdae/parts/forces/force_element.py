@@ -264,7 +264,7 @@ class ForceElement(Part):
 
     @cached_property
     def _expression(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """Arguments of an `_ElementExpression`, and the functions it is called with."""
+        """Arguments that create an `_ElementExpression`, and functions to pass to it."""
         law, law_numbers = self._law
         functions = (
             self.a.checked_kinematics,

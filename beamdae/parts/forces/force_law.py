@@ -132,7 +132,8 @@ def _load_column(part: str, load: Any) -> SX:
     count = len(list_entries(load))
     if count not in (2, 3):
         raise BeamdaeError(
-            f"{part}: a load of the law must be (Fx, Fy) or (Fx, Fy, M), got {short_repr(load)}."
+            f"{part}: each load returned by law must be (Fx, Fy) or (Fx, Fy, M), got "
+            f"{short_repr(load)}."
         )
     column = require_column(part, "law", load, count)
     return column if count == 3 else ca.vertcat(column, 0)

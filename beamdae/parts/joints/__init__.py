@@ -1,5 +1,5 @@
 """Joints: constraints between attachments, drivers, gears, rolling contacts and skates.
 
-May import: the modules of parts above `joints`, symbolic.
+May import: `part`, `attachments` and `laws` of `parts`, symbolic.
 To extend: subclass `Joint` and define its gap function, in the module of its family.
 """

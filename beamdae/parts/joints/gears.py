@@ -18,7 +18,7 @@ from beamdae.symbolic.statements import SX, Variable
 def _require_nonzero(part: str, name: str, value: Any) -> float:
     number = require_finite(part, name, value)
     if number == 0.0:
-        raise BeamdaeError(f"{part}: {name} must not be zero.")
+        raise BeamdaeError(f"{part}: {name} must not be zero, got 0.")
     return number
 
 

@@ -19,7 +19,7 @@ def require_direction(part: str, value: Any) -> tuple[float, float]:
     """Return `value` if it is a nonzero vector (x, y)."""
     direction = require_point(part, "direction", value)
     if np.hypot(*direction) == 0.0:
-        raise BeamdaeError(f"{part}: direction must not be zero.")
+        raise BeamdaeError(f"{part}: direction must not be zero, got (0, 0).")
     return direction
 
 

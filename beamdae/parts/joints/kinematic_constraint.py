@@ -305,7 +305,7 @@ class KinematicConstraint(Part):
             build, self.argument_functions(self.gap_parameters, self.laws)
         )
         if self._reads_self:
-            # Methods of an instance are not cached for other models.
+            # A function that reads `self` is not cached for other models.
             return Quantity(
                 columns, self.pieces, lambda local: values(local), data, joint=self.name
             )
