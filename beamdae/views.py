@@ -1,6 +1,6 @@
-"""Figures, animations and summaries of results, as their methods offer them.
+"""Functions behind the display methods of results: figures, animations and summaries.
 
-Methods such as `Solution.plot` call these functions through `results.displays.load_views`.
+Methods such as `Solution.plot` import this module through `results.displays.load_views`.
 """
 
 from __future__ import annotations
@@ -28,5 +28,5 @@ __all__ = [
 
 
 def save_plot(plot: Plot, path: str | Path) -> Path:
-    """Write a plot to a file, see `Plot.save`."""
+    """Write a plot to a file and return its path, see `Plot.save`."""
     return save_figure(plot.figure, require_picture_path("Plot.save", path))

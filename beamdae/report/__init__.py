@@ -1,5 +1,5 @@
-"""Presentation of results: tables for the terminal, figures, animations, pages for the browser.
+"""Presentation of results: terminal tables, figures, animations and HTML pages.
 
-May import: results, analysis and what lies below them. Nothing is simulated here.
-Next: a table in `terminal`, a figure in `pictures`, a symbol in `scene`, a panel in `page`.
+May import: results, analysis and the layers below. Reports do not run simulations.
+To extend: add tables to `terminal`, figures to `pictures`, symbols to `scene`, panels to `page`.
 """

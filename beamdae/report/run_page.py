@@ -1,4 +1,4 @@
-"""Content of the page of one run, as plain data."""
+"""Content of the HTML page of a single run, as plain data."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from beamdae.results.event_records import format_event_times
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import versions
 
-_ID = "run"  # of the only case and its group
-_HASH_DIGITS = 12  # of the equations, enough to distinguish runs
+_ID = "run"  # id of the only case and of its group
+_HASH_DIGITS = 12  # displayed digits of the equation hash, enough to distinguish runs
 _PARAMETER_DIGITS = 6
 
 
@@ -28,7 +28,7 @@ def build_run_page(
     errors: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return the page of a run for `beamdae.report.page.page_file.write_page`.
+    """Return the page content of a run for `beamdae.report.page.page_file.write_page`.
 
     Parameters
     ----------
@@ -37,15 +37,15 @@ def build_run_page(
     title
         Title of the page.
     columns
-        Table by header, if it covers more than this run, such as a run and its continuation;
-        defaults to the table of the run.
+        Table columns by header, for example the combined table of a run and its continuation.
+        Defaults to the table of the run.
     errors
-        Error columns with a row for each observed column; the first column is left out.
+        Error columns with one row per observed column. The first error column is omitted.
     warnings
-        Warnings shown besides those of the run.
+        Warnings to show in addition to the warnings of the run.
     """
     table = solution.all_columns() if columns is None else dict(columns)
-    # The drift is known for the rows of this run only.
+    # The drift is available only for the rows of this run.
     if len(solution.t) == len(table[TIME]):
         table |= solution.drift_columns
     status = solution.status

@@ -1,4 +1,4 @@
-"""HTML summary of a run, displayed by notebooks: status, cost, accuracy and a thumbnail."""
+"""HTML summary of a run for notebooks: status, cost, accuracy and a thumbnail."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _VALUE_STYLE = _CELL_STYLE.format("")
 
 
 def summarize_as_html(solution: Solution) -> str:
-    """Return the summary of a run as a self-contained piece of HTML."""
+    """Return the summary of a run as a self-contained HTML fragment."""
     name = solution.model.get("name", "")
     method = str(solution.integrator.get("integrator", ""))
     title = " by ".join(filter(None, (name, method))) or "run"
     try:
         thumbnail = draw_thumbnail(solution)
     except BeamdaeError:
-        # A run of equations without a mechanism has nothing to draw.
+        # The run has no mechanism that could be drawn.
         thumbnail = ""
     return (
         '<div style="display: flex; gap: 24px; align-items: center">'
@@ -54,7 +54,7 @@ def _collect_facts(solution: Solution) -> dict[str, str]:
 
 
 def format_html_table(facts: Mapping[str, str]) -> str:
-    """Return facts by name as an HTML table with two columns."""
+    """Return an HTML table with the columns name and value."""
     rows = "".join(
         f"<tr><td {_NAME_STYLE}>{html.escape(name)}</td>"
         f"<td {_VALUE_STYLE}>{html.escape(value)}</td></tr>"

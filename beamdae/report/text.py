@@ -1,15 +1,15 @@
-"""Texts of users in a form that terminals, figures and pages can display."""
+"""Conversion of arbitrary text to a form that terminals, figures and pages can display."""
 
 from __future__ import annotations
 
 
 def make_printable(text: str) -> str:
-    """Return the text on one line, with unprintable characters replaced by their escape codes."""
+    """Return the text on one line, with unprintable characters as escape sequences."""
     return "".join(map(_escape, text))
 
 
 def shorten_text(text: str, most: int) -> str:
-    """Return the printable text; if it has more than `most` characters, without its middle."""
+    """Return the printable text, with its middle replaced by "…" if longer than `most`."""
     text = make_printable(text)
     if len(text) <= most:
         return text

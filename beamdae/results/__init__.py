@@ -1,5 +1,5 @@
-"""Results: trajectory, solution, diagnostics, section forces, saved runs. They hold data only.
+"""Results of runs: trajectory, solution, diagnostics, section forces and saved files.
 
-May import: equations, beams, parts, symbolic. Drawing goes through `displays.load_views`.
-Next: a quantity of a run is a method of `Solution`; a check of runs is a module in `diagnostics`.
+May import: equations, beams, parts, symbolic; drawing code only through `displays.load_views`.
+To extend: add quantities of a run as methods of `Solution`, and checks as modules in `diagnostics`.
 """

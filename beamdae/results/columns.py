@@ -28,12 +28,12 @@ class Header(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """Key shared by columns of comparable magnitude: the unit, or the full name if it is '-'."""
+        """Key of columns with comparable magnitudes: the unit, or the name if the unit is '-'."""
         return f"{self.name}.{self.suffix}" if self.unit == "-" else self.unit
 
 
 def observed_columns(table: Iterable[object]) -> list[str]:
-    """Return the headers of a table except those of time, energies and drift."""
+    """Return the headers of a table, excluding time, energies and drift."""
     others = {TIME, *LEDGER_COLUMNS, *DRIFT_COLUMNS}
     return [str(column) for column in table if str(column) not in others]
 

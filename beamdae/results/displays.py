@@ -1,4 +1,4 @@
-"""Figures and animations that notebooks display, and the access to the functions that draw them."""
+"""Figures and animations for notebooks, and access to the functions that draw them."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from beamdae import deferred
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ANIMATION_WIDTH = 640  # largest width of an animation in a notebook [pixels]
-_NOTEBOOK_RESOLUTION = 110  # of a figure in a notebook [dots per inch]
+ANIMATION_WIDTH = 640  # maximum width of an animation in a notebook [pixels]
+_NOTEBOOK_RESOLUTION = 110  # resolution of a figure in a notebook [dots per inch]
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Plot:
     Attributes
     ----------
     figure
-        The matplotlib figure, which may be modified.
+        The Matplotlib figure; it may be modified.
     """
 
     figure: Figure
@@ -74,7 +74,7 @@ class Animation:
 
 
 class Views(Protocol):
-    """Functions of `beamdae.views` that methods of results call, with the types they return."""
+    """Interface of `beamdae.views`: the functions called by the methods of results."""
 
     animate: Callable[..., Animation | Path]
     plot_equilibrium_path: Callable[..., Plot]
@@ -86,9 +86,9 @@ class Views(Protocol):
 
 
 def load_views() -> Views:
-    """Return `beamdae.views`, which draws results.
+    """Import and return `beamdae.views`, which draws results.
 
-    Results hold data and depend on no drawing code; their methods `plot`, `animate`, `diagram` and
-    `_repr_html_` all call through this function.
+    Result classes contain only data and do not import drawing code. Their methods `plot`,
+    `animate`, `diagram` and `_repr_html_` call this function when needed.
     """
     return cast("Views", deferred.module("views"))

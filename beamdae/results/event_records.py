@@ -19,27 +19,27 @@ UP, DOWN = "up", "down"
 
 @dataclass(frozen=True)
 class EventRecord:
-    """One occurrence of an event.
+    """Record of one occurrence of an event.
 
     Attributes
     ----------
     name
         Name of the event.
     direction
-        Direction in which its quantity crossed the value, "up" or "down".
+        Direction in which the monitored quantity crossed its value, "up" or "down".
     t
         Time of the crossing [s].
     branch
-        A time inside the interval, by which piecewise laws select their piece [s].
+        Time inside the interval that selects the active piece of piecewise laws [s].
     state
-        State at the crossing, evaluated by the dense output before parts are switched.
+        State at the crossing, interpolated by the dense output, before parts are switched.
     impulses
-        Impulses of joints and gaps at a velocity jump, by multiplier [N s].
+        Impulses of joints and gaps during a velocity jump, by multiplier name [N s].
     energy_lost
-        Kinetic energy that the velocity jump dissipated [J].
+        Kinetic energy dissipated by the velocity jump [J].
     done
-        True if the actions of the event were executed. If the run ended before, a run that resumes
-        from its end executes them first.
+        True if the actions of the event were executed. If the run ended before executing them, a
+        resumed run executes them first.
     """
 
     name: str
@@ -52,7 +52,7 @@ class EventRecord:
     done: bool = True
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the record as plain values for JSON."""
+        """Return the record as JSON-compatible values."""
         record: dict[str, Any] = {
             "event": self.name,
             "direction": self.direction,
@@ -66,13 +66,13 @@ class EventRecord:
 
 
 def format_event_counts(names: Iterable[str]) -> str:
-    """Format how often each event occurred, from one name per occurrence."""
+    """Format the number of occurrences of each event, given one name per occurrence."""
     counts = Counter(names).items()
     return ", ".join(name if n == 1 else f"{name} {n} times" for name, n in counts) or "none"
 
 
 def format_event_times(event_records: Sequence[EventRecord]) -> str:
-    """Format how often each event occurred, and when it occurred first."""
+    """Format the number of occurrences of each event and the time of its first occurrence."""
     times: dict[str, list[float]] = {}
     for record in event_records:
         times.setdefault(record.name, []).append(record.t)
@@ -86,7 +86,7 @@ def format_event_times(event_records: Sequence[EventRecord]) -> str:
 def tabulate_events(
     equations: EquationsOfMotion, event_records: Sequence[EventRecord]
 ) -> dict[str, Any]:
-    """Return columns with one row per event: name, direction, time, and the observed columns."""
+    """Return table columns by header: name, direction, time and observed values of each event."""
     columns: dict[str, Any] = {
         "event": [record.name for record in event_records],
         "direction": [record.direction for record in event_records],

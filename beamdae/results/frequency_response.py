@@ -1,4 +1,4 @@
-"""Response curve: periodic motions over a parameter, with their folds and peaks."""
+"""Frequency response: periodic motions over a parameter, with folds and peaks of the curve."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-_STABILITY_MARGIN = 1e-3  # by which multipliers of stable motions may exceed 1
-_SHORTEST_STEP = 1e-12  # of the arc length between two points of the curve
+_STABILITY_MARGIN = 1e-3  # moduli of the multipliers of stable motions may exceed 1 by this
+_SHORTEST_STEP = 1e-12  # minimum arc length between two points of the curve
 
 
 @dataclass(frozen=True, eq=False)
 class ResponsePoint:
-    """A periodic motion of a response curve.
+    """One periodic motion on a response curve.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class ResponsePoint:
     solution
         One period of the motion.
     multipliers
-        Floquet multipliers, the largest first.
+        Floquet multipliers, sorted by descending modulus.
     forward
         True if the parameter increases along the curve at this point.
     """
@@ -48,22 +48,22 @@ class ResponsePoint:
 
     @property
     def stable(self) -> bool:
-        """True if no disturbance grows."""
+        """True if no perturbation grows."""
         return largest_modulus(self.multipliers) <= 1.0 + _STABILITY_MARGIN
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrequencyResponse:
-    """Periodic motions along a curve over a parameter.
+    """Response curve: periodic motions over a parameter.
 
     Attributes
     ----------
     parameter
         Name of the parameter.
     points
-        The motions, in the order of the curve.
+        The motions, in order along the curve.
     status
-        Whether the curve reached the end of the range, and the reason if it did not.
+        Outcome of the continuation; `status.kind` is "ok" if it covered the whole range.
     """
 
     parameter: str
@@ -81,8 +81,8 @@ class FrequencyResponse:
     def table(self) -> pd.DataFrame:
         """Return one row per motion: parameter, period, mean and half range of observed columns.
 
-        The last columns are whether the motion is stable, the largest modulus of its multipliers,
-        and "fold", which is true where the parameter reverses its direction.
+        The last columns are "stable", "largest multiplier" (the largest modulus) and "fold", which
+        is true where the parameter reverses its direction.
         """
         import pandas as pd
 
@@ -105,21 +105,21 @@ class FrequencyResponse:
         }
 
     def plot(self, column: str) -> Plot:
-        """Plot the half range of an observed column over the parameter; dashed where unstable."""
+        """Plot the half range of an observed column; unstable parts of the curve are dashed."""
         return load_views().plot_frequency_response(self, column)
 
     @property
     def folds(self) -> list[float]:
-        """Values of the parameter at which the curve turns back.
+        """Parameter values at which the curve folds back.
 
-        Each is the vertex of the parabola through the nearest three points.
+        Each value is the vertex of the parabola through the nearest three points.
         """
         values = np.array([point.parameter for point in self.points])
         reversals = np.flatnonzero(np.diff(np.sign(np.diff(values))) != 0) + 1
         return [self._vertex(k, values) for k in reversals.tolist()]
 
     def peaks(self, column: str) -> list[tuple[float, float]]:
-        """Return (parameter, half range) at each peak of an observed column.
+        """Return (parameter, half range) of an observed column at each peak.
 
         Each peak is the vertex of the parabola through the nearest three points.
         """
@@ -139,7 +139,7 @@ class FrequencyResponse:
         return peaks
 
     def curve(self, column: str) -> tuple[Array, Array]:
-        """Return the parameter and the half range of an observed column, (k,) each."""
+        """Return the parameter (k,) and the half range (k,) of an observed column."""
         if self.points:
             require_choice(
                 "frequency_response", "column", column, list(self.points[0].solution.columns)
@@ -149,7 +149,7 @@ class FrequencyResponse:
 
     @property
     def _arc_length(self) -> Array:
-        """Arc length of the curve (k,), with parameter and half ranges scaled to the range 1."""
+        """Arc length along the curve (k,), computed from columns scaled to a range of 1."""
         values = np.array([point.parameter for point in self.points])
         sizes = np.array([list(map(half_range, p.solution.columns.values())) for p in self.points])
         rows = np.concatenate([values[:, None], sizes], axis=1)

@@ -31,7 +31,7 @@ class Status:
         return self.kind == "ok"
 
     def is_unreliable(self, has_pending_event: bool) -> bool:
-        """Return whether the last state of the run may be wrong.
+        """Return True if the last state of the run may be wrong.
 
         The last state of a failed run is unreliable, unless the run failed while executing an
         event, which does not affect the state.

@@ -1,4 +1,4 @@
-"""Provenance of a result: the parts of the mechanism with their parameters, and hashes."""
+"""Provenance of a result: parts of the mechanism with their parameters, and hashes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MAX_ENTRIES = 16  # longer lists, such as measured points, are replaced by thei
 
 
 def describe_provenance(equations: EquationsOfMotion) -> dict[str, Any]:
-    """Return the hash of the equations, and gravity and parts of their mechanism, for JSON."""
+    """Return hash, gravity and parts of the equations as JSON-compatible values."""
     description: dict[str, Any] = {"identity": hash_model(equations)}
     mechanism = equations.mechanism
     if mechanism is not None:
@@ -31,12 +31,15 @@ def describe_provenance(equations: EquationsOfMotion) -> dict[str, Any]:
 
 
 def state_hash(t: float, q: Any, v: Any) -> str:
-    """Return a hash of time, positions and velocities, which identifies the state of a run."""
+    """Return a hash of time, coordinates and velocities that identifies the state of a run."""
     return hashlib.sha256(np.concatenate([[t], q, v]).tobytes()).hexdigest()
 
 
 def _describe_fields(instance: Any, described: set[int]) -> dict[str, Any]:
-    """Return the public arguments of an instance; objects in `described` are omitted."""
+    """Return the public constructor arguments of an instance, skipping objects in `described`.
+
+    `described` contains the ids of objects that are already part of the description.
+    """
     if is_dataclass(instance):
         names = [f.name for f in fields(instance) if f.init]
     else:
@@ -50,7 +53,7 @@ def _describe_fields(instance: Any, described: set[int]) -> dict[str, Any]:
 
 
 def _describe_value(value: Any, described: set[int]) -> Any:
-    """Return a value for JSON, or None if there is none."""
+    """Return a JSON-compatible description of a value, or None if the value has none."""
     if isinstance(value, (bool, int, float, str)):
         return value
     if isinstance(value, (np.ndarray, np.generic)):

@@ -1,6 +1,6 @@
-"""Data of a run: states at the output times and the quantities derived from them, as arrays.
+"""Data of a run as arrays: states at the output times and quantities derived from them.
 
-This module does not import pandas, whose import takes as long as a short run.
+This module does not import pandas because its import takes as long as a short run.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _MAX_CHECKED_ROWS = 10_000
 
 @dataclass(frozen=True, repr=False)
 class RunData:
-    """Data of a run; `Solution` documents the attributes and adds tables, files and figures."""
+    """Data of a run; see `Solution`, which adds tables, files and figures, for the attributes."""
 
     equations: EquationsOfMotion
     trajectory: Trajectory = field(repr=False)
@@ -58,22 +58,22 @@ class RunData:
 
     @property
     def q(self) -> Array:
-        """Coordinates at the output times, (k, n)."""
+        """Coordinates (k, n) at the output times."""
         return self._output[1].q
 
     @property
     def v(self) -> Array:
-        """Velocities at the output times, (k, n)."""
+        """Velocities (k, n) at the output times."""
         return self._output[1].v
 
     @property
     def a(self) -> Array:
-        """Accelerations at the output times, (k, n)."""
+        """Accelerations (k, n) at the output times."""
         return self._output[1].a
 
     @property
     def lam(self) -> Array:
-        """Multipliers at the output times, (k, m)."""
+        """Lagrange multipliers (k, m) at the output times."""
         return self._output[1].lam
 
     @cached_property
@@ -82,7 +82,7 @@ class RunData:
 
     @cached_property
     def columns(self) -> dict[str, Array]:
-        """Observed columns at the output times, (k,) each, by header."""
+        """Observed columns (k,) at the output times, by header."""
         e = self.equations
         headers = [header for o in e.observables for header in o.headers]
         if not headers:
@@ -90,12 +90,12 @@ class RunData:
         return dict(zip(headers, self._evaluate_rows(measures.ObservedRows(e)).T, strict=True))
 
     def all_columns(self) -> dict[str, Array]:
-        """Return the columns of `table`, (k,) each, by header."""
+        """Return the columns (k,) of `table` by header."""
         ledger = zip(measures.LEDGER_COLUMNS, self._energy_ledger.at(self.t).T, strict=True)
         return {measures.TIME: self.t, **self.columns, **dict(ledger)}
 
     def coordinate_table(self) -> tuple[list[str], Array]:
-        """Return headers and rows (k, 1 + 2n + m) of time, coordinates, velocities, multipliers."""
+        """Return headers and rows (k, 1 + 2n + m): time, coordinates, velocities, multipliers."""
         e = self.equations
         columns = [
             *e.coordinates,
@@ -107,7 +107,7 @@ class RunData:
 
     @cached_property
     def drift_columns(self) -> dict[str, Array]:
-        """Largest |g| and |g_dot| of the active joints at the output times, (k,), by header."""
+        """Largest |g| and |g_dot| of the active joints at the output times, by header."""
         times, state = self._output
         configurations = [interval.configuration for interval in self.trajectory.intervals]
         index = self.trajectory.interval_index(self.t)
@@ -130,23 +130,23 @@ class RunData:
 
     @cached_property
     def start(self) -> StartSummary:
-        """Requested start, and its changes by part to make it consistent with the joints."""
+        """Requested start, and its changes per part to satisfy the joints."""
         first = self.trajectory.intervals[0].rows
         return compare_start(self.equations, State(*(rows[0] for rows in first)))
 
     @cached_property
     def validity(self) -> tuple[BeamRange, ...]:
-        """Largest deformation of each beam, and the resulting error of its strain measure."""
+        """Largest deformation of each beam and the resulting error of its strain measure."""
         return measure_beam_ranges_of_run(self.equations, self.trajectory)
 
     @cached_property
     def singular_positions(self) -> tuple[SingularPosition, ...]:
-        """Positions in which the joints lost rank, so that the motion branches."""
+        """Positions at which the joint constraints lost rank and the motion may branch."""
         return find_singular_positions(self.equations, self.trajectory)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the reliability of the run, as `simulate` issues them."""
+        """Warnings about the reliability of the run; `simulate` issues them."""
         checked = self._with_checked_rows()
         beams = (beam.warning for beam in self.validity)
         return (
@@ -157,7 +157,7 @@ class RunData:
         )
 
     def summary(self) -> dict[str, Any]:
-        """Return status, statistics and quality as plain values."""
+        """Return status, statistics and quality as a flat dictionary."""
         return {
             "success": self.status.success,
             "status": self.status.kind,
@@ -168,7 +168,7 @@ class RunData:
         }
 
     def metadata(self, **further: Any) -> dict[str, Any]:
-        """Return the content of the JSON file that `to_csv` writes, with `further` entries."""
+        """Return the JSON content written by `to_csv`, with the additional entries `further`."""
         end, last = self.trajectory.end, self.trajectory.intervals[-1].state
         ledger = self._energy_ledger.at(np.array([end]))[0].tolist()
         return {
@@ -185,7 +185,7 @@ class RunData:
             "singular positions": [asdict(position) for position in self.singular_positions],
             "events": [record.as_dict() for record in self.event_records],
             "warnings": list(self.warnings),
-            # Identifies the run for those that resume from its end, which add to its works.
+            # Resumed runs find this run by its last state and continue its works.
             "end": {
                 "state": state_hash(end, last.q[-1], last.v[-1]),
                 **dict(zip(measures.LEDGER_COLUMNS, ledger, strict=True)),
@@ -195,7 +195,7 @@ class RunData:
         }
 
     def _with_checked_rows(self) -> RunData:
-        """Return the run with at most some thousand rows, enough to find values not finite."""
+        """Return the run with thinned output times, which suffice to detect non-finite values."""
         stride = len(self.t) // _MAX_CHECKED_ROWS + 1
         return self if stride == 1 else replace(self, t=self.t[::stride])
 

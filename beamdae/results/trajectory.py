@@ -1,4 +1,4 @@
-"""Trajectory of a run: the accepted steps and the dense output between them."""
+"""Trajectory of a run: accepted steps with dense output."""
 
 from __future__ import annotations
 
@@ -14,42 +14,42 @@ from beamdae.errors import BeamdaeError, require_finite
 
 Array = np.ndarray
 
-# Degrees of the polynomials through steps. With 4, values between the steps of BDF up to order 5
-# are as accurate as those at the steps; a vibration that alternates from step to step is amplified
-# by 2.2 between them (1.6 with degree 3, 3.1 with degree 5).
-_DEGREE_OF_MOTION = 4  # of q and v
-_DEGREE_OF_REACTIONS = 3  # of a and lam, which may jump from step to step
+# Degrees of the interpolating polynomials. With degree 4, interpolated values of BDF up to order 5
+# are as accurate as the values at the steps. A vibration that alternates from step to step is
+# amplified by 2.2 between the steps (1.6 with degree 3, 3.1 with degree 5).
+_DEGREE_OF_MOTION = 4  # for q and v
+_DEGREE_OF_REACTIONS = 3  # for a and lam, which may jump from step to step
 
 
 @dataclass(frozen=True)
 class Interval:
     """Accepted steps between two breakpoints, with dense output.
 
-    For multistep and one-step methods without stages, the dense output in a step is the Lagrange
-    polynomial through the state at the end of the step and those at the preceding steps (Hairer,
-    Norsett & Wanner, Solving ODEs I, 1993, section III.6), of degree 4 for q and v and 3 for a and
-    lam. For methods with stages it is the collocation polynomial through the start of the step, the
-    stages and the end (Hairer & Wanner, Solving ODEs II, 1996, section IV.8); there q is the
-    integral of v, one degree higher, with a linear correction that makes it meet q at the end.
-    Derivatives are not interpolated: h v and h^2 a contain the modes that are too fast for the
-    step, multiplied by h and h^2, and stiff sections would turn these into forces out of all
-    proportion to those at the steps.
+    For multistep methods and one-step methods without stages, the dense output within a step is the
+    Lagrange polynomial through the states at the end of the step and at the preceding steps
+    (Hairer, Norsett & Wanner, Solving ODEs I, 1993, section III.6), of degree 4 for q and v and
+    degree 3 for a and lam. For methods with stages it is the collocation polynomial through the
+    start of the step, the stages and the end (Hairer & Wanner, Solving ODEs II, 1996, section
+    IV.8); q is then the integral of v, one degree higher, with a linear correction so that it
+    equals q at the end of the step. Hermite interpolation is not used: h v and h^2 a contain modes
+    that the step does not resolve, and stiff sections would amplify these to spurious forces far
+    larger than the forces at the steps.
 
-    The first state of an interval is consistent with the laws, but fast modes have not responded to
-    it yet. The polynomials therefore omit it from the second node on.
+    The first state of an interval is consistent with the laws, but fast modes have not yet
+    responded to it. The polynomials therefore exclude this state except before the second node.
 
     Attributes
     ----------
     nodes
-        Times (k,) of the steps, and of the stages inside each step if there are any, ascending [s].
+        Ascending times (k,) of the steps and, for methods with stages, of the stages [s].
     rows
-        States at the nodes, each of q, v, a, lam as (k, .).
+        States at the nodes: q (k, n), v (k, n), a (k, n) and lam (k, m).
     branch
-        A time inside the interval, by which piecewise laws select their piece [s].
+        Time inside the interval that selects the active piece of piecewise laws [s].
     nodes_per_step
-        Number of nodes per step, including its end.
+        Number of nodes per step: its stages and its end.
     configuration
-        The active parts, if events switch parts of the mechanism.
+        The active parts. None if no events switch parts of the mechanism.
     """
 
     nodes: Array
@@ -70,7 +70,7 @@ class Interval:
 
     @property
     def times(self) -> Array:
-        """Rows (t, branch) of the nodes, as compiled functions take them."""
+        """Rows (t, branch) of the nodes, the time argument of compiled functions."""
         return _with_branch(self.nodes, self.branch)
 
     def at(self, t: Array) -> State:
@@ -83,12 +83,12 @@ class Interval:
         return State(position, motion @ v, reaction @ a, reaction @ lam)
 
     def interpolate(self, values: Array, t: Array) -> Array:
-        """Interpolate a quantity as smooth as q at times [s] inside the interval.
+        """Interpolate a quantity at times [s] inside the interval with the polynomials of v.
 
         Parameters
         ----------
         values
-            Rows of the quantity at the nodes, (k, .).
+            Values of the quantity at the nodes, (k, .).
         """
         node = _preceding_node(self.nodes, t)
         return self._lagrange_weights(t, node, _DEGREE_OF_MOTION) @ values
@@ -96,14 +96,14 @@ class Interval:
     def integrate_to_steps(self, rates: Array) -> Array:
         """Integrate rates from the start of the interval to each of its steps.
 
-        The integrand is the polynomial of the dense output, of degree 3 through steps. Through the
-        stages of Radau IIA the result is the quadrature of the method itself, with the weights
+        The integrand is the polynomial of the dense output, of degree 3 for methods without stages.
+        For Radau IIA the result equals the quadrature of the method, with the weights
         (16 - sqrt 6)/36, (16 + sqrt 6)/36, 1/9 and weight 0 at the start of the step.
 
         Parameters
         ----------
         rates
-            Rows of the rates at the nodes, (k, .).
+            Values of the rates at the nodes, (k, .).
         """
         integrals = np.zeros((len(self.t), rates.shape[1]))
         np.cumsum(self._integrate_within_step(rates, self.t[1:]), axis=0, out=integrals[1:])
@@ -114,8 +114,10 @@ class Interval:
 
         Parameters
         ----------
-        rates, to_steps
-            The rates at the nodes, and the result of `integrate_to_steps` for them.
+        rates
+            Values of the rates at the nodes, (k, .).
+        to_steps
+            Result of `integrate_to_steps` for these rates.
         """
         return to_steps[_preceding_node(self.t, t)] + self._integrate_within_step(rates, t)
 
@@ -134,7 +136,7 @@ class Interval:
         return integrals
 
     def _integrate_velocity(self, q: Array, v: Array, t: Array) -> Array:
-        """Integrate v from step to step, corrected linearly to meet q at the steps."""
+        """Return the integral of v with a linear correction in each step to match q at its end."""
         step = _preceding_node(self.t, t)
         ends = q[:: self.nodes_per_step]
         gap = np.diff(ends, axis=0) - self._integrate_within_step(v, self.t[1:])
@@ -142,7 +144,7 @@ class Interval:
         return ends[step] + self._integrate_within_step(v, t) + x * gap[step]
 
     def _lagrange_weights(self, t: Array, node: Array, degree: int) -> sp.csr_array:
-        """Return the weights (len(t), k) of the nodes at times that follow each `node`."""
+        """Return the Lagrange weights (len(t), k) of the nodes at times after each `node`."""
         last = len(self.nodes) - 1
         degree = min(degree if self.nodes_per_step == 1 else self.nodes_per_step, last)
         end = (node // self.nodes_per_step + 1) * self.nodes_per_step
@@ -160,7 +162,7 @@ class Interval:
 
 
 def _preceding_node(nodes: Array, t: Array) -> Array:
-    """Return the index of the node before each time; a node belongs to the step that it ends."""
+    """Return the index of the last node before each time, or 0 at the first node."""
     return np.clip(np.searchsorted(nodes, t, side="left") - 1, 0, max(len(nodes) - 2, 0))
 
 
@@ -170,7 +172,7 @@ def _with_branch(t: Array, branch: float | Array) -> Array:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """All accepted steps of a run, one `Interval` after another."""
+    """All accepted steps of a run as consecutive intervals."""
 
     intervals: tuple[Interval, ...]
 
@@ -181,7 +183,7 @@ class Trajectory:
 
     @property
     def end(self) -> float:
-        """Last time that the run reached [s]."""
+        """Last time of the run [s]."""
         return float(self.intervals[-1].t[-1])
 
     @property
@@ -190,12 +192,12 @@ class Trajectory:
         return sum(len(interval.t) - 1 for interval in self.intervals)
 
     def interval_index(self, times: Array) -> Array:
-        """Return the index of the interval of each time; a breakpoint ends its interval."""
+        """Return the index of the interval of each time; breakpoints end the earlier interval."""
         starts = np.array([interval.t[0] for interval in self.intervals])
         return np.clip(np.searchsorted(starts, times, side="left") - 1, 0, None)
 
     def at(self, times: Array) -> tuple[Array, State]:
-        """Return (t, branch) rows (k, 2) and states at ascending times (k,) of the run [s]."""
+        """Return rows (t, branch), (k, 2), and states at ascending times (k,) [s]."""
         index = self.interval_index(times)
         branches = np.array([interval.branch for interval in self.intervals])[index]
         parts = [x.at(times[index == k]) for k, x in enumerate(self.intervals)]
@@ -209,11 +211,12 @@ class Instant(NamedTuple):
     Attributes
     ----------
     time
-        (t, branch): the time [s], and a time inside the smooth interval that contains it.
+        (t, branch): the time [s], and a time inside the interval that contains it, which selects
+        the active piece of piecewise laws.
     state
         Coordinates q (n,), velocities v (n,), accelerations a (n,) and multipliers lam (m,).
     configuration
-        The active parts, if events switch parts of the mechanism.
+        The active parts. None if no events switch parts of the mechanism.
     """
 
     time: Array
@@ -227,7 +230,7 @@ class Instant(NamedTuple):
 
     @classmethod
     def of(cls, trajectory: Trajectory, t: float) -> Instant:
-        """Evaluate the dense output at a time of the run [s].
+        """Evaluate the dense output at a time [s].
 
         Raises
         ------

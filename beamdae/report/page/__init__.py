@@ -1,6 +1,6 @@
-"""Self-contained HTML pages of runs and studies, and the animation player of notebooks.
+"""Self-contained HTML pages of runs and studies, and the notebook animation player.
 
 May import: errors, equations.measures, report.text, results.
-Next: a panel is a section of `page.html` with functions in `script/` and styles in `style/`, both
-listed in `page_file.py`.
+To extend: add a panel to `page.html`, with functions in `script/` and styles in `style/`, and list
+new files in `page_file.py`.
 """

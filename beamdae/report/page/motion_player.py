@@ -1,4 +1,4 @@
-"""Animation of a mechanism as a small HTML document for notebooks."""
+"""Animation player for notebooks, as a self-contained HTML document."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from beamdae.results.displays import ANIMATION_WIDTH, Animation
 _STYLES = ("page", "charts", "mechanism")
 _SCRIPTS = ("decoding", "elements", "numbers", "axes", "mechanism", "player", "notebook_player")
 
-# The drawing of the mechanism [units of its view box]; the same numbers as in script/mechanism.js.
+# Size of the picture [units of the SVG view box]; keep in step with script/mechanism.js.
 _DRAWING_WIDTH = 420.0
 _MIN_DRAWING_HEIGHT = 180.0
 _MAX_DRAWING_HEIGHT = 400.0
 _SCALE_BAR_HEIGHT = 16.0
-_CONTROLS_HEIGHT = 150  # below the drawing [pixels]
+_CONTROLS_HEIGHT = 150  # below the picture [pixels]
 _MIN_EXTENT = 1e-300  # avoids division by zero [m]
 
 
 def build_motion_player(
     frames: Mapping[str, Any], size: tuple[float, float], caption: str, speed: float, colored: bool
 ) -> Animation:
-    """Return a player of frames exported by `beamdae.report.scene.frame_export.export_frames`.
+    """Return an animation that plays exported frames in a notebook.
 
     Parameters
     ----------
     frames
-        Times, bodies, symbols and colors.
+        Frames from `beamdae.report.scene.frame_export.export_frames`.
     size
         Width and height of the visible region [m].
     caption
-        Text above the drawing.
+        Text above the animation.
     speed
         Playback speed relative to real time.
     colored
-        If true, beams start with the first of the colors.
+        If true, beams are initially colored by the first color quantity.
     """
     data = {
         "frames": encode_frames(frames),

@@ -1,4 +1,4 @@
-"""Data of a page: curves selected from the table of a run, curves and frames as 16-bit numbers."""
+"""Data of an HTML page: curves selected from tables, and 16-bit encoding of curves and frames."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from beamdae.results.columns import Header, observed_columns
 
 Array = np.ndarray
 
-_MAX_PAGE_VALUES = 500_000  # in all curves; 2.7 bytes each, about 1.3 MB
+_MAX_PAGE_VALUES = 500_000  # in all curves; about 1.3 MB at 2.7 bytes per value
 _MIN_ROWS_PER_CURVE = 200
 _MAX_ROWS_PER_CURVE = 2000
-_QUANTIZATION_STEPS = 65534  # of the range of a curve; one step is far less than a line width
-_MISSING_CODE = 65535  # of a value that is missing or not finite
-_MAX_MAGNITUDE = 1e300  # larger values count as missing: their range could overflow
+_QUANTIZATION_STEPS = 65534  # per range of a curve; one step is far less than a line width
+_MISSING_CODE = 65535  # code of values that are missing or not finite
+_MAX_MAGNITUDE = 1e300  # larger values count as missing because their range could overflow
 _POSITION_DRIFT = "position drift"
 _VELOCITY_DRIFT = "velocity drift"
-# By panel, quantities that span decades: stored and drawn as logarithms of their magnitudes.
+# Quantities per panel that span decades; the logarithms of their magnitudes are stored and drawn.
 _LOGARITHMIC: dict[str, tuple[str, ...]] = {
     "observed": (),
     "error": ("error",),
@@ -32,7 +32,7 @@ _LOGARITHMIC: dict[str, tuple[str, ...]] = {
 
 
 def compute_row_limit(curves: int) -> int:
-    """Return the maximum number of rows of each curve on a page with this many curves."""
+    """Return the maximum number of rows per curve for a page with the given number of curves."""
     rows = _MAX_PAGE_VALUES // max(curves, 1)
     return int(np.clip(rows, _MIN_ROWS_PER_CURVE, _MAX_ROWS_PER_CURVE))
 
@@ -48,18 +48,18 @@ def select_curves(
     Parameters
     ----------
     columns
-        Time, observed columns, energies and drift by header, one value a row.
+        Time, observed columns, energies and drift by header, one value per row.
     max_rows
         Longer tables are thinned evenly to this number of rows.
     error
-        The error at each row, NaN where it is unknown.
+        Error at each row; NaN if it is unknown.
     differences
-        By header, columns minus those of a reference at each row.
+        Differences between columns of the run and of a reference, by header.
 
     Returns
     -------
     dict or None
-        None if the table has fewer than two rows.
+        Curves by panel, see "curves" in `write_page`. None if the table has fewer than two rows.
     """
     t = np.asarray(columns[TIME], float)
     if len(t) < 2:
@@ -89,7 +89,7 @@ def select_curves(
 
 
 def encode_curves(curves: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """Return time and curves by panel and name in the form the script of the page decodes."""
+    """Encode time and curves, by panel and name, for decoding by the page script."""
     if not curves:
         return None
     panels = {
@@ -107,7 +107,7 @@ def encode_curves(curves: Mapping[str, Any] | None) -> dict[str, Any] | None:
 
 
 def encode_frames(frames: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """Return times, bodies, symbols and colors of an animation in the form the script decodes."""
+    """Encode times, bodies, symbols and colors of an animation for decoding by the page script."""
     if not frames or not frames["t"]:
         return None
     return {
@@ -123,7 +123,7 @@ def encode_frames(frames: Mapping[str, Any] | None) -> dict[str, Any] | None:
 
 
 def _pack_color(color: Mapping[str, Any]) -> dict[str, Any]:
-    """Pack a color scale of beams; the values of all frames form one list per beam."""
+    """Pack the colors of beams, with the values of all frames in one list per beam."""
     values = [
         {"name": beam, "values": _pack_values(np.ravel(frames).tolist())}
         for beam, frames in color["values"].items()
@@ -132,10 +132,10 @@ def _pack_color(color: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _pack_body(body: Mapping[str, Any]) -> dict[str, Any]:
-    """Pack a body; the points of all frames form one list per axis."""
+    """Pack a body, with the points of all frames in one list per axis."""
     description = {"name": body["name"], "kind": body["kind"], "points": len(body["x"][0])}
     points = {axis: _pack_values(np.ravel(body[axis]).tolist()) for axis in ("x", "y")}
-    # A trail has a single list of points; the script shows as many as the frame has reached.
+    # A trail has a single list of points; the script shows the points up to the current frame.
     frames = {"frames": body["frames"]} if "frames" in body else {}
     return description | points | frames
 
@@ -148,7 +148,7 @@ def _pack_curves(curves: Mapping[str, Any], logarithmic: Sequence[str] = ()) -> 
 def _pack_values(values: Sequence[float | None] | Array, log: bool = False) -> dict[str, Any]:
     """Quantize values, or the logarithms of their magnitudes, into equal 16-bit steps.
 
-    Values that are missing, not finite or without a logarithm become `_MISSING_CODE`.
+    Values that are missing or not finite, and zeros on a logarithmic scale, become `_MISSING_CODE`.
     """
     x = np.array(values, float)
     if log:

@@ -93,7 +93,7 @@ class FigureAnimation:
             self._render(k).quantize(palette=palette, dither=Dither.NONE)
             for k in range(self.frames)
         )
-        # Durations are multiples of 10 ms. Rounding the end times avoids accumulated rounding errors.
+        # Durations are multiples of 10 ms. Rounding the end times avoids accumulated errors.
         end_times = np.round(np.arange(self.frames + 1) * 100.0 / self.rate)
         durations = [10 * max(int(x), 1) for x in np.diff(end_times)]
         first = next(images)

@@ -26,31 +26,30 @@ Array = np.ndarray
 _WIDTH = 8.0
 _MIN_HEIGHT = 2.5
 _MAX_HEIGHT = 8.0
-# Space around the axes for labels of the axes [inch].
+# Margins around the axes for tick and axis labels [inch].
 _LEFT_MARGIN = 0.8
 _BOTTOM_MARGIN = 0.5
 _RIGHT_MARGIN = 0.2
 _TOP_MARGIN = 0.22
-# Relative to the extent of the scene: parts closer than this share a label; free margin.
-_SHARED_LABEL_DISTANCE = 0.012
-_SCENE_MARGIN = 0.09
+_SHARED_LABEL_DISTANCE = 0.012  # parts closer than this share a label, relative to the extent
+_SCENE_MARGIN = 0.09  # relative to the extent
 _LABEL_LETTERS = 30
-# Points per line that labels avoid, and the kinds of lines that they may cover.
-_POINTS_PER_LINE = 120
-_COVERABLE_KINDS = ("guide", "surface", "gear")
+_POINTS_PER_LINE = 120  # sample points of lines that labels must not cover
+_COVERABLE_KINDS = ("guide", "surface", "gear")  # kinds of lines that labels may cover
 
 
 def draw(mechanism: Mechanism) -> Plot:
     """Draw a mechanism: bodies, joints, supports, springs and loads with their names.
 
-    The drawing shows the reference configuration, not a different start. Rigid bodies are drawn
-    through the points that other parts refer to and beams along their axis. Forces are arrows of
-    one length in their direction at t = 0, or soon after if they are zero then.
+    The drawing shows the reference configuration, even if a different start is requested. Rigid
+    bodies are drawn as polygons through their attachment points, and beams along their axis. Forces
+    are drawn as arrows of equal length in their direction at t = 0 or, if they are zero at t = 0,
+    at a later time.
 
     Returns
     -------
     Plot
-        Displayed by a notebook; `Plot.save` writes it to a file.
+        The drawing, displayed by a notebook; `Plot.save` writes it to a file.
 
     Raises
     ------
@@ -78,7 +77,7 @@ def create_drawing(mechanism: Mechanism, size: tuple[float, float] | None = None
     mechanism
         The mechanism.
     size
-        Width and height [inch]; by default the height follows from the shape of the mechanism.
+        Width and height [inch]. By default, the height is computed from the shape of the mechanism.
     """
     scene = build_scene(mechanism, reference_poses, np.zeros(1))
     low, high = scene.extent()
@@ -123,7 +122,7 @@ def _create_axis(extent: Array, size: tuple[float, float] | None) -> tuple[Figur
 def _draw_gravity(
     gravity: Array, low: Array, high: Array, size: float, axis: Any
 ) -> tuple[Array, str]:
-    """Draw an arrow in the upper right corner; return its position and label."""
+    """Draw the gravity arrow in the upper right corner; return its position and label."""
     along = gravity / np.hypot(*gravity)
     center = np.array([high[0] + 3.0 * size, high[1]])
     start, end = center - 2.0 * size * along, center + 2.0 * size * along
@@ -133,7 +132,7 @@ def _draw_gravity(
 
 
 def _collect_labels(scene: Scene, distance: float) -> list[tuple[Array, str]]:
-    """Return positions and labels; names closer than a distance share a label, one per line."""
+    """Return positions and texts of labels, merging names of points closer than `distance`."""
     groups: list[tuple[Array, list[str]]] = []
     for row, name in scene.names:
         position = scene.poses[row, 0, :2]
@@ -147,7 +146,7 @@ def _collect_labels(scene: Scene, distance: float) -> list[tuple[Array, str]]:
 
 
 def _sample_lines(scene: Scene) -> Array:
-    """Return closely spaced points (k, 2) on the lines that labels avoid."""
+    """Return closely spaced points (k, 2) on the lines that labels must not cover."""
     samples = []
     for glyph, line in scene.lines():
         if glyph.kind not in _COVERABLE_KINDS:

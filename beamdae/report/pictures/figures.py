@@ -1,4 +1,4 @@
-"""Common parts of figures: palette, choice of columns, panels, legends and writing to files."""
+"""Common functions for figures: palette, column selection, panels, legends and file output."""
 
 from __future__ import annotations
 
@@ -27,43 +27,45 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# Palette of Okabe & Ito, which is readable with every kind of color vision.
+# Palette of Okabe & Ito, which is suitable for all types of color vision.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
 DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)))
 _STYLE_REPETITIONS = 8
 
-MAX_LABEL_LETTERS = 28  # of the label of an axis
+MAX_LABEL_LETTERS = 28  # of an axis label
 _TITLE_LINE_LETTERS = 60
 _LEGEND_ENTRY_LETTERS = 60
-# Approximate width of a letter in a legend below the panels, and of the line beside it [inch].
-_LEGEND_LETTER_WIDTH = 0.075
-_LEGEND_LINE_WIDTH = 0.8
+_LEGEND_LETTER_WIDTH = 0.075  # approximate width of a letter [inch]
+_LEGEND_LINE_WIDTH = 0.8  # width of the line beside a legend entry [inch]
 _LEGEND_ROW_HEIGHT = 0.19  # [inch]
 MAX_PANELS = 12
-_RESOLUTION = 150  # of files [dots per inch]
+_RESOLUTION = 150  # of picture files [dots per inch]
 
-# Larger values overflow when matplotlib computes the range of an axis.
+# Larger values overflow when Matplotlib computes the range of an axis.
 MAX_DRAWABLE = 1e300
-# A column is constant if its range is below this fraction of the largest range in its unit, or
-# below the second fraction of the largest range in any unit (rounding).
-_MIN_RELATIVE_RANGE = 1e-9
-_ROUNDING = 1e-15
+# A column counts as constant if its range is below one of these limits.
+_MIN_RELATIVE_RANGE = 1e-9  # relative to the largest range of the columns with the same unit
+_ROUNDING = 1e-15  # relative to the largest range of all columns
 
 
 def mask_huge_values(table: Columns) -> dict[str, Array]:
-    """Return the columns of a table with nan in place of values that cannot be drawn."""
+    """Return the columns of a table with nan in place of values that are too large to draw."""
     columns = {name: np.asarray(table[name], float) for name in map(str, table)}
     return {name: np.where(np.abs(x) < MAX_DRAWABLE, x, np.nan) for name, x in columns.items()}
 
 
 def varying_columns(table: Columns) -> list[str]:
-    """Return the observed columns that vary, without rates; all of these if none varies."""
+    """Return the observed columns that vary, excluding rates.
+
+    Returns all observed columns except rates if all of them are constant.
+    """
     columns = [c for c in observed_columns(table) if not Header.of(c).suffix.endswith("_dot")]
     values = {c: np.asarray(table[c], float) for c in columns}
     columns = [c for c in columns if not np.isnan(values[c]).all()]
     size = {c: float(np.nanmax(values[c]) - np.nanmin(values[c])) for c in columns}
     unit = {c: Header.of(c).unit for c in columns}
-    # Only columns in one unit are comparable: a stress in Pa is 1e10 times a displacement in m.
+    # Only columns with the same unit are comparable: a stress in Pa can be 1e10 times a
+    # displacement in m.
     largest = {c: max(size[x] for x in columns if unit[x] == unit[c]) for c in columns}
     rounding = _ROUNDING * max(size.values(), default=0.0)
     limits = {c: max(_MIN_RELATIVE_RANGE * largest[c], rounding) for c in columns}
@@ -71,7 +73,7 @@ def varying_columns(table: Columns) -> list[str]:
 
 
 def characteristic_columns(table: Columns) -> list[str]:
-    """Return up to three columns that characterize a run: a deformation, or else a motion."""
+    """Return up to three columns that characterize a run, preferring deformations, then motions."""
     groups: dict[str, list[str]] = {}
     for column in varying_columns(table):
         groups.setdefault(Header.of(column).name, []).append(column)
@@ -84,9 +86,9 @@ def characteristic_columns(table: Columns) -> list[str]:
 
 
 def create_panels(number: int, title: str, what: str = "columns") -> tuple[Figure, list[Axes]]:
-    """Return a figure with panels over time in up to two columns.
+    """Create a figure with panels over time, arranged in up to two columns.
 
-    Of more than twelve panels the first twelve are created, and the title says so.
+    At most twelve panels are created. If panels are omitted, the title states the numbers.
 
     Parameters
     ----------
@@ -95,9 +97,9 @@ def create_panels(number: int, title: str, what: str = "columns") -> tuple[Figur
     title
         Title of the figure.
     what
-        Name of the content of the panels, for the title.
+        Name of the panel content in the title, for example "columns".
     """
-    # matplotlib takes longer to import than some commands take to run.
+    # Imported here because importing Matplotlib takes longer than some commands.
     from matplotlib.figure import Figure
 
     requested, number = number, min(number, MAX_PANELS)
@@ -109,19 +111,19 @@ def create_panels(number: int, title: str, what: str = "columns") -> tuple[Figur
         axis.set_xlabel("t [s]")
     if not axes:
         figure.text(0.5, 0.4, "there is nothing to draw", ha="center", color="0.4")
-    # Above the panels, because legends are below.
+    # Shown above the panels because legends are placed below.
     omission = [f"{number} of {requested} {what}"] if requested > number else []
     figure.suptitle("\n".join(filter(None, [wrap_title(title), *omission])), fontsize=11)
     return figure, axes
 
 
 def wrap_title(title: str, line: int = _TITLE_LINE_LETTERS) -> str:
-    """Return a title on about two lines; a longer one loses its middle."""
+    """Wrap a title to about two lines, shortening long titles in the middle."""
     return textwrap.fill(shorten_text(title, 2 * line - 10), line)
 
 
 def format_axis(axis: Axes, title: str, ylabel: str) -> None:
-    """Set title, label, grid and ticks of an axis."""
+    """Set title, y label, grid and ticks of an axis."""
     axis.set_title(title, fontsize=10)
     axis.set_ylabel(shorten_text(ylabel, MAX_LABEL_LETTERS))
     axis.grid(color="0.9", lw=0.6)
@@ -134,17 +136,20 @@ def format_axis(axis: Axes, title: str, ylabel: str) -> None:
 
 
 def single_point_marker(rows: Sequence[Any] | Array | pd.Series) -> dict[str, Any]:
-    """Return the style of a marker for a single row, for which a line would be invisible."""
+    """Return a marker style if there is only one row, because a line would be invisible."""
     return {"marker": "o", "ms": 4} if len(rows) == 1 else {}
 
 
 def repeat_styles(styles: Sequence[Any]) -> list[Any]:
-    """Return the styles repeated to more than a figure needs."""
+    """Return the styles repeated often enough for any figure."""
     return list(styles) * _STYLE_REPETITIONS
 
 
 def add_legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None:
-    """Add a legend below the panels, with line styles by name; the figure grows by its height."""
+    """Add a legend below the panels and increase the height of the figure accordingly.
+
+    `entries` contains the line style of each entry by name.
+    """
     from matplotlib.lines import Line2D
 
     width = figure.get_figwidth()
@@ -167,13 +172,16 @@ def add_legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None
 
 
 def set_legend_names(legend: Legend, names: Sequence[str]) -> None:
-    """Set the texts of a legend, which omits labels with a leading underscore on creation."""
+    """Set the texts of a legend.
+
+    On creation, Matplotlib would omit labels with a leading underscore.
+    """
     for text, name in zip(legend.get_texts(), names, strict=True):
         text.set_text(name)
 
 
 def disable_math_text(figure: Figure) -> None:
-    """Show dollar signs in titles, labels and legends as such, not as formulas."""
+    """Display dollar signs in titles, labels and legends literally, not as math delimiters."""
     legends = [axis.get_legend() for axis in figure.axes] + figure.legends
     texts = [text for legend in legends if legend is not None for text in legend.get_texts()]
     for axis in figure.axes:
@@ -183,7 +191,13 @@ def disable_math_text(figure: Figure) -> None:
 
 
 def require_picture_path(name: str, path: Any) -> Path:
-    """Return the path of a picture; raise an error that names the caller if it has no suffix."""
+    """Return the path of a picture.
+
+    Raises
+    ------
+    BeamdaeError
+        If the path has no suffix; the message begins with `name`.
+    """
     text = str(path) if isinstance(path, (str, Path)) else ""
     if not (is_valid_path(text) and Path(text).suffix):
         raise BeamdaeError(f"{name}: path must have a suffix such as .png, got {short_repr(path)}.")
@@ -191,9 +205,10 @@ def require_picture_path(name: str, path: Any) -> Path:
 
 
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a figure to a file in the format of its suffix and return the path.
+    """Write a figure to a file and return the path.
 
-    Folders are created as needed; a path without a suffix becomes a PNG file.
+    The suffix selects the format. Folders are created as needed, and a path without a suffix is
+    written in PNG format.
 
     Raises
     ------
@@ -206,7 +221,7 @@ def save_figure(figure: Figure, path: Path) -> Path:
         raise BeamdaeError(f"path {path} must end in one of {suffixes}.")
     disable_math_text(figure)
     with atomic_write(path) as scratch, warnings.catch_warnings():
-        # Names in a script that the font lacks are drawn as boxes; tables show them correctly.
+        # Characters missing from the font are drawn as boxes; tables show them correctly.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         figure.savefig(scratch, dpi=_RESOLUTION, format=kind)
     return path

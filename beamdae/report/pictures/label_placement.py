@@ -1,4 +1,4 @@
-"""Placement of labels in a drawing such that they cover neither each other nor lines."""
+"""Placement of labels in a drawing, avoiding overlaps with lines and other labels."""
 
 from __future__ import annotations
 
@@ -13,40 +13,39 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# Candidate positions around a point: number of directions, and distances [pt], nearest first.
+# Candidate positions around a point.
 _DIRECTION_COUNT = 16
-_DISTANCES = (7.0, 14.0, 24.0, 38.0, 56.0, 80.0, 110.0, 150.0)
-# A label this far away is connected to its point by a line [pt].
+_DISTANCES = (7.0, 14.0, 24.0, 38.0, 56.0, 80.0, 110.0, 150.0)  # [pt]
+# Labels at larger distances are connected to their points by a leader line [pt].
 _MIN_LEADER_DISTANCE = 16.0
-# Labels within this distance count as neighbors; those with most neighbors are placed first [pt].
+# Labels within this distance are neighbors; labels with most neighbors are placed first [pt].
 _NEIGHBOR_DISTANCE = 60.0
 _FONT_SIZE = 8.0  # [pt]
 _GAP = 1.5  # free space around a label [pt]
 _POINTS_PER_INCH = 72.0
 
-# Costs of a position: per covered point of a line (up to a number), for an overlap with a label
-# (plus the overlapping area [pt^2]), outside the axes, and per distance [pt].
-_COVERED_POINT_COST = 2.0
-_MAX_COVERED_POINTS = 40
-_OVERLAP_COST = 300.0
-_OUTSIDE_COST = 400.0
-_DISTANCE_COST = 0.35
+# Cost of a label position.
+_COVERED_POINT_COST = 2.0  # per covered point of a line
+_MAX_COVERED_POINTS = 40  # further points add no cost
+_OVERLAP_COST = 300.0  # for an overlap with labels, in addition to the area of overlap [pt^2]
+_OUTSIDE_COST = 400.0  # for a label that extends beyond the axes
+_DISTANCE_COST = 0.35  # per distance from the point [1/pt]
 
 
 def place_labels(axis: Axes, labels: Sequence[tuple[Array, str]], obstacles: Array) -> None:
-    """Write labels beside their points, each at the position of least cost.
+    """Add labels near their points, each at the position of lowest cost.
 
-    Labels are placed one after the other, those with most neighbors first. A label that would
-    overlap another one is moved away and connected to its point by a line.
+    Labels are placed sequentially, beginning with the labels that have most neighbors. Labels at a
+    larger distance are connected to their points by leader lines.
 
     Parameters
     ----------
     axis
         Axis with its final limits and position in the figure.
     labels
-        Points (2,) in data coordinates, and texts.
+        Pairs of a point (2,) in data coordinates and a text.
     obstacles
-        Points (k, 2) in data coordinates that should not be covered.
+        Points (k, 2) in data coordinates that labels should not cover.
     """
     figure: Any = axis.figure
     axis.apply_aspect()
@@ -77,17 +76,19 @@ def _measure_text(axis: Axes, text: str) -> Array:
 
 
 def _candidate_boxes(anchor: Array, size: Array) -> tuple[Array, Array]:
-    """Return boxes (k, 4) around a point, lower left to upper right, and their distances [pt]."""
+    """Return candidate boxes (k, 4), as lower left and upper right corner, and distances [pt].
+
+    The distances contain a small preference for directions near the upper right.
+    """
     boxes, distances = [], []
     angles = 0.25 * math.pi + 2.0 * math.pi * np.arange(_DIRECTION_COUNT) / _DIRECTION_COUNT
     for distance in _DISTANCES:
         for k, angle in enumerate(angles):
             direction = np.array([math.cos(angle), math.sin(angle)])
-            # The side of the box nearest to the point touches the circle.
+            # The side of the box that faces the point touches a circle around the point.
             shift = 0.5 * size * (np.clip(1.5 * direction, -1.0, 1.0) - 1.0)
             low = anchor + distance * direction + shift
             boxes.append((*low, *(low + size)))
-            # Among equal distances, directions near the upper right are preferred.
             distances.append(distance + 0.1 * min(k, _DIRECTION_COUNT - k))
     return np.array(boxes), np.array(distances)
 

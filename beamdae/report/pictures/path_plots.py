@@ -1,4 +1,4 @@
-"""Plots of equilibrium paths over the load factor and of frequency responses."""
+"""Plots of equilibrium paths and of frequency responses."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ from beamdae.results.frequency_response import FrequencyResponse
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Smallest range of a column that has a panel, relative to the size of the mechanism or in rad.
+# Columns with smaller ranges are not plotted; relative to the length of the mechanism, or in rad.
 _MIN_RANGE = 1e-9
-# Largest number of ticks at which numbers of six digits do not overlap.
+# Largest number of ticks for which numbers with six digits do not overlap.
 _MAX_TICKS = 5
 _UNSTABLE_DASHES = (0, (3, 2))
 _CRITICAL_MARKERS = {"limit point": "o", "branch point": "s", "flutter point": "^"}
 
 
 def save_path_figure(path: Path, equilibrium: Equilibrium, title: str) -> Path:
-    """Plot the load factor over each observed position, deformation and force.
+    """Plot the load factor over observed positions, deformations and forces, and write a PNG file.
 
-    Lines are dashed where the equilibrium is unstable under constant loads; limit, branch and
+    Lines are dashed where the equilibrium is unstable under constant loads, and limit, branch and
     flutter points are marked. The load factors of several stages are added.
 
     Returns
@@ -53,7 +53,7 @@ def save_path_figure(path: Path, equilibrium: Equilibrium, title: str) -> Path:
 
 
 def plot_path(equilibrium: Equilibrium, names: Sequence[str]) -> Plot:
-    """Plot the load factor over columns selected by name, see `Equilibrium.plot`."""
+    """Plot the load factor over the named columns, see `Equilibrium.plot`."""
     merged = merge_columns(equilibrium.columns, equilibrium.coordinates())
     selections = (
         select_columns(merged, name, "Equilibrium", equilibrium.columns) for name in names
@@ -97,10 +97,10 @@ def _create_path_figure(
 
 
 def _find_unstable_segments(equilibrium: Equilibrium) -> list[bool]:
-    """Return for each segment between neighboring points whether the equilibrium is unstable.
+    """Return True for each unstable segment between neighboring points.
 
-    A critical point is neither stable nor unstable: the other end of the segment decides, or both
-    ends if both are critical.
+    A segment is unstable if one of its ends is unstable. Critical points, which are neither stable
+    nor unstable, are ignored unless both ends are critical.
     """
     unstable = equilibrium.unstable != 0
     critical = {point.row for point in equilibrium.critical}
@@ -116,22 +116,22 @@ def _marker_style(kind: str) -> dict[str, Any]:
 
 
 def _is_varying(equilibrium: Equilibrium, column: str) -> bool:
-    """Return True if the range of a column exceeds rounding."""
+    """Return True if the range of a column exceeds rounding noise."""
     sizes = {"m": equilibrium.equations.length, "rad": 1.0}
     limit = _MIN_RANGE * sizes.get(Header.of(column).unit, 0.0)
     return bool(equilibrium.loads) and float(np.ptp(equilibrium.columns[column])) > limit
 
 
 def plot_response(response: FrequencyResponse, column: str) -> Plot:
-    """Plot half the range of an observed column over the parameter; dashed where unstable."""
-    # matplotlib takes longer to import than some commands take to run.
+    """Plot the half range of an observed column over the parameter; unstable parts are dashed."""
+    # Imported here because importing Matplotlib takes longer than some commands.
     from matplotlib.figure import Figure
 
     values, amplitudes = response.curve(column)
     is_stable = np.array([point.stable for point in response.points], bool)
     figure = Figure(figsize=(5.6, 3.6), layout="constrained")
     axis = figure.add_subplot()
-    # A line takes the stability of its first point and extends to the first point of the next line.
+    # Each line has the stability of its first point and extends to the start of the next line.
     changes = np.flatnonzero(np.diff(is_stable)) + 1
     for rows in np.split(np.arange(len(values)), changes):
         if len(rows):

@@ -1,4 +1,4 @@
-"""Matplotlib artists of scenes: created once and updated in each frame; line styles by kind."""
+"""Matplotlib artists and line styles of scenes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# Length of the longer side of an animation, and its smallest width and height [inch].
+# Length of the longer side of an animation, and its minimum width and height [inch].
 _LONGER_SIDE = 6.0
 _MIN_WIDTH = 2.0
 _MIN_HEIGHT = 1.5
@@ -30,8 +30,7 @@ _CHAIN_LINE = (0, (6, 2, 1, 2))
 _DOTTED_LINE = (0, (1, 1.5))
 _PALE_COLOR = "0.8"
 _PALE_ORDER = 0.5
-# Line width of a beam with colors, relative to its line width without.
-_COLORED_WIDTH = 1.4
+_COLORED_WIDTH = 1.4  # line width of colored beams, relative to uncolored beams
 
 
 class LineStyle(NamedTuple):
@@ -40,9 +39,9 @@ class LineStyle(NamedTuple):
     Attributes
     ----------
     color, width, dash
-        Color, width [pt] and dash pattern of matplotlib.
+        Color, width [pt] and dash pattern, as defined by Matplotlib.
     fill, opacity
-        Color inside a closed line, or None, and its opacity.
+        Fill color of a closed line (None for no fill) and its opacity.
     order
         Drawing order; larger values cover smaller ones.
     """
@@ -78,42 +77,42 @@ _STYLES = {
     "load": LineStyle(_RED, 1.5, order=6),
     "load tip": LineStyle(_RED, 1.0, fill=_RED, order=6),
 }
-# For kinds that parts defined by users return from `Part.draw`.
+# Style of unknown kinds, which user-defined parts may return from `Part.draw`.
 _DEFAULT_STYLE = LineStyle(_ORANGE, 1.2)
 
 
 def find_style(kind: str) -> LineStyle:
-    """Return the style of a kind of line, or the default style if the kind is unknown."""
+    """Return the line style of a kind, or the default style if the kind is unknown."""
     return _STYLES.get(kind, _DEFAULT_STYLE)
 
 
 def create_colormap(colors: BeamColors) -> Colormap:
-    """Return the color scale of beams as a colormap of matplotlib."""
+    """Return the color scale of beams as a Matplotlib colormap."""
     from matplotlib.colors import LinearSegmentedColormap
 
     return LinearSegmentedColormap.from_list("beams", list(colors.scale))
 
 
 def create_norm(colors: BeamColors) -> Normalize:
-    """Return the limits of the color scale of beams as a norm of matplotlib."""
+    """Return the limits of the color scale of beams as a Matplotlib norm."""
     from matplotlib.colors import Normalize
 
     return Normalize(*colors.limits)
 
 
 class SceneArtists:
-    """The artists of a scene on an axis.
+    """Artists of a scene, which are created once and updated for each frame.
 
     Parameters
     ----------
     axis
         Axis with equal scales.
     scene
-        The scene, shown in its first frame.
+        The scene; its first frame is shown initially.
     colors
-        Colors along beams; None draws beams in one color.
+        Colors along beams. If None, all beams have the same color.
     is_pale
-        If True, everything is drawn in gray and behind other artists.
+        If True, all lines are drawn in gray, behind other artists.
     """
 
     def __init__(
@@ -156,12 +155,12 @@ class SceneArtists:
         return colors is not None and isinstance(glyph, MovingCurve) and glyph.part in colors.values
 
     def show(self, frame: int) -> list[Artist]:
-        """Move all artists to their positions in a frame and return them."""
+        """Update all artists to a frame and return them."""
         for artist, line, glyph in self._artists:
             points = line[frame]
             if self._is_colored(glyph):
                 assert self._colors is not None
-                # Each segment continues below the next one, which hides the seams.
+                # Each segment extends below the next segment to hide the seams.
                 next_points = np.concatenate([points[2:], points[-1:]])
                 segments = np.stack([points[:-1], points[1:], next_points], axis=1)
                 artist.set(segments=segments)
@@ -174,12 +173,12 @@ class SceneArtists:
 
 
 def create_bare_axis(corners: tuple[Array, Array], strip: float = 0.0) -> tuple[Figure, Axes]:
-    """Return a figure with an invisible axis of equal scales.
+    """Create a figure with an invisible axis of equal scales.
 
     Parameters
     ----------
     corners
-        Lower left and upper right corner of the axis [m].
+        Lower left and upper right corner of the visible region [m].
     strip
         Height of an empty strip below the axis [inch].
     """
@@ -205,7 +204,10 @@ def add_caption(axis: Axes) -> Text:
 
 
 def padded_extent(scenes: Iterable[Scene], margin: float = 0.05) -> tuple[Array, Array]:
-    """Return the corners of scenes with a margin, relative to the larger of width and height."""
+    """Return the corners of the region that contains all scenes, with a margin.
+
+    The margin is relative to the larger of width and height.
+    """
     low, high = bounding_box(np.array([x for scene in scenes for x in scene.extent()]))
     size = float(np.max(high - low)) or 1.0
     center = (low + high) / 2.0

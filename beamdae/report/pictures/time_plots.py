@@ -142,7 +142,7 @@ def _require_labels(runs: Sequence[TimeSeries], labels: Any) -> list[str]:
 def save_run_figure(path: Path, table: Columns, title: str) -> Path:
     """Plot observed positions, deformations and forces over time, and write a PNG file.
 
-    Rates are omitted. If nothing is observed, energies are plotted.
+    Rates are omitted. If the table has no such columns, energies are plotted.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ def save_comparison_figure(
     uncertainty: float,
     title: str,
 ) -> Path:
-    """Plot the same columns of several runs, and their errors over time.
+    """Plot characteristic columns of several runs and their errors over time in a PNG file.
 
     Parameters
     ----------
@@ -218,7 +218,8 @@ def save_comparison_figure(
     reference
         Time and observed columns of the reference.
     runs
-        By label: time and observed columns, and the errors relative to the amplitude over time.
+        Pairs of a table and its errors, by label. The table contains time and observed columns; the
+        errors are relative to the amplitude and indexed by time, or None if they are unknown.
     uncertainty
         Uncertainty of the reference, relative to the amplitude.
     title
@@ -227,7 +228,7 @@ def save_comparison_figure(
     Returns
     -------
     Path
-        Path of the file.
+        Path of the PNG file.
     """
     truth = mask_huge_values(reference)
     columns = characteristic_columns(truth)

@@ -1,5 +1,5 @@
-"""Scenes: the lines and symbols that show a mechanism in drawings, animations, modes and pages.
+"""Scenes: lines and symbols that represent a mechanism in drawings, animations and pages.
 
-May import: results and what lies below them; no matplotlib.
-Next: a new symbol is a function in one of the `*_symbols` modules and an entry in `symbols`.
+May import: results and the layers below; not matplotlib.
+To extend: add a function for a new symbol to a `*_symbols` module and list it in `symbols`.
 """

@@ -1,4 +1,7 @@
-"""Symbols of springs, dampers, bushings and contacts; lengths are in sizes of a symbol."""
+"""Symbols of springs, dampers, bushings and contacts.
+
+Lengths are relative to the symbol size.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +22,11 @@ Array = np.ndarray
 _COIL_COUNT = 6
 _COIL_HALF_WIDTH = 0.45
 _DASHPOT_HALF_WIDTH = 0.42
-# Distance of the coil and of the dashpot from the line between the points.
+# Distance of coil and dashpot from the line between the points if they are drawn side by side.
 _SIDE_BY_SIDE_OFFSET = 0.55
-# The cup of a dashpot has a fixed length if the largest distance of the points is at most this
-# multiple of the smallest.
+# Cup and piston of a dashpot have fixed lengths up to this ratio of largest to smallest distance.
 _MAX_RIGID_STROKE = 1.35
-# A spring whose points stay closer than this is drawn as a spiral.
+# A spring is drawn as a spiral if the distance of its points never exceeds this.
 _COINCIDENT_DISTANCE = 0.1
 _SPIRAL_WINDINGS = 2.25
 _SPIRAL_POINTS = 90
@@ -36,7 +38,7 @@ _SURFACE_CORNERS = 90
 
 
 def draw_spring_damper(part: SpringDamper, builder: SceneBuilder) -> None:
-    """Draw a coil, a dashpot or both side by side; a spiral if the points always coincide."""
+    """Draw a coil, a dashpot or both side by side, or a spiral if the points always coincide."""
     draw_supports(part, builder)
     a, b, size = builder.add_attachment(part.a), builder.add_attachment(part.b), builder.size
     distances = np.hypot(*builder.relative_position(a, b).T)
@@ -60,7 +62,7 @@ def draw_spring_damper(part: SpringDamper, builder: SceneBuilder) -> None:
 
 
 def _coil(end: float, stub: float, side: float, size: float) -> Array:
-    """Return the points of a zigzag between two stubs, see `Symbol.points`."""
+    """Return the points of a zigzag line between two stubs, see `Symbol.points`."""
     share = np.linspace(0.0, 1.0, 4 * _COIL_COUNT + 1)[1::2]
     inner = [(u, stub * (1.0 - 2.0 * u)) for u in (0.0, *share, 1.0)]
     across = [0.0, *(_COIL_HALF_WIDTH * size * (-1.0) ** np.arange(len(share))), 0.0]
@@ -69,9 +71,9 @@ def _coil(end: float, stub: float, side: float, size: float) -> Array:
 
 
 def _dashpot(end: float, shortest: float, longest: float, side: float, size: float) -> Array:
-    """Return the points of a cup and of a piston that stays inside it, see `Symbol.points`.
+    """Return the points of a cup with a piston inside, see `Symbol.points`.
 
-    Cup and piston are rigid unless the distance of the points varies too much for that.
+    Cup and piston have fixed lengths unless the distance of the points varies too much.
     """
     half = _DASHPOT_HALF_WIDTH * size
     bottom, piston = (0.0, 0.3 * shortest), (1.0, -0.5 * shortest)
@@ -89,7 +91,7 @@ def _dashpot(end: float, shortest: float, longest: float, side: float, size: flo
 
 
 def _spiral(size: float) -> Array:
-    """Return a spiral from the axes of one body to those of another, which winds as they rotate."""
+    """Return a spiral between two poses, which winds up as they rotate, see `Symbol.points`."""
     share = np.linspace(0.0, 1.0, _SPIRAL_POINTS)
     angle = 2.0 * math.pi * _SPIRAL_WINDINGS * (1.0 - share)
     radius = (1.3 - 1.05 * share) * size
@@ -97,10 +99,10 @@ def _spiral(size: float) -> Array:
 
 
 def draw_torsion_spring(part: TorsionSpring, builder: SceneBuilder) -> None:
-    """Draw a spiral, and a line between the points if they are apart."""
+    """Draw a spiral and, if the points do not coincide, a line between them."""
     draw_supports(part, builder)
     a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
-    # The spring acts between the angles of the bodies at any points; it is drawn at the first.
+    # The spring depends only on the angles of the bodies; it is drawn at the first point.
     inner = np.column_stack([builder.pose(a)[:, :2], builder.pose(b)[:, 2]])
     builder.add_between("spring", a, builder.add_pose(inner), _spiral(builder.size))
     if np.max(np.hypot(*builder.relative_position(a, b).T)) > builder.size:
@@ -109,7 +111,7 @@ def draw_torsion_spring(part: TorsionSpring, builder: SceneBuilder) -> None:
 
 
 def draw_bushing(part: Bushing, builder: SceneBuilder) -> None:
-    """Draw a ring on the first body around a pin on the second, with four spokes between them."""
+    """Draw a ring on the first body and a pin on the second body, connected by four spokes."""
     draw_supports(part, builder)
     a, b, size = builder.add_attachment(part.a), builder.add_attachment(part.b), builder.size
     center = np.subtract(part.b.point, part.a.point)
@@ -124,7 +126,7 @@ def draw_bushing(part: Bushing, builder: SceneBuilder) -> None:
 
 
 def draw_contact(part: Contact, builder: SceneBuilder) -> None:
-    """Draw the surface with hatches on its inaccessible side, and the contact point."""
+    """Draw the surface, with hatches on its inaccessible side, and the contact point."""
     surface, point = part.surface, builder.add_attachment(part.point)
     on = builder.add_attachment(surface.on)
     if isinstance(surface, CircleSurface):

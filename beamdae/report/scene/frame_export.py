@@ -1,4 +1,4 @@
-"""Scenes as plain data, for pages and for animations in notebooks."""
+"""Export of scenes as plain data, for pages and notebook animations."""
 
 from __future__ import annotations
 
@@ -16,15 +16,13 @@ from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
-# Digits of positions relative to the extent of the scene, and of angles and fractions.
-_POSITION_DIGITS = 5
-_FRACTION_DIGITS = 5
-# Digits of colors relative to the limit of their scale.
-_COLOR_DIGITS = 3
+_POSITION_DIGITS = 5  # of positions, relative to the extent of the scene
+_FRACTION_DIGITS = 5  # of angles and fractions
+_COLOR_DIGITS = 3  # of color values, relative to the limit of their scale
 
 
 def export_run_frames(solution: Solution) -> dict[str, Any] | None:
-    """Return the scene of a run, see `export_frames`; None for a run without a mechanism."""
+    """Return the exported scene of a run, or None if it cannot be drawn; see `export_frames`."""
     times = frame_times(solution)
     try:
         scene = build_run_scene("animate", solution, times)
@@ -34,20 +32,21 @@ def export_run_frames(solution: Solution) -> dict[str, Any] | None:
 
 
 def export_frames(scene: Scene, times: Array, colors: Sequence[BeamColors] = ()) -> dict[str, Any]:
-    """Return a scene as lists and numbers; invisible points are None.
+    """Export a scene as lists and numbers, with None for invisible points.
 
     Returns
     -------
     dict
-        "t": times [s].
-        "bodies": curves with "name", "kind" and "x", "y" [m], a list of points for each frame; a
-        trail has one list and the number of "frames".
-        "poses": "x", "y" [m] and "turn" [rad] over the frames, one value if constant.
-        "symbols", see `Symbol`: "name", "kind", "at" and "to" (indices of poses), "along" and
-        "points", None where the line is interrupted; "absent" lists the frames without the symbol.
-        "colors" of beams: "title", "limits", "scale" (equally spaced colors) and "values" by name
-        of the beam, a list along it for each frame.
-        "extent": the lower left and the upper right corner of the scene [m].
+        - "t": times [s].
+        - "bodies": curves with "name", "kind" and coordinates "x", "y" [m] as one list of points
+          per frame. A trail has a single list and the number of "frames".
+        - "poses": "x", "y" [m] and "turn" [rad] over the frames, or one value if it is constant.
+        - "symbols", see `Symbol`: "name", "kind", "at" and "to" (indices of poses), "along", and
+          "points" with None at interruptions of the line. "absent" lists the frames without the
+          symbol.
+        - "colors" of beams: "title", "limits", "scale" (colors at equally spaced values) and
+          "values" by beam name, as one list along the beam per frame.
+        - "extent": lower left and upper right corner of the scene [m].
     """
     low, high = scene.extent()
     digits = _POSITION_DIGITS - math.floor(math.log10(float(np.max(high - low)) or 1.0))
@@ -81,12 +80,12 @@ def _export_pose(pose: Array, digits: int) -> dict[str, Any]:
 
 
 def _to_short_list(values: Array) -> list[Any]:
-    """Return the values, or the first one if all are equal."""
+    """Return the values as a list, or a list of the first value if all are equal."""
     return _to_list(values[:1] if np.all(values == values[0]) else values)
 
 
 def _to_list(values: Array) -> list[Any]:
-    """Return the values with None in place of numbers that are not finite."""
+    """Return the values as a list, with None in place of non-finite numbers."""
     objects = values.astype(object)
     objects[~np.isfinite(values)] = None
     return objects.tolist()

@@ -1,7 +1,7 @@
 """Symbols of joints, drivers, gears and rolling contacts.
 
-Each function adds the symbol of one part to a `SceneBuilder`; `symbols` lists them by name.
-Lengths are in sizes of a symbol unless stated otherwise.
+Each function adds the symbol of one part to a `SceneBuilder`; see `symbols` for the symbol names.
+Lengths are relative to the symbol size unless stated otherwise.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ _WELD_WIDTH = 0.45
 _DRIVER_RADIUS = 1.2
 _SHAFT_LENGTH = 2.5
 _TRACK_CORNERS = 60
-# Sections of a beam among which the one nearest to a slider is searched.
+# Number of sections at which the distance of a beam from a slider is evaluated.
 _SLIDER_SECTIONS = 201
-# A weld within this fraction of the length from the end of a beam is a clamp.
+# A weld closer than this to the end of a beam is drawn as a clamp, relative to its length.
 _END_TOLERANCE = 1e-6
 
 
 def draw_markers(part: Part, builder: SceneBuilder) -> None:
-    """Draw a diamond at each attachment and the name: the symbol of parts without their own."""
+    """Draw a diamond at each attachment, the default symbol of a part."""
     rows = [builder.add_attachment(attachment) for attachment in part.attachments]
     for row in rows:
         diamond = circle(_MARKER_RADIUS * builder.size, 4)
@@ -62,7 +62,7 @@ def draw_markers(part: Part, builder: SceneBuilder) -> None:
 
 
 def draw_supports(part: Any, builder: SceneBuilder) -> None:
-    """Draw a support at each attachment of the part to the ground."""
+    """Draw a support at each ground attachment of the part."""
     for attachment in part.attachments:
         builder.add_support(attachment)
 
@@ -72,7 +72,7 @@ def _draw_pin(builder: SceneBuilder, row: int) -> None:
 
 
 def draw_joint(part: Joint, builder: SceneBuilder) -> None:
-    """Draw a diamond at the second attachment: the symbol of joints without their own."""
+    """Draw a diamond at the second attachment, the default symbol of a joint."""
     draw_supports(part, builder)
     row = builder.add_attachment(part.b)
     builder.add_rigid("joint", row, circle(_MARKER_RADIUS * builder.size, 4))
@@ -88,7 +88,7 @@ def draw_revolute(part: Revolute, builder: SceneBuilder) -> None:
 
 
 def draw_weld(part: Weld, builder: SceneBuilder) -> None:
-    """Draw a square, and a wall across the end of a beam that is clamped to the ground."""
+    """Draw a square and, if a beam end is clamped to the ground, a wall across the end."""
     row = builder.add_attachment(part.b)
     for fixed, clamped in ((part.a, part.b), (part.b, part.a)):
         if isinstance(fixed.body, Ground):
@@ -98,7 +98,7 @@ def draw_weld(part: Weld, builder: SceneBuilder) -> None:
 
 
 def _draw_clamp(fixed: Attachment, clamped: Attachment, builder: SceneBuilder) -> None:
-    """Draw a wall across the end of a beam, or the support below any other point."""
+    """Draw a wall across a clamped beam end, or a support at any other welded point."""
     length, s = getattr(clamped.body, "length", None), clamped.s
     if s is None or length is None or _END_TOLERANCE < s / length < 1.0 - _END_TOLERANCE:
         builder.add_support(fixed)
@@ -111,7 +111,7 @@ def _draw_clamp(fixed: Attachment, clamped: Attachment, builder: SceneBuilder) -
 
 
 def draw_point_on_line(part: PointOnLine, builder: SceneBuilder) -> None:
-    """Draw a slot along the travel of a pin."""
+    """Draw a pin in a slot that covers its travel."""
     _draw_slot(part, builder, 0.0)
     row = builder.add_attachment(part.b)
     _draw_pin(builder, row)
@@ -119,7 +119,7 @@ def draw_point_on_line(part: PointOnLine, builder: SceneBuilder) -> None:
 
 
 def draw_prismatic(part: Prismatic, builder: SceneBuilder) -> None:
-    """Draw a slot along the travel of a block."""
+    """Draw a block in a slot that covers its travel."""
     a, b = np.array(part.a.point), np.array(part.b.point)
     _draw_slot(part, builder, float(rotate_left(unit_vector(part.direction)) @ (b - a)))
     row = builder.add_attachment(part.b)
@@ -129,7 +129,7 @@ def draw_prismatic(part: Prismatic, builder: SceneBuilder) -> None:
 
 
 def _draw_slot(part: Any, builder: SceneBuilder, offset: float) -> None:
-    """Draw two walls along the travel of a guided point; one is hatched if it is of the ground."""
+    """Draw two walls along the travel of a guided point; one is hatched if fixed to the ground."""
     low, high = find_travel(part.a, part.b, part.direction, builder)
     half = _SLOT_HALF_WIDTH * builder.size
     walls = [np.array([(low, offset + half), (high, offset + half)])]
@@ -144,7 +144,7 @@ def _draw_slot(part: Any, builder: SceneBuilder, offset: float) -> None:
 def find_travel(
     a: Attachment, b: Attachment, direction: Any, builder: SceneBuilder, margin: float = 0.0
 ) -> tuple[float, float]:
-    """Return the range of point b along a direction of the body of a, with an overhang [m]."""
+    """Return the range of b along a direction fixed to the body of a, plus an overhang [m]."""
     position = builder.relative_position(builder.add_attachment(a), builder.add_attachment(b))
     x = position @ unit_vector(direction)
     overhang = _GUIDE_OVERHANG * builder.size + margin
@@ -186,12 +186,12 @@ def draw_driver(part: Driver, builder: SceneBuilder) -> None:
 
 
 def draw_gear(part: Gear, builder: SceneBuilder) -> None:
-    """Draw the line between the points, and the pitch circles of two meshing wheels."""
+    """Draw a line between the points and, for two meshing wheels, the pitch circles."""
     a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
     builder.add_link("gear", a, b)
     distance = math.dist(part.a.point, part.b.point)
     share = abs(1.0 - part.ratio)
-    # The pitch circles are known only if the points are the centers of two meshing wheels.
+    # The pitch radii are known only if the points are the centers of two meshing wheels.
     if _is_center(part.a) and _is_center(part.b) and distance > 0.0 < share:
         radii = distance * abs(part.ratio) / share, distance / share
         for row, attachment, radius in zip((a, b), (part.a, part.b), radii, strict=True):
@@ -212,7 +212,7 @@ def draw_rack_and_pinion(part: RackAndPinion, builder: SceneBuilder) -> None:
     a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
     builder.add_rigid("wheel", a, wheel(abs(part.radius)))
     direction = unit_vector(part.direction)
-    # The rack passes the pinion on its left.
+    # The rack lies to the left of the pinion, seen along its direction.
     touch = np.subtract(part.a.point, part.b.point) - part.radius * rotate_left(direction)
     low, high = find_travel(part.b, part.a, part.direction, builder, abs(part.radius))
     line = align_points([(low, 0.0), (high, 0.0)], direction)
@@ -221,7 +221,7 @@ def draw_rack_and_pinion(part: RackAndPinion, builder: SceneBuilder) -> None:
 
 
 def draw_rolling_on_line(part: RollingOnLine, builder: SceneBuilder) -> None:
-    """Draw a wheel on a hatched line along its travel."""
+    """Draw a wheel on a hatched line that covers its travel."""
     low, high = find_travel(part.a, part.b, part.direction, builder, part.radius)
     side = np.subtract(part.b.point, part.a.point) @ rotate_left(unit_vector(part.direction))
     line = hatched_line(low, high, builder.size) * (1.0, 1.0 if side > 0.0 else -1.0)
@@ -230,10 +230,10 @@ def draw_rolling_on_line(part: RollingOnLine, builder: SceneBuilder) -> None:
 
 
 def draw_rolling_on_circle(part: RollingOnCircle, builder: SceneBuilder) -> None:
-    """Draw a wheel and the circle on which it rolls, with a spoke if it rotates."""
-    turns = not isinstance(part.a.body, Ground)
-    track = wheel(part.radii[0]) if turns else circle(part.radii[0], _TRACK_CORNERS)
-    builder.add_rigid("wheel" if turns else "surface", builder.add_attachment(part.a), track)
+    """Draw a wheel on a circular track, with a spoke in the track if the track can rotate."""
+    can_rotate = not isinstance(part.a.body, Ground)
+    track = wheel(part.radii[0]) if can_rotate else circle(part.radii[0], _TRACK_CORNERS)
+    builder.add_rigid("wheel" if can_rotate else "surface", builder.add_attachment(part.a), track)
     _draw_wheel(part.b, part.radii[1], builder)
 
 
@@ -244,14 +244,14 @@ def _draw_wheel(center: Attachment, radius: float, builder: SceneBuilder) -> Non
 
 
 def draw_skate(part: Skate, builder: SceneBuilder) -> None:
-    """Draw the blade in its direction."""
+    """Draw the blade of the skate as a line in its direction."""
     row, half = builder.add_attachment(part.on), builder.size
     builder.add_rigid("skate", row, align_points([(-half, 0.0), (half, 0.0)], part.direction))
     builder.add_name(row)
 
 
 def draw_sliding_on_beam(part: SlidingOnBeam, builder: SceneBuilder) -> None:
-    """Draw a sleeve around the beam, parallel to the section nearest to the point."""
+    """Draw a sleeve at the sliding point, parallel to the beam axis at the nearest section."""
     row, beam = builder.add_attachment(part.a), part.beam
     sections = [beam.at(s) for s in np.linspace(0.0, beam.length, _SLIDER_SECTIONS)]
     axis, position = builder.positions(sections), builder.pose(row)[:, :2]

@@ -1,6 +1,6 @@
-"""Arrows of loads: of one length in drawings, proportional to the load in animations.
+"""Arrows of loads, with equal lengths in drawings and lengths proportional to loads in animations.
 
-Lengths are in sizes of a symbol.
+Lengths are relative to the symbol size.
 """
 
 from __future__ import annotations
@@ -22,20 +22,18 @@ Array = np.ndarray
 
 # Length of the arrow of the largest force.
 _FORCE_LENGTH = 4.0
-# Loads below this fraction of the largest value of the part are not drawn.
+# Loads below this fraction of the maximum load of the part are not drawn.
 _MIN_VISIBLE_LOAD = 0.02
-# Arrows along a beam with a distributed load; sections that locate a moving load on its axis.
-_DISTRIBUTED_ARROWS = 9
-_AXIS_SECTIONS = 101
-# Angle [rad] and radius of the arrow of the largest moment.
-_MOMENT_ANGLE = 1.3 * math.pi
+_DISTRIBUTED_ARROWS = 9  # number of arrows of a distributed load
+_AXIS_SECTIONS = 101  # sections between which the position of a moving load is interpolated
+_MOMENT_ANGLE = 1.3 * math.pi  # angle of the arrow of the largest moment [rad]
 _MOMENT_RADIUS = 1.6
-# Times at which a drawing evaluates a load that is zero at t = 0 [s].
+# Times at which a drawing evaluates loads that are zero at t = 0 [s].
 _LATER_TIMES = (1e-3, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 
 
 def draw_force(part: Force, builder: SceneBuilder) -> None:
-    """Draw an arrow that ends at the point of the force."""
+    """Draw an arrow that ends at the point of application."""
     row = builder.add_attachment(part.on)
     load = _evaluate_laws(part.laws, builder)
     if part.axes == "body":
@@ -47,21 +45,24 @@ def draw_force(part: Force, builder: SceneBuilder) -> None:
 def _rotate_to_inertial(
     load: Array, row: int, builder: SceneBuilder, inclination: float = 0.0
 ) -> Array:
-    """Rotate components (frames, 2) in the axes of a pose, inclined in the reference drawing."""
+    """Rotate components (frames, 2) from the axes of a pose to the inertial axes.
+
+    `inclination` is the angle of the axes in the reference configuration [rad].
+    """
     angle = builder.pose(row)[:, 2] + inclination
     c, s = np.cos(angle), np.sin(angle)
     return np.stack([c * load[:, 0] - s * load[:, 1], s * load[:, 0] + c * load[:, 1]], axis=-1)
 
 
 def draw_moment(part: Moment, builder: SceneBuilder) -> None:
-    """Draw an arrow around the point of the moment."""
+    """Draw an arc-shaped arrow around the point of application."""
     row = builder.add_attachment(part.on)
     _draw_moment_arrow(builder, row, _evaluate_laws(part.laws, builder)[:, 0])
     builder.add_name(row)
 
 
 def draw_force_law(part: ForceLaw, builder: SceneBuilder) -> None:
-    """Draw arrows if velocities are known, markers in a drawing."""
+    """Draw arrows in animations and markers in drawings, where the load cannot be evaluated."""
     rows = [builder.add_attachment(attachment) for attachment in part.on]
     if builder.measure is None:
         draw_markers(part, builder)
@@ -74,12 +75,12 @@ def draw_force_law(part: ForceLaw, builder: SceneBuilder) -> None:
 
 
 def draw_distributed_force(part: DistributedForce, builder: SceneBuilder) -> None:
-    """Draw arrows of half length along the beam and a line through their tails."""
+    """Draw short arrows along the beam and a line through their tails."""
     sections = [part.beam.at(s) for s in np.linspace(0.0, part.beam.length, _DISTRIBUTED_ARROWS)]
     rows = [builder.add_attachment(section) for section in sections]
     middle = _DISTRIBUTED_ARROWS // 2
     if not part.laws:
-        # A load that depends on the section has no common direction: only heads are drawn.
+        # If the load depends on the section, it has no common direction; only heads are drawn.
         for row in rows:
             builder.add_rigid("load", row, arrow_head(builder.size))
         builder.add_name(rows[middle])
@@ -96,7 +97,7 @@ def draw_distributed_force(part: DistributedForce, builder: SceneBuilder) -> Non
 
 
 def draw_moving_force(part: MovingForce, builder: SceneBuilder) -> None:
-    """Draw an arrow that ends at the axis of the beam."""
+    """Draw an arrow that ends on the beam axis at the current position of the force."""
     beam = part.beam
     sections = np.linspace(0.0, beam.length, _AXIS_SECTIONS)
     axis = builder.positions([beam.at(s) for s in sections])
@@ -104,14 +105,14 @@ def draw_moving_force(part: MovingForce, builder: SceneBuilder) -> None:
     pose = np.zeros((len(s), 3))
     for k in range(2):
         pose[:, k] = [np.interp(x, sections, y) for x, y in zip(s, axis[..., k], strict=True)]
-    # A drawing shows the force also if it is off the beam.
+    # A drawing shows the force even if it is off the beam.
     off_beam = (s < 0.0) | (s > beam.length)
     load = np.where(off_beam[:, None] & (len(s) > 1), 0.0, np.array(part.force))
     builder.add_name(_draw_force_arrow(builder, builder.add_pose(pose), load))
 
 
 def _draw_force_arrow(builder: SceneBuilder, row: int, load: Array, length: float = 1.0) -> int:
-    """Draw an arrow that ends at a pose, for a force (frames, 2); return the pose of its tail."""
+    """Draw the arrow of a force (frames, 2) that ends at a pose; return the pose of its tail."""
     tail = builder.pose(row).copy()
     tail[:, :2] -= length * _FORCE_LENGTH * builder.size * _relative_to_largest(load)
     tail[:, 2] = np.arctan2(load[:, 1], load[:, 0])
@@ -123,7 +124,7 @@ def _draw_force_arrow(builder: SceneBuilder, row: int, load: Array, length: floa
 
 
 def _draw_moment_arrow(builder: SceneBuilder, row: int, moment: Array) -> None:
-    """Draw an arc around a pose, counter-clockwise for a positive moment (frames,)."""
+    """Draw the arrow of a moment (frames,) around a pose, counter-clockwise if it is positive."""
     share = _relative_to_largest(moment[:, None])[:, 0]
     if not np.any(np.isfinite(share)):
         return
@@ -142,7 +143,7 @@ def _draw_moment_arrow(builder: SceneBuilder, row: int, moment: Array) -> None:
 
 
 def _relative_to_largest(load: Array) -> Array:
-    """Divide loads (frames, k) by the size of the largest; nan where the load is negligible."""
+    """Divide loads (frames, k) by the largest magnitude; negligible loads become nan."""
     size = np.hypot(*load.T) if load.shape[1] == 2 else np.abs(load[:, 0])
     largest = float(np.max(size[np.isfinite(size)], initial=0.0))
     visible = size > _MIN_VISIBLE_LOAD * largest
@@ -152,9 +153,9 @@ def _relative_to_largest(load: Array) -> Array:
 
 
 def _evaluate_laws(laws: Sequence[Law], builder: SceneBuilder) -> Array:
-    """Return the values of laws in the frames (frames, laws).
+    """Return the values (frames, laws) of laws in all frames.
 
-    A drawing, which has a single frame, takes the first time at which a law is not zero.
+    A drawing has a single frame; it uses the first of several times at which a law is not zero.
     """
     if len(builder.times) > 1:
         return np.array([[law.at(t) for law in laws] for t in builder.times])
@@ -162,5 +163,5 @@ def _evaluate_laws(laws: Sequence[Law], builder: SceneBuilder) -> Array:
         values = [law.at(t) for law in laws]
         if any(values):
             return np.array([values])
-    # Loads that are zero at all these times are drawn too, forces downward.
+    # Loads that are zero at all these times are drawn as unit loads, forces pointing downward.
     return np.array([[1.0] if len(laws) == 1 else [0.0, -1.0]])

@@ -1,4 +1,4 @@
-"""Scene of a mechanism: axes of beams, outlines of rigid bodies, symbols of other parts."""
+"""Scene of a mechanism: beam axes, outlines of rigid bodies and symbols of other parts."""
 
 from __future__ import annotations
 
@@ -19,15 +19,12 @@ from beamdae.report.scene.symbols import draw_symbol
 
 Array = np.ndarray
 
-# Sections of a beam, which give a smooth curve at the size of a figure.
-MAX_BEAM_SECTIONS = 49
-_MIN_BEAM_SECTIONS = 9
-# Sections of all beams together, as long as each has the minimum.
-_MAX_SECTIONS = 600
-# Size of a symbol, relative to the extent of the scene.
-_SYMBOL_SIZE = 0.022
-# Radii of a particle and of a body with a single point, in sizes of a symbol; a particle is larger
-# than the pin of a joint at the same point.
+MAX_BEAM_SECTIONS = 49  # per beam, enough for a smooth curve in a figure
+_MIN_BEAM_SECTIONS = 9  # per beam
+_MAX_SECTIONS = 600  # total of all beams, unless the minimum per beam requires more
+_SYMBOL_SIZE = 0.022  # relative to the extent of the scene
+# Radii of a particle and of a body with a single point, relative to the symbol size. A particle is
+# larger than the pin of a joint at the same point.
 _PARTICLE_RADIUS = 0.42
 _SINGLE_POINT_RADIUS = 0.28
 
@@ -49,9 +46,9 @@ def build_scene(
     poses, times, measure
         See `SceneBuilder`.
     is_hidden
-        Selects joints, forces and other parts without an outline that are not drawn.
+        Function that returns True for parts whose symbols are not drawn. Bodies are always drawn.
     name
-        Name of the calling function, for messages.
+        Name of the calling function, used in error messages.
 
     Raises
     ------
@@ -81,9 +78,9 @@ def build_scene(
 
 
 def collect_drawings(mechanism: Mechanism, points: int) -> list[tuple[str, Drawing]]:
-    """Return the names and drawings of parts with an outline, the ground first.
+    """Return names and drawings of the ground and all parts with an outline.
 
-    Beams are drawn through `points` sections, rigid bodies through the points that parts attach to.
+    Beams are drawn through `points` sections, and rigid bodies through their attachment points.
     """
     parts = list(mechanism.parts.values())
     drawings = [
@@ -94,13 +91,13 @@ def collect_drawings(mechanism: Mechanism, points: int) -> list[tuple[str, Drawi
 
 
 def _collect_attachments(parts: list[Part], body: Part) -> list[Attachment]:
-    """Return the attachments of all parts to a body, one for each point."""
+    """Return the attachments of all parts to a body, without repeated points."""
     attachments = [a for part in parts for a in part.attachments if a.body is body]
     return list({attachment.point: attachment for attachment in attachments}.values())
 
 
 def count_beam_sections(mechanism: Mechanism) -> int:
-    """Return the number of sections through which each beam of a mechanism is drawn."""
+    """Return the number of sections used to draw each beam of a mechanism."""
     beams = sum(isinstance(part, Beam) for part in mechanism.parts.values())
     return int(np.clip(_MAX_SECTIONS // max(beams, 1), _MIN_BEAM_SECTIONS, MAX_BEAM_SECTIONS))
 
@@ -119,7 +116,7 @@ def _draw_body(drawing: Drawing, line: Array, builder: SceneBuilder) -> None:
 
 
 def _draw_rigid_body(attachments: Sequence[Attachment], builder: SceneBuilder) -> None:
-    """Draw a closed outline through the attachments, fixed to the pose of the first one."""
+    """Draw a closed outline through the attachments, fixed to the pose of the first attachment."""
     row, points = builder.add_attachment(attachments[0]), np.array([a.point for a in attachments])
     points = points - points[0]
     if len(points) > 1:

@@ -1,4 +1,4 @@
-"""Poses of attachments: in the reference drawing, at given coordinates, in a natural mode."""
+"""Poses of attachments: in the reference configuration, at given coordinates, in a mode."""
 
 from __future__ import annotations
 
@@ -18,34 +18,33 @@ from beamdae.results.section_forces.section_motions import (
 
 Array = np.ndarray
 
-# Step of the central differences of positions, for a mode scaled to a largest coordinate of 1.
+# Step of the central differences, for a mode shape whose largest component is 1.
 _DIFFERENCE_STEP = 1e-5
-# Guards against division by zero for a mode without motion.
-_SMALLEST_SHAPE = 1e-300
+_SMALLEST_SHAPE = 1e-300  # avoids division by zero for a mode without motion
 
 
 class Poses(Protocol):
-    """Maps attachments to poses: x, y [m] and rotation since the reference drawing [rad]."""
+    """Map from attachments to poses: x, y [m] and rotation [rad] from the reference."""
 
     def __call__(self, attachments: Sequence[Attachment]) -> Array:
         """Return the poses, (frames, attachments, 3)."""
 
 
 def reference_poses(attachments: Sequence[Attachment]) -> Array:
-    """Return the poses in the reference drawing, as one frame."""
+    """Return the poses in the reference configuration as a single frame."""
     poses = [[(*attachment.point, 0.0) for attachment in attachments]]
     return np.array(poses, float).reshape(1, -1, 3)
 
 
 class CoordinatePoses:
-    """Poses of a mechanism with one frame for each row of coordinates.
+    """Poses of a mechanism at given coordinates, one frame per row.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     q
-        Its coordinates, (frames, n).
+        Coordinates (frames, n) of the mechanism.
     """
 
     def __init__(self, mechanism: Mechanism, q: Array) -> None:
@@ -80,9 +79,9 @@ class VibrationPoses:
     mechanism
         The mechanism.
     q
-        Coordinates of the state, (n,).
+        Coordinates (n,) of the state.
     shape
-        Complex mode shape, (n,).
+        Complex mode shape (n,).
     phases
         Complex phases, one per frame.
     """

@@ -1,4 +1,4 @@
-"""Scenes: poses over frames, curves, and symbols attached to the poses."""
+"""Scenes: poses over frames, curves, and symbols fixed to the poses."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 
 Array = np.ndarray
 
-# Smallest extent of a scene, in sizes of a symbol: symbols fit and stay small.
+# Minimum extent of a scene relative to the symbol size, so that symbols appear small.
 _MIN_EXTENT = 20.0
 
 
 @dataclass(frozen=True, eq=False)
 class MovingCurve:
-    """A line through points that move independently.
+    """Line through points that move independently.
 
     Attributes
     ----------
@@ -24,7 +24,7 @@ class MovingCurve:
     kind
         Key of the style, see `pictures.scene_artists`.
     positions
-        Positions of the k points, (frames, k, 2) [m].
+        Positions (frames, k, 2) of the k points [m].
     """
 
     part: str
@@ -34,7 +34,7 @@ class MovingCurve:
 
 @dataclass(frozen=True, eq=False)
 class Symbol:
-    """A line of fixed points in axes that move.
+    """Line through points that are fixed in moving axes.
 
     Attributes
     ----------
@@ -43,13 +43,13 @@ class Symbol:
     kind
         Key of the style, see `pictures.scene_artists`.
     start, end
-        Indices of two poses of the scene, which may be the same.
+        Indices of two poses of the scene, which may be equal.
     along
-        If True, the first axis points from the start to the end. Otherwise the axes rotate with
-        the poses, interpolated in the same way as the position of each point.
+        If True, the first axis points from the start to the end. Otherwise, the angle of the axes
+        is interpolated between the two poses for each point.
     points
-        (k, 3): position between start (0) and end (1), and the offsets along and across the axes
-        [m]. The line is interrupted at points that are not finite.
+        Points (k, 3): relative position between start (0) and end (1), and the offsets along and
+        across the first axis [m]. The line is interrupted at points that are not finite.
     """
 
     part: str
@@ -65,20 +65,20 @@ Glyph = MovingCurve | Symbol
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The visible lines of a mechanism over frames.
+    """Visible lines of a mechanism in all frames.
 
     Attributes
     ----------
     poses
-        (poses, frames, 3): x, y [m] and rotation [rad].
+        Poses (poses, frames, 3): x, y [m] and rotation [rad].
     glyphs
         Curves and symbols, in the order of the parts.
     names
-        Pairs of the index of a pose and the name of the part shown there.
+        Pairs of the index of a pose and the name of the part to show at this pose.
     size
-        Size of a symbol [m].
+        Symbol size [m].
     absent
-        For parts that are inactive in some frames: True in these frames, (frames,).
+        Masks (frames,) that are True in frames in which a part is inactive, by part name.
     """
 
     poses: Array
@@ -88,7 +88,7 @@ class Scene:
     absent: Mapping[str, Array] = field(default_factory=dict)
 
     def line(self, glyph: Glyph) -> Array:
-        """Return the points of a glyph in each frame, (frames, k, 2); nan where it is absent."""
+        """Return the points (frames, k, 2) of a glyph, or nan in frames without the glyph [m]."""
         line = self._line(glyph)
         if glyph.part in self.absent:
             return np.where(self.absent[glyph.part][:, None, None], np.nan, line)
@@ -107,11 +107,11 @@ class Scene:
         return pose[..., :2] + arm
 
     def lines(self) -> Iterator[tuple[Glyph, Array]]:
-        """Iterate over the glyphs and their points, see `line`."""
+        """Iterate over all glyphs and their points, see `line`."""
         return zip(self.glyphs, map(self.line, self.glyphs), strict=False)
 
     def extent(self) -> tuple[Array, Array]:
-        """Return the lower left and the upper right corner of the scene [m]."""
+        """Return the lower left and upper right corners of the scene [m]."""
         points = [line.reshape(-1, 2) for _, line in self.lines()]
         low, high = bounding_box(np.concatenate(points or [self.poses[..., :2].reshape(-1, 2)]))
         margin = 0.5 * max(_MIN_EXTENT * self.size - float(np.max(high - low)), 0.0)
@@ -119,6 +119,6 @@ class Scene:
 
 
 def bounding_box(points: Array) -> tuple[Array, Array]:
-    """Return the lower left and the upper right corner of the finite points among (k, 2)."""
+    """Return the lower left and upper right corners of the finite points among (k, 2)."""
     finite = points[np.isfinite(points).all(axis=1)]
     return finite.min(axis=0), finite.max(axis=0)

@@ -1,4 +1,4 @@
-"""Builder of scenes: collects poses, curves and symbols of the parts of a mechanism."""
+"""Scene builder: collects poses, curves and symbols of the parts of a mechanism."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from beamdae.report.scene.shapes import join_lines
 from beamdae.symbolic.statements import Quantity
 
 Array = np.ndarray
-# Evaluates a quantity in the frames, (frames, columns).
+# Returns the values (frames, columns) of a quantity in all frames.
 Measure = Callable[[Quantity], Array]
 
-# Support of a ground point, in sizes of a symbol: depth and half width.
+# Dimensions of a ground support, relative to the symbol size.
 _SUPPORT_DEPTH = 1.1
 _SUPPORT_HALF_WIDTH = 0.9
 _SUPPORT_HATCHES = 5
 
 
 class SceneBuilder:
-    """Collects the curves, symbols and names of one part after the other.
+    """Collects the curves, symbols and names of all parts sequentially.
 
     Parameters
     ----------
     poses
-        Poses of attachments in the frames.
+        Function that returns the poses of attachments in all frames.
     times
         Times of the frames [s].
     measure
-        Evaluates quantities in the frames; None if only poses are known.
+        Function that evaluates a quantity in all frames. None if only poses are available.
 
     Attributes
     ----------
     size
-        Size of a symbol [m].
+        Symbol size [m].
     part
-        Name of the part that is being added.
+        Name of the part whose lines are being added.
     """
 
     def __init__(self, poses: Poses, times: Array, measure: Measure | None = None) -> None:
@@ -52,31 +52,31 @@ class SceneBuilder:
         self._supported: set[tuple[float, float]] = set()
 
     def add_attachment(self, attachment: Attachment) -> int:
-        """Add the pose of an attachment unless it exists; return its index."""
+        """Add the pose of an attachment, if not yet added, and return its index."""
         key = (id(attachment.body), attachment.point, attachment.s)
         if key not in self._rows:
             self._rows[key] = self.add_pose(self._attachment_poses([attachment])[:, 0])
         return self._rows[key]
 
     def positions(self, attachments: Sequence[Attachment]) -> Array:
-        """Return the positions of attachments, (frames, attachments, 2) [m]."""
+        """Return the positions (frames, attachments, 2) of attachments [m]."""
         return self._attachment_poses(attachments)[..., :2]
 
     def add_pose(self, pose: Array) -> int:
-        """Add a pose (frames, 3) that belongs to no attachment; return its index."""
+        """Add a pose (frames, 3) that does not belong to an attachment and return its index."""
         self._poses.append(np.broadcast_to(pose, (len(self.times), 3)))
         return len(self._poses) - 1
 
     def add_midpoint(self, a: int, b: int) -> int:
-        """Add the pose halfway between two poses; return its index."""
+        """Add the pose halfway between two poses and return its index."""
         return self.add_pose(0.5 * (self.pose(a) + self.pose(b)))
 
     def pose(self, row: int) -> Array:
-        """Return a pose by its index, (frames, 3)."""
+        """Return the pose (frames, 3) with the given index."""
         return self._poses[row]
 
     def relative_position(self, a: int, b: int) -> Array:
-        """Return the position of pose b relative to pose a in the axes of a, (frames, 2) [m]."""
+        """Return the position (frames, 2) of pose b relative to pose a, in the axes of a [m]."""
         x, y, _ = (self._poses[b] - self._poses[a]).T
         c, s = np.cos(self._poses[a][:, 2]), np.sin(self._poses[a][:, 2])
         return np.stack([c * x + s * y, c * y - s * x], axis=-1)
@@ -90,11 +90,11 @@ class SceneBuilder:
         self._add_symbol(kind, at, points)
 
     def add_between(self, kind: str, start: int, end: int, points: Array) -> None:
-        """Add points (k, 3) of a `Symbol` whose axes rotate with the two poses."""
+        """Add a `Symbol` with points (k, 3), whose axes rotate with the two poses."""
         self._add_symbol(kind, start, points, end)
 
     def add_stretched(self, kind: str, start: int, end: int, points: Array) -> None:
-        """Add points (k, 3) of a `Symbol` whose first axis points from one pose to the other."""
+        """Add a `Symbol` with points (k, 3), whose first axis points from start to end."""
         self._add_symbol(kind, start, points, end, along=True)
 
     def add_link(self, kind: str, start: int, end: int) -> None:
@@ -116,11 +116,11 @@ class SceneBuilder:
         self._glyphs.append(Symbol(part or self.part, kind, start, end, along, points))
 
     def add_name(self, row: int) -> None:
-        """Show the name of the part at a pose."""
+        """Add the name of the current part at a pose."""
         self._names.append((row, self.part))
 
     def add_support(self, attachment: Attachment) -> None:
-        """Add the support below an attachment of the ground, once per point."""
+        """Add a support below an attachment to the ground; each point gets only one support."""
         if not isinstance(attachment.body, Ground) or attachment.point in self._supported:
             return
         self._supported.add(attachment.point)
@@ -129,13 +129,13 @@ class SceneBuilder:
         hatches = [np.array([(x, below), (x - 0.4 * half, below - 0.4 * half)]) for x in feet]
         base = np.array([(-1.2 * half, below), (1.2 * half, below)])
         cone = np.array([(-0.7 * half, below), (0.0, 0.0), (0.7 * half, below)])
-        # The support belongs to the ground: it stays visible while the part is inactive.
+        # The support belongs to the ground, so it stays visible while the part is inactive.
         support = join_lines(cone, base, *hatches)
         self._add_symbol(
             "ground", self.add_attachment(attachment), support, part=attachment.body.name
         )
 
     def build(self) -> Scene:
-        """Return the scene of all parts added so far."""
+        """Return the scene with everything added so far."""
         poses = np.array(self._poses).reshape(-1, len(self.times), 3)
         return Scene(poses, tuple(self._glyphs), tuple(self._names), self.size)

@@ -1,4 +1,4 @@
-"""Table of symbols: the function that draws each symbol a part may name in `Part.symbol`."""
+"""Table of the drawing functions by the symbol names used in `Part.symbol`."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from beamdae.report.scene.load_arrows import (
 )
 from beamdae.report.scene.scene_builder import SceneBuilder
 
-# A function may use all fields of the built-in parts with its symbol, such as `a` and `direction`.
+# A function may use any field of the built-in parts with its symbol, such as `a` and `direction`.
 _SYMBOLS: dict[str, Callable[[Any, SceneBuilder], None]] = {
     "marker": draw_markers,
     # Joints.
@@ -77,7 +77,7 @@ def draw_symbol(part: Part, builder: SceneBuilder) -> None:
     Raises
     ------
     BeamdaeError
-        If it names a symbol that does not exist.
+        If the symbol of the part does not exist.
     """
     symbol = require_choice(part.name, "symbol", part.symbol, tuple(_SYMBOLS))
     _SYMBOLS[symbol](part, builder)

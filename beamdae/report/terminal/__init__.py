@@ -1,5 +1,5 @@
 """Tables and texts for the terminal.
 
-May import: results, analysis and what lies below them; rich.
-Next: a new table is a function of `text_tables`; its layout is in `responsive_table`.
+May import: results, analysis and the layers below; rich.
+To extend: add a function to `text_tables` for a new table; `responsive_table` handles the layout.
 """

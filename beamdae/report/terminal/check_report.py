@@ -88,7 +88,7 @@ def _describe_frequencies(frequencies: FrequencyRange) -> dict[str, str]:
     if highest is not None and lowest is not None:
         stability = "BDF is stable at any order"
         if frequencies.damping_ratio < STABLE_DAMPING_RATIO:
-            stability = "BDF stays at order 2 unless it resolves them"
+            stability = "BDF is limited to order 2 unless steps resolve these modes"
         facts["frequencies"] = (
             f"{lowest:.4g} to {highest:.4g} Hz; steps of {_RESOLVING_STEP / lowest:.2g} s resolve "
             f"the lowest, {_RESOLVING_STEP / highest:.2g} s the highest; damping ratio of the "

@@ -1,4 +1,4 @@
-"""Tables that adapt to the width of the terminal: the least important columns are left out."""
+"""Tables that adapt to the width of the terminal by omitting the least important columns."""
 
 from __future__ import annotations
 
@@ -13,21 +13,18 @@ from rich.text import Text
 
 from beamdae.report.text import make_printable
 
-# All widths are in cells of the terminal. Columns are left out before the first column becomes
-# narrower than this, or than half the width; afterwards it shrinks to the second width.
+# All widths are in terminal cells. Columns are omitted before the first column becomes narrower
+# than the larger of this and half the terminal width; after that, it shrinks to its minimum.
 _FIRST_COLUMN_WIDTH = 28
 _MIN_FIRST_COLUMN_WIDTH = 6
-# Sentences are folded to this width, not further.
-_MIN_SENTENCE_WIDTH = 24
-# Blanks between two columns, and at both ends of a row together.
-_COLUMN_GAP = 2
-_ROW_MARGIN = 2
-# Largest share of the width for the topics of a list of facts.
-_MAX_TOPIC_SHARE = 0.5
+_MIN_SENTENCE_WIDTH = 24  # columns of sentences are not folded to less than this
+_COLUMN_GAP = 2  # between two columns
+_ROW_MARGIN = 2  # at both ends of a row together
+_MAX_TOPIC_SHARE = 0.5  # maximum width of the topics, relative to the terminal width
 
 
 def shorten_to_cells(text: str, most: int) -> str:
-    """Return the printable text; if it is wider than `most` cells, without its middle."""
+    """Return the printable text, with its middle replaced by "…" if wider than `most` cells."""
     text = make_printable(text)
     if cell_len(text) <= most:
         return text
@@ -41,16 +38,16 @@ def shorten_to_cells(text: str, most: int) -> str:
 
 @dataclass(frozen=True)
 class Column:
-    """A column after the first one.
+    """Column of a `ResponsiveTable`, other than the first.
 
     Attributes
     ----------
     header
-        Name of the column, which may contain line breaks.
+        Name of the column; it may contain line breaks.
     rank
-        Columns with the largest rank are left out first, those with rank 0 never.
+        Columns with the largest rank are omitted first. Columns with rank 0 are never omitted.
     sentences
-        True if the texts may be folded; numbers are never folded.
+        True if the texts of the column may be folded.
     """
 
     header: str
@@ -64,18 +61,19 @@ class Column:
 
 
 class ResponsiveTable:
-    """A table of texts that is laid out for the width at which it is printed.
+    """Table of texts whose layout adapts to the terminal width.
 
     Parameters
     ----------
     first
-        Header of the first column, which is always shown; long texts lose their middle.
+        Header of the first column, which is always shown. Long texts in it are shortened in the
+        middle.
     columns
         The other columns.
     rows
-        Texts of each row, that of the first column first.
+        Texts of each row, beginning with the first column.
     elsewhere
-        Where to find columns that are left out, such as "cases.csv".
+        Source that contains the omitted columns, such as "cases.csv".
     """
 
     def __init__(
@@ -90,11 +88,11 @@ class ResponsiveTable:
 
     @property
     def texts(self) -> list[list[str]]:
-        """Headers on one line each, followed by the rows."""
+        """Table as lists of texts: the headers, followed by the rows."""
         return [[self._first, *(column.title for column in self._columns)], *self._rows]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Yield the table, and a line that names the columns left out."""
+        """Yield the table and, if columns are omitted, a line with their names."""
         columns = self._choose_columns(options.max_width)
         available = options.max_width - self._min_width_without_first(columns)
         first_width = min(self._content_width(self._first, 0), available)
@@ -105,7 +103,7 @@ class ResponsiveTable:
             yield Text(f"not shown: {', '.join(omitted)}; {remedy} shows them", style="dim")
 
     def _choose_columns(self, width: int) -> list[Column]:
-        """Return the columns that fit into a width."""
+        """Return the columns that fit into the given width."""
         first = min(self._content_width(self._first, 0), max(_FIRST_COLUMN_WIDTH, width // 2))
         columns = list(self._columns)
         while first + self._min_width_without_first(columns) > width:
@@ -145,14 +143,14 @@ class ResponsiveTable:
 
 
 class FactList:
-    """Topics and texts in two columns, laid out for the width at which they are printed.
+    """Two-column list of topics and texts whose layout adapts to the terminal width.
 
     Parameters
     ----------
     title
-        A line above the columns, or "".
+        Line above the list, or "" for no title.
     rows
-        Texts by topic; long topics lose their middle.
+        Texts by topic. Long topics are shortened in the middle.
     """
 
     def __init__(self, title: str, rows: Mapping[str, str]) -> None:
@@ -160,7 +158,7 @@ class FactList:
         self._rows = {make_printable(topic): make_printable(text) for topic, text in rows.items()}
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Yield the title and the columns."""
+        """Yield the title and the list."""
         if self._title:
             yield Text(self._title, style="bold")
         table = Table(box=None, show_header=False, pad_edge=False)

@@ -1,4 +1,4 @@
-"""Tables and facts of solutions, studies, sweeps and models for the terminal."""
+"""Terminal tables and fact lists of solutions, studies, sweeps and models."""
 
 from __future__ import annotations
 
@@ -21,15 +21,14 @@ if TYPE_CHECKING:
     # A table by header.
     Columns = Mapping[str, Any] | pd.DataFrame
 
-# Values below this fraction of the largest value of their kind are rounding and shown as zero.
+# Values below this fraction of the largest comparable value are shown as zero (rounding noise).
 _ROUNDING = 1e-12
 # An error below this multiple of the uncertainty of the reference is shown as an upper bound.
 _RESOLUTION_FACTOR = 10.0
 _HEADER_LINE_LETTERS = 12
 
-# Settings of a run that are shown in files only, or as separate facts.
-_SETTINGS_IN_FILES = ("orders", "error_test_failures")
-_SETTINGS_WITH_ROWS = ("integrator", "amplitudes", "limited_by")
+_SETTINGS_IN_FILES = ("orders", "error_test_failures")  # shown only in files
+_SETTINGS_WITH_ROWS = ("integrator", "amplitudes", "limited_by")  # shown in separate rows
 
 # Columns of a comparison in the terminal.
 _COMPARISON_COLUMNS = {
@@ -55,7 +54,7 @@ _SUMMARY_COLUMNS = {
 
 
 def format_number(value: Any, digits: int = 3) -> str:
-    """Return a number with few digits; "-" for a missing value."""
+    """Format a number with the given significant digits, and a missing value as "-"."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
     if isinstance(value, (bool, str)):
@@ -69,20 +68,20 @@ def format_number(value: Any, digits: int = 3) -> str:
 
 
 def fact_list(title: str, rows: Mapping[str, Any]) -> FactList:
-    """Return facts by topic, with numbers formatted."""
+    """Create a `FactList`, formatting values that are not texts."""
     texts = {name: x if isinstance(x, str) else format_number(x) for name, x in rows.items()}
     return FactList(title, texts)
 
 
 def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, str]:
-    """Return status, cost and quality of a run by topic.
+    """Return texts about status, cost and accuracy of a run, by topic.
 
     Parameters
     ----------
     summary
-        `Solution.summary()`.
+        Return value of `Solution.summary`.
     settings
-        `Solution.integrator`.
+        Settings of the integrator, `Solution.integrator`.
     """
     s = {name: format_number(value) for name, value in summary.items()}
     left_out = {*_SETTINGS_WITH_ROWS, *_SETTINGS_IN_FILES}
@@ -116,7 +115,7 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
 
 
 def validity_table(beams: Iterable[BeamRange]) -> ResponsiveTable:
-    """Return the largest deflection, rotation and strain of beams, and the estimated error."""
+    """Return a table of the largest deflection, rotation, strain and error of each beam."""
     columns = [
         Column("deflection\nof length", 2),
         Column("rotation\n[rad]", 3),
@@ -131,15 +130,15 @@ def validity_table(beams: Iterable[BeamRange]) -> ResponsiveTable:
 
 
 def range_table(observed: Columns, errors: Columns | None = None) -> ResponsiveTable:
-    """Return the smallest, largest and last value of each observed column, and its errors.
+    """Return a table of the minimum, maximum and last value of each observed column.
 
     Parameters
     ----------
     observed
         Observed columns.
     errors
-        Error columns with a row for each observed column: amplitude (left out), error, further
-        columns, verdict.
+        Additional columns with one row per observed column, in this order: amplitude (not shown),
+        error, any further columns, verdict.
     """
     names = [] if errors is None else list(map(str, errors))[1:]
     columns = [Column("min", 2), Column("max", 3), Column("end", 1)]
@@ -160,7 +159,7 @@ def range_table(observed: Columns, errors: Columns | None = None) -> ResponsiveT
 
 
 def column_extremes(observed: Columns) -> dict[str, dict[str, float]]:
-    """Return "min", "max" and "end" of each column, with rounding replaced by zero."""
+    """Return minimum, maximum and last value of each column, with rounding noise set to zero."""
     rounding = _rounding_by_kind(observed)
     extremes = {}
     for name in map(str, observed):
@@ -172,7 +171,7 @@ def column_extremes(observed: Columns) -> dict[str, dict[str, float]]:
 
 
 def _smallest_and_largest(values: np.ndarray) -> tuple[float, float]:
-    """Return the extremes of the values that are not nan, or nan if there are none."""
+    """Return minimum and maximum of the values, ignoring nan; nan if all values are nan."""
     numbers = values[~np.isnan(values)]
     return (float(numbers.min()), float(numbers.max())) if numbers.size else (math.nan, math.nan)
 
@@ -187,7 +186,10 @@ def _rounding_by_kind(observed: Columns) -> dict[str, float]:
 
 
 def comparison_table(table: pd.DataFrame) -> ResponsiveTable:
-    """Return the table of a study; errors below the resolution of the reference are bounds."""
+    """Return the comparison table of a study.
+
+    Errors below the resolution of the reference are shown as upper bounds.
+    """
     names = [name for name in _COMPARISON_COLUMNS if name in table]
     rows = []
     for _, row in table.iterrows():
@@ -210,7 +212,7 @@ def _format_range(least: Any, most: Any) -> str:
 
 
 def summary_table(summary: pd.DataFrame) -> ResponsiveTable:
-    """Return the summary of a study, with units and ranges beside the values."""
+    """Return the summary table of a study; values are followed by units and ranges."""
     ranges = (
         f" ({_format_range(*x)})".replace(" (-)", "") for x in summary[["min", "max"]].to_numpy()
     )
@@ -226,7 +228,7 @@ def summary_table(summary: pd.DataFrame) -> ResponsiveTable:
 def sweep_table(
     table: pd.DataFrame, parameters: Sequence[str], outputs: Sequence[str]
 ) -> ResponsiveTable:
-    """Return the table of a sweep: parameters, status and outputs of each run."""
+    """Return a table of the parameters, status and outputs of each run of a sweep."""
     last = len(outputs) + 2
     varied = [name for name in parameters if table[name].astype(str).nunique() > 1]
     first, *others = [*varied, *(name for name in parameters if name not in varied)]
@@ -239,7 +241,7 @@ def sweep_table(
 
 
 def failure_sentences(table: pd.DataFrame) -> list[str]:
-    """Return a sentence for each run of a study that did not reach its end."""
+    """Return one sentence per unsuccessful run of a study."""
     failed_runs = table[table["status"] != "ok"]
     labels = failed_runs["group"] + ", " + failed_runs["label"]
     reasons = zip(labels, failed_runs["reason"], strict=True)
@@ -247,7 +249,7 @@ def failure_sentences(table: pd.DataFrame) -> list[str]:
 
 
 def modes_table(table: pd.DataFrame) -> ResponsiveTable:
-    """Return frequencies, damping and moving parts of modes, from `Modes.table()`."""
+    """Return a table of frequencies, damping and moving parts, given `Modes.table()`."""
     columns = [
         Column("frequency\n[Hz]"),
         Column("damping\nratio [-]", 2),
@@ -273,7 +275,7 @@ def modes_table(table: pd.DataFrame) -> ResponsiveTable:
 
 
 def campbell_table(table: pd.DataFrame) -> ResponsiveTable:
-    """Return frequencies by speed of rotation, from `Campbell.table()`."""
+    """Return a table of frequencies over rotational speed, given `Campbell.table()`."""
     frequencies = [name for name in map(str, table) if name.endswith("[Hz]")]
     columns = [Column(name.replace(" [", "\n["), k) for k, name in enumerate(frequencies)]
     rows = [
@@ -287,12 +289,12 @@ def campbell_table(table: pd.DataFrame) -> ResponsiveTable:
 
 
 def parts_table(kinds: Mapping[str, str]) -> ResponsiveTable:
-    """Return the parts of a mechanism and their classes."""
+    """Return a table of the parts of a mechanism and their classes."""
     return ResponsiveTable("part", [Column("kind", sentences=True)], kinds.items())
 
 
 def models_table(models: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
-    """Return the models that files define, with their parameters."""
+    """Return a table of the models found in files, with their parameters."""
     columns = [
         Column("t_end\n[s]", 3),
         Column("file", 1, sentences=True),
@@ -308,7 +310,7 @@ def models_table(models: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
 
 
 def studies_table(studies: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
-    """Return the studies that files define, with their models."""
+    """Return a table of the studies found in files, with their models."""
     columns = [Column("cases"), Column("file", 1, sentences=True), Column("of", 2, sentences=True)]
     rows = [
         (x["name"], str(x["cases"]), Path(x["file"]).name, ", ".join(x["models"])) for x in studies
@@ -317,6 +319,6 @@ def studies_table(studies: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
 
 
 def problems_table(problems: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
-    """Return files that cannot be listed, with their errors."""
+    """Return a table of the files that cannot be listed, with their errors."""
     rows = [(Path(x["file"]).name, x["problem"]) for x in problems]
     return ResponsiveTable("file", [Column("cannot be listed", sentences=True)], rows)

@@ -1,4 +1,4 @@
-"""Check of whether beam deformations stay within the validity range of their strain measure."""
+"""Validity range of beam strain measures: largest deformations and the resulting errors."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ class BeamRange:
     name
         Name of the beam.
     deflection
-        Largest displacement relative to the undeformed beam in its frame, divided by its length [-].
+        Largest displacement relative to the undeformed beam in its frame, over the beam length [-].
     rotation
         Largest section rotation relative to the frame [rad].
     strain
         Largest axial strain at the outer fibers of a rectangular section, including bending [-].
     error
         Predicted relative error of the deformation due to the strain measure. None if the strain
-        measure does not limit the rotation. Measured errors of a single beam (see validation/) range
-        from a thirtieth of this value in pure bending to three times this value; they are smaller
-        for one of several welded beams.
+        measure does not limit the rotation. Measured errors of a single beam (see validation/)
+        range from a thirtieth of this value in pure bending to three times this value; they are
+        smaller for one of several welded beams.
     remedies
         Settings of the beam that reduce the error, as alternatives to splitting the beam.
     """

@@ -1,4 +1,4 @@
-"""Energy balance of a run, with its residual and constraint drift."""
+"""Energy balance, residual and constraint drift of a run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from beamdae.results.trajectory import Trajectory
 Array = np.ndarray
 
 _TINY = np.finfo(float).tiny
-# Energies below the sum of these two are rounding noise.
+# Energies below the sum of these two terms are rounding noise.
 _ROUNDING_OF_FORCES = 1e-8  # relative to the largest force times the length of the mechanism
 _ROUNDING_OF_ENERGIES = 1e-11  # relative to the largest energy
 # Signs of (kinetic, strain, gravity, work of loads, work of drivers, dissipated) in the balance.
@@ -24,7 +24,7 @@ _BALANCE_SIGNS = np.array([1.0, 1.0, 1.0, -1.0, -1.0, 1.0])
 
 @dataclass(frozen=True)
 class Quality:
-    """Accuracy measures of a run, the largest over all its steps.
+    """Accuracy measures of a run: maxima over all steps.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Quality:
         Largest |g| [m or rad] and |g_dot| [m/s or rad/s].
     energy_imbalance
         Largest |energy - work of loads - work of drivers + dissipated - start| relative to the
-        largest energy exchanged [-]. For systems at rest it is relative to 1e-8 of the largest
+        largest energy exchanged [-]. For systems at rest, the reference is 1e-8 times the largest
         force times the length of the mechanism.
     """
 
@@ -45,16 +45,16 @@ class Quality:
 
 
 class Imbalance(NamedTuple):
-    """Largest deviation over all steps of a sum that is zero in an exact solution.
+    """Largest imbalance of energies or forces over all steps.
 
     Attributes
     ----------
     value
-        The deviation.
+        Largest absolute value of the sum that is zero for an exact solution.
     scale
-        Reference value: the energy exchanged, or the largest force.
+        Reference value: the energy exchanged or the largest force.
     largest_term
-        The largest term of the sum.
+        Largest absolute term of the sum.
     """
 
     value: float
@@ -63,7 +63,7 @@ class Imbalance(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """The deviation relative to its scale."""
+        """Imbalance relative to its scale."""
         return self.value / max(self.scale, _TINY)
 
 
@@ -78,10 +78,11 @@ class EnergyLedger:
     length
         Length of the mechanism [m].
     energies, powers, norms
-        One array per interval with rows at its nodes: energies (k, 3) [J], powers (k, 3) [W] and
-        norms (k, 5), see `measures.plan_balance`.
+        Energies (k, 3) [J], powers (k, 3) [W] and norms (k, 5) at the k nodes of each interval, see
+        `measures.plan_balance`.
     works
-        One array per interval: works (steps, 3) from the start of the run to each step [J].
+        Works (steps, 3) from the start of the run to each step of an interval, one array per
+        interval [J].
     """
 
     trajectory: Trajectory
@@ -110,11 +111,11 @@ class EnergyLedger:
             if rows:
                 jump = energies[0] - rows[-1][0][-1]
                 if configuration is previous:
-                    # A driver whose rate jumps at a breakpoint changes the velocities at once.
+                    # The rate of a driver jumps at a breakpoint, and the velocities jump with it.
                     work = work + np.array([0.0, jump[0], 0.0])
                 else:
-                    # Impacts and joints that are switched on dissipate energy; springs that are
-                    # switched off take their stored energy with them.
+                    # Impacts and activated joints dissipate energy, and the energy stored in
+                    # deactivated springs is lost.
                     work = work - np.array([0.0, 0.0, jump.sum()])
             previous = configuration
             rows.append((energies, powers, norms))
@@ -124,9 +125,9 @@ class EnergyLedger:
         return cls(trajectory, equations.length, all_energies, all_powers, all_norms, tuple(works))
 
     def at(self, times: Array) -> Array:
-        """Return the ledger at ascending times (k,) of the run [s], (k, 7) [J].
+        """Return the ledger (k, 7) at ascending times (k,) [s].
 
-        The columns are `measures.LEDGER_COLUMNS`.
+        The columns are `measures.LEDGER_COLUMNS` [J].
         """
         index = self.trajectory.interval_index(times)
         rows = np.concatenate(
@@ -136,14 +137,14 @@ class EnergyLedger:
         return np.column_stack([rows, _sum_balance(rows, start)])
 
     def _interpolate(self, k: int, times: Array) -> Array:
-        """Return energies and works at times inside interval k, (len(times), 6) [J]."""
+        """Return energies and works (len(times), 6) at times inside interval k [J]."""
         interval = self.trajectory.intervals[k]
         works = interval.integrate_to(times, self.powers[k], self.works[k])
         return np.hstack([interval.interpolate(self.energies[k], times), works])
 
     @cached_property
     def energy(self) -> Imbalance:
-        """Imbalance of the energy at the steps [J], relative to the energy exchanged."""
+        """Energy imbalance at the steps [J]; its scale is the energy exchanged."""
         rows = np.hstack([self._select_steps(self.energies), np.concatenate(self.works)])
         exchanged = max(
             np.max(rows[:, :2].sum(axis=1)),  # kinetic and strain energy
@@ -159,13 +160,13 @@ class EnergyLedger:
 
     @property
     def force(self) -> Imbalance:
-        """Residual F + G^T lam at the steps, relative to the largest force."""
+        """Residual F + G^T lam at the steps; its scale is the largest force."""
         residual, reaction, force, _, _ = map(float, np.max(self._step_norms, axis=0))
         scale = max(reaction, force)
         return Imbalance(residual, scale, scale)
 
     def time_above(self, residual: float) -> float:
-        """Return the fraction of the run with |F + G^T lam| above `residual` or not a number."""
+        """Return the fraction of the run with |F + G^T lam| above `residual` or equal to nan."""
         durations = [np.diff(i.t, prepend=i.t[0]) for i in self.trajectory.intervals]
         is_above = ~(self._step_norms[:, 0] <= residual)
         duration = self.trajectory.end - self.trajectory.start
@@ -182,7 +183,7 @@ class EnergyLedger:
         return self._select_steps(self.norms)
 
     def _select_steps(self, values: tuple[Array, ...]) -> Array:
-        """Return the rows at the steps from rows at the nodes of each interval."""
+        """Select the rows at the steps from rows at the nodes of each interval."""
         intervals = self.trajectory.intervals
         return np.concatenate(
             [x[:: i.nodes_per_step] for x, i in zip(values, intervals, strict=True)]

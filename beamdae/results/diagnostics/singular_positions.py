@@ -1,4 +1,4 @@
-"""Singular positions that a run passed: there, joints lose rank and the motion may branch."""
+"""Singular positions of a run, at which the constraints lose rank and the motion may branch."""
 
 from __future__ import annotations
 
@@ -17,42 +17,42 @@ from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
 
-# A position is singular where the smallest singular value of G, relative to its largest value over
-# the run, is below this. On parallelograms, runs that pass a singular position reach at most 2e-3;
-# motions that miss it by a ten-thousandth of a bar stay above 7e-3.
+# A position is singular if the smallest singular value of G, relative to its largest value over
+# the run, is below this ratio. For parallelogram linkages, runs through a singular position reach
+# at most 2e-3; motions that miss it by a ten-thousandth of a bar stay above 7e-3.
 _SINGULAR_RATIO = 4e-3
 
-# The velocity jumps where its change between two samples exceeds this multiple of the median change
-# and this fraction of the velocity. On parallelograms the first is 2 where a run stays on its
-# branch, and 40 or more where it leaves it.
+# The velocity jumps if its change between two samples exceeds this multiple of the median change
+# and this fraction of the velocity. For parallelogram linkages the ratio to the median is 2 if a
+# run stays on its branch, and 40 or more if it changes the branch.
 _JUMP_TO_MEDIAN_CHANGE = 10.0
 _JUMP_TO_VELOCITY = 0.1
 _JUMP_SAMPLES = np.linspace(-2.0, 2.0, 25)  # around a singular position, in sample distances
 
-# The number of samples of a run falls with the cube of the number of constraints.
+# The number of samples of a run decreases with the cube of the number of constraints.
 _MIN_SAMPLES = 24
 _MAX_SAMPLES = 400
-_SAMPLING_WORK = 2e7  # samples times the cube of the number of constraints
+_SAMPLING_WORK = 2e7  # number of samples times the cube of the number of constraints
 
-_MAX_MINIMA = 64  # minima that are refined
+_MAX_MINIMA = 64  # maximum number of minima to refine
 _REFINEMENTS = 3
-_REFINEMENT_SAMPLES = 17  # of each refinement of a minimum
+_REFINEMENT_SAMPLES = 17  # samples per refinement of a minimum
 # A minimum may reach zero between two samples if its neighbors differ by at least this factor.
 _STEEP_RATIO = 1.5
 
 
 @dataclass(frozen=True)
 class SingularPosition:
-    """A position in which the joints of a mechanism lose rank.
+    """Position at which the constraints of a mechanism lose rank.
 
     Attributes
     ----------
     t
-        Time at which the run passed it [s].
+        Time at which the run passed the position [s].
     joints
-        Joints whose reactions balance each other there.
+        Joints whose reactions balance each other, so that they are not unique.
     jump
-        True if the velocity jumped there, so that the run continued on another branch.
+        True if the velocity jumped, which means that the run continued on a different branch.
     """
 
     t: float
@@ -63,12 +63,12 @@ class SingularPosition:
 def find_singular_positions(
     equations: EquationsOfMotion, trajectory: Trajectory
 ) -> tuple[SingularPosition, ...]:
-    """Return the singular positions of a run: minima of the smallest singular value of G near zero.
+    """Find the positions of a run at which the smallest singular value of G is nearly zero.
 
-    The run is sampled at up to 400 times, and minima are refined. A beam in a loop that its
-    elasticity closes does not lose rank. If events switch parts, each stretch of the run is sampled
-    with the joints that are active in it. If redundant constraints are removed, the smallest
-    singular value is that of the independent ones.
+    The run is sampled at up to 400 times, and minima are refined. Loops that are closed by the
+    elasticity of a beam do not lose rank. If events switch parts, each segment of the run is
+    sampled with its active joints. If redundant constraints are removed, G contains only the
+    independent constraints.
     """
 
     def active_equations(interval: Interval) -> EquationsOfMotion:
@@ -86,7 +86,7 @@ def find_singular_positions(
 def _find_in_stretch(
     equations: EquationsOfMotion, trajectory: Trajectory
 ) -> list[SingularPosition]:
-    """Return the singular positions of a run during which the same joints are active."""
+    """Find the singular positions of a segment of a run with constant active joints."""
     start, end = trajectory.start, trajectory.end
     if end <= start or not has_closed_loops(equations):
         return []
@@ -114,12 +114,12 @@ def _find_in_stretch(
 
 
 def _select_minima(values: Array) -> Array:
-    """Return the samples nearest to possible zeros, one for each stretch below the threshold."""
+    """Return the indices of samples near possible zeros, one per interval below the threshold."""
     is_low = values < _SINGULAR_RATIO * values.max()
     following = np.append(values[1:], np.inf)
     preceding = np.append(np.inf, values[:-1])
     is_minimum = (values <= preceding) & (values < following)
-    # A value that vanishes between two samples falls steeply towards it.
+    # A function that vanishes between two samples decreases steeply toward its zero.
     neighbor = np.maximum(preceding, np.where(np.isinf(following), 0.0, following))
     is_steep = _STEEP_RATIO * values < neighbor
     is_first_low = is_low & ~np.append(False, is_low[:-1])
@@ -137,7 +137,7 @@ def _smallest_singular_values(
 def _refine_minima(
     jacobian: ConstraintJacobian, trajectory: Trajectory, at: Array, width: float
 ) -> tuple[Array, Array]:
-    """Return time and value of minima whose times are known to +- `width` [s]."""
+    """Return refined times and values of minima, given their times with accuracy `width` [s]."""
     minimum = np.full(len(at), np.inf)
     for _ in range(_REFINEMENTS):
         samples = at[:, None] + width * np.linspace(-1.0, 1.0, _REFINEMENT_SAMPLES)
@@ -155,13 +155,17 @@ def _refine_minima(
 def _has_velocity_jump(
     equations: EquationsOfMotion, trajectory: Trajectory, at: Array, distance: float
 ) -> Array:
-    """Return whether the velocity jumps near each time, by samples at this distance [s]."""
+    """Return True for each time at which the velocity jumps.
+
+    The velocity is compared at samples around each time; `distance` is the sample distance of the
+    run [s].
+    """
     steps, first = np.unique(
         np.concatenate([interval.t for interval in trajectory.intervals]), return_index=True
     )
     rates = np.concatenate([interval.state.v for interval in trajectory.intervals])[first]
     t = np.clip(at[:, None] + distance * _JUMP_SAMPLES, steps[0], steps[-1])
-    # Linear interpolation: a polynomial of higher degree would oscillate near a jump.
+    # Interpolated linearly, because a polynomial of higher degree would oscillate near a jump.
     v = _interpolate_linearly(steps, rates / equations.position_scales, t)
     changes = np.linalg.norm(np.diff(v, axis=1), axis=2)
     largest, median = changes.max(axis=1), np.median(changes, axis=1)
@@ -170,14 +174,14 @@ def _has_velocity_jump(
 
 
 def _interpolate_linearly(steps: Array, values: Array, t: Array) -> Array:
-    """Interpolate rows of values at the steps linearly at times t (., .)."""
+    """Interpolate values, given as rows at the steps, linearly at times t (any shape)."""
     k = np.clip(np.searchsorted(steps, t) - 1, 0, len(steps) - 2)
     fraction = ((t - steps[k]) / (steps[k + 1] - steps[k]))[..., None]
     return (1.0 - fraction) * values[k] + fraction * values[k + 1]
 
 
 def singularity_warnings(positions: tuple[SingularPosition, ...]) -> tuple[str, ...]:
-    """Return a warning about the first singular position and one about the first jump."""
+    """Return a warning about the first singular position and about the first velocity jump."""
     if not positions:
         return ()
     first, count = positions[0], len(positions)

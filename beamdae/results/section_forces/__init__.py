@@ -1,5 +1,5 @@
-"""Section forces N, Q, M of beams: loads along a beam, their balance, stresses and safety.
+"""Section forces N, Q and M of beams, computed from the loads along the beam, and stresses.
 
 May import: results.run_data and results.displays, beams, equations, symbolic.
-Next: a quantity derived from N, Q and M is a method of `SectionForces`.
+To extend: add a quantity derived from N, Q and M as a method of `SectionForces`.
 """

@@ -1,6 +1,6 @@
-"""Loads on a beam by arc length: forces of parts, reactions of joints, inertia, weight.
+"""Loads along a beam: forces of other parts, joint reactions, inertia and weight.
 
-A wrench is (Fx [N], Fy [N], M [N m]) in inertial components, M about the start of the beam.
+A wrench is (Fx [N], Fy [N], M [N m]) in inertial components, with M about the start of the beam.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ from beamdae.symbolic.statements import ConstraintStatement, ForceStatement, Loc
 Array = np.ndarray
 
 GRAVITY = "gravity"  # name of gravity among the loads
-ALL_LOADS: Mapping[str, float] = MappingProxyType({})  # every load with the factor 1
+ALL_LOADS: Mapping[str, float] = MappingProxyType({})  # all load factors have the default 1
 
 
 @dataclass(frozen=True)
 class AppliedLoads:
-    """Loads on a beam at rows of states.
+    """Loads on a beam at several states.
 
     Attributes
     ----------
     line_loads
-        Wrenches per unit of the element coordinate xi at the points at which inertia is integrated,
-        (rows, elements, points, 3): distributed loads, weight, and inertia with the opposite sign.
+        Wrenches per unit of the element coordinate xi at the inertia points, (rows, elements,
+        points, 3): distributed loads, weight and d'Alembert forces.
     arc_lengths, wrenches
-        Arc lengths (rows, k) [m] and wrenches (rows, k, 3) of the loads at single sections.
+        Arc lengths (rows, k) [m] and wrenches (rows, k, 3) of concentrated loads.
     """
 
     line_loads: Array
@@ -60,16 +60,20 @@ def collect_applied_loads(
     state: State,
     factors: Mapping[str, float] = ALL_LOADS,
 ) -> AppliedLoads:
-    """Collect all loads on a beam of the mechanism.
+    """Collect all loads on a beam.
 
     Parameters
     ----------
+    beam
+        The beam.
+    equations
+        Equations of motion of the mechanism.
     times
         Rows (t, branch).
     state
         Rows of states.
     factors
-        Load factors of parts by name, and of "gravity"; default 1.
+        Load factors by part name, and of gravity by the name "gravity". Missing factors are 1.
     """
     mechanism = equations.mechanism
     assert mechanism is not None
@@ -86,7 +90,7 @@ def collect_applied_loads(
 
 
 def _evaluate_gravity(mechanism: Mechanism, times: Array) -> Array:
-    """Return the gravitational acceleration at rows (t, branch), (rows, 2) [m/s^2]."""
+    """Return the gravitational acceleration (rows, 2) at rows (t, branch) [m/s^2]."""
     laws = mechanism.gravity_laws
     if laws is None:
         return np.broadcast_to(mechanism.gravity, (len(times), 2))
@@ -96,7 +100,7 @@ def _evaluate_gravity(mechanism: Mechanism, times: Array) -> Array:
 
 
 class _PartStatement(NamedTuple):
-    """A statement of a part, with the slice of the multipliers that it depends on."""
+    """A statement of a part, with the slice of the multipliers on which it depends."""
 
     part: Part
     statement: ForceStatement | ConstraintStatement
@@ -104,7 +108,7 @@ class _PartStatement(NamedTuple):
 
 
 def _list_statements(mechanism: Mechanism, gravity: Array | None) -> list[_PartStatement]:
-    """List the statements of all parts, with the gravity of the mechanism by default."""
+    """List the statements of all parts; gravity defaults to the gravity of the mechanism."""
     parts, laws = list(mechanism.parts.values()), mechanism.gravity_laws
     if gravity is not None:
         laws = None
@@ -128,7 +132,7 @@ def _list_statements(mechanism: Mechanism, gravity: Array | None) -> list[_PartS
 
 
 class _LoadCollector:
-    """Sum of the loads on one beam."""
+    """Accumulates the loads on one beam."""
 
     def __init__(self, beam: Beam, mechanism: Mechanism, times: Array, state: State) -> None:
         self._beam, self._times, self._state = beam, times, state
@@ -139,13 +143,13 @@ class _LoadCollector:
         self._line_loads = np.zeros((self._rows, mesh.elements, mesh.nodes, 3))
         self._arc_lengths: list[Array] = []
         self._wrenches: list[Array] = []
-        # Loads that parts distribute over several sections: (arc length, wrench) by part.
+        # Loads of parts that act on several sections: (arc length, wrench) by part.
         self._distributed: dict[Part, list[tuple[float, Array]]] = {}
         self._functions: dict[int, RowFunction] = {}
         self._start = self._evaluate_motion(self._sections_at(np.zeros(1)))[:, 0, :2]
 
     def add_inertia_and_weight(self, gravity: Array) -> None:
-        """Add weight, and inertia with the opposite sign."""
+        """Add weight and d'Alembert forces."""
         mesh = self._beam.mesh
         s, weights = mesh.gauss_arc_lengths(mesh.nodes), mesh.gauss(mesh.nodes)[0]
         xi_weights = np.tile(gauss_points(mesh.nodes)[1], mesh.elements)
@@ -157,7 +161,7 @@ class _LoadCollector:
         self._line_loads += wrench.reshape(self._line_loads.shape)
 
     def add_statement(self, entry: _PartStatement, factor: float) -> None:
-        """Add the forces of a statement on the beam, multiplied by the factor."""
+        """Add the forces that a statement exerts on the beam, multiplied by a load factor."""
         pieces = entry.statement.pieces
         if not any(piece.owner is self._beam for piece in pieces):
             return
@@ -175,7 +179,7 @@ class _LoadCollector:
                 self._add_at_section(entry.part, float(s), force.sum(axis=1))
 
     def collect(self) -> AppliedLoads:
-        """Return the sum of all loads."""
+        """Return all loads added so far."""
         weights = gauss_points(self._beam.mesh.nodes)[1]
         for part, loads in self._distributed.items():
             wrenches = np.stack([wrench for _, wrench in loads], axis=1)
@@ -193,7 +197,7 @@ class _LoadCollector:
 
     @cached_property
     def _inertia_sections(self) -> list[SectionFunction]:
-        """Sections at which inertia is integrated."""
+        """Sections at the inertia points."""
         mesh = self._beam.mesh
         s = mesh.gauss_arc_lengths(mesh.nodes).tolist()
         points = (self._beam.kinematics.axis_point(x) for x in s)
@@ -204,17 +208,17 @@ class _LoadCollector:
         return [SectionFunction(point.operator, point.motion) for point in points]
 
     def _evaluate_motion(self, at: list[SectionFunction]) -> Array:
-        """Return (x, y, angle) of sections and their accelerations, (rows, sections, 6)."""
+        """Return (x, y, angle) of sections and the second derivatives, (rows, sections, 6)."""
         return evaluate_sections(section_motion, at, *self._beam_state)
 
     def _move_to_start(self, position: Array, force: Array, moment: Array) -> Array:
-        """Return the wrenches about the start of the beam of forces and moments at positions."""
+        """Return wrenches about the start of the beam, given forces and moments at positions."""
         arm = position - self._start[:, None]
         transport = arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
         return np.concatenate([force, (moment + transport)[..., None]], axis=-1)
 
     def _evaluate_statement(self, entry: _PartStatement, count: int) -> Array:
-        """Return the forces on the local coordinates, on the left-hand side, (rows, count, .)."""
+        """Return the left-hand side contributions in local coordinates, (rows, count, .)."""
         statement, (q, v, a, lam) = entry.statement, self._state
         multipliers = np.repeat(lam[:, entry.lam], count, axis=0)
         data = np.tile(statement.data.T, (self._rows, 1))
@@ -232,7 +236,7 @@ class _LoadCollector:
         return forces.reshape(self._rows, count, -1)
 
     def _select_local(self, statement: Any, x: Array, count: int) -> Array:
-        """Return the local coordinates of a statement, (rows * count, size)."""
+        """Return the local coordinates (rows * count, size) of a statement."""
         columns = []
         for piece in statement.pieces:
             local = (piece.operator @ x[:, self._coordinates.slice_of(piece.owner)].T).T
@@ -240,7 +244,7 @@ class _LoadCollector:
         return np.concatenate(columns, axis=1)
 
     def _add_at_section(self, part: Part, s: float, force: Array) -> None:
-        """Add a force on the local coordinates of the section at s [m]."""
+        """Add a generalized force on the local coordinates of the section at s [m]."""
         wrench = self._equivalent_wrenches(self._sections_at(np.array([s])), force)[:, 0]
         if part.load_distribution == "points":
             self._arc_lengths.append(np.full(self._rows, s))
@@ -249,7 +253,7 @@ class _LoadCollector:
             self._distributed.setdefault(part, []).append((s, wrench))
 
     def _add_to_elements(self, forces: Array) -> None:
-        """Add forces on the coordinates of each element as a uniform load along it."""
+        """Add generalized forces on each element as a uniform load along the element."""
         mesh = self._beam.mesh
         for element in range(mesh.elements):
             at = self._inertia_sections[element * mesh.nodes :][: mesh.nodes]
@@ -257,9 +261,10 @@ class _LoadCollector:
             self._line_loads[:, element] += 0.5 * wrench[:, None]
 
     def _equivalent_wrenches(self, at: list[SectionFunction], force: Array) -> Array:
-        """Return wrenches at sections that do the virtual work of a force on the coordinates.
+        """Return wrenches at sections that do the same virtual work as a generalized force.
 
-        The equality holds in the least-squares sense if there are fewer sections than coordinates.
+        With too few sections to reproduce the virtual work exactly, the wrenches are the
+        least-squares solution.
         """
         motion = self._evaluate_motion(at)
         size, count = at[0].operator.shape[0], len(at)
@@ -273,7 +278,7 @@ class _LoadCollector:
 
 
 def _center_of_force(s: Array, wrenches: Array) -> Array:
-    """Return the arc length of the center of partial forces, or the first one if they cancel."""
+    """Return the arc length of the center of forces, or the first arc length if they cancel."""
     force = wrenches[..., :2]
     along = np.einsum("rkc,rc->rk", force, force.sum(axis=1))
     total = along.sum(axis=1)

@@ -55,10 +55,11 @@ class SectionForces:
     """Section forces of a beam: axial force N, shear force Q and bending moment M.
 
     N [N] acts normal to the deformed section, and Q [N] acts parallel to it, positive to the left.
-    M [N m] is positive if it stretches the left side of the beam. The section forces are in equilibrium with
-    all loads on the beam before the section: joint reactions, concentrated and distributed forces,
-    weight and inertia. They therefore equal the reactions at the ends, jump at concentrated forces,
-    and are accurate between nodes, unlike section forces computed from strains (`strained`).
+    M [N m] is positive if it stretches the left side of the beam. The section forces are in
+    equilibrium with all loads on the beam before the section: joint reactions, concentrated and
+    distributed forces, weight and inertia. They therefore equal the reactions at the ends, jump at
+    concentrated forces, and are accurate between nodes, unlike section forces computed from strains
+    (`strained`).
 
     Attributes
     ----------

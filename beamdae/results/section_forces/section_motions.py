@@ -1,4 +1,4 @@
-"""Motion of the sections of a beam at many states: positions, angles, accelerations, strains."""
+"""Motion of beam sections at several states: positions, angles, accelerations and strains."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from beamdae.symbolic.formula import MAX_SHARED_KERNELS, Formula
 from beamdae.symbolic.statements import SX, Local
 
 Array = np.ndarray
-# Builds a column of values from local symbols and the function of a section.
+# Returns a symbolic column of values, given the local symbols and the function of a section.
 Build = Callable[[Local, Callable[..., Any]], SX]
 
 
 class SectionFunction(NamedTuple):
-    """A function of the local coordinates of a section.
+    """Function of the local coordinates of a section.
 
     Attributes
     ----------
     operator
-        Selects the local coordinates from those of the beam.
+        Matrix that maps the coordinates of the beam to the local coordinates.
     function
         The function, for example the motion of a material point.
     """
@@ -35,23 +35,23 @@ class SectionFunction(NamedTuple):
 
 
 def position_and_angle(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> SX:
-    """Build (x, y, angle) of a section."""
+    """Return (x, y, angle) of a section as a symbolic expression."""
     return ca.vertcat(*motion(local.q))
 
 
 def section_motion(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> SX:
-    """Build (x, y, angle) of a section and their second derivatives with respect to time."""
+    """Return (x, y, angle) of a section and the second time derivatives, as an expression."""
     position = position_and_angle(local, motion)
     return ca.vertcat(position, local.ddot(position))
 
 
 def section_jacobian(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> SX:
-    """Build the Jacobian of (x, y, angle) by the local coordinates, column by column."""
+    """Return the Jacobian of (x, y, angle) with respect to the local coordinates, by columns."""
     return ca.vec(ca.densify(ca.jacobian(position_and_angle(local, motion), local.q)))
 
 
 def strains_and_rates(local: Local, values: Callable[[Local], SX]) -> SX:
-    """Build axial strain, shear strain and curvature, and their rates."""
+    """Return axial strain, shear strain, curvature and their rates as an expression."""
     strains = values(local)
     return ca.vertcat(strains, local.dot(strains))
 
@@ -59,12 +59,12 @@ def strains_and_rates(local: Local, values: Callable[[Local], SX]) -> SX:
 def evaluate_sections(
     build: Build, at: Sequence[SectionFunction], q: Array, v: Array, a: Array
 ) -> Array:
-    """Evaluate an expression of several sections at rows of states.
+    """Evaluate an expression at several sections and states.
 
     Parameters
     ----------
     build
-        Builds the expression from the function of a section.
+        Function that returns the expression, for example `section_motion`.
     at
         The sections.
     q, v, a
@@ -73,9 +73,9 @@ def evaluate_sections(
     Returns
     -------
     ndarray
-        (rows, len(at), number of values).
+        Values (rows, len(at), number of values).
     """
-    # Sections whose functions differ in numbers alone share one compiled function.
+    # Sections whose functions differ only in their numbers share one compiled function.
     groups: dict[Any, list[int]] = {}
     for k, (operator, function) in enumerate(at):
         kind, count = function, None
@@ -100,7 +100,10 @@ def evaluate_sections(
 def _compile_rows(
     build: Build, kind: Callable[..., Any], size: int, count: int | None
 ) -> RowFunction:
-    """Compile rows of (q, v, a, numbers) to rows of values; `count` is None without numbers."""
+    """Compile the map from rows (q, v, a, numbers) to rows of values.
+
+    `count` is the number of numbers, or None if the section function has no numbers.
+    """
     local, numbers = Local(size), SX.sym("numbers", count or 0)
     values = build(local, kind if count is None else Formula(kind, numbers))
     inputs = [local.q, local.v, local.a, numbers]

@@ -71,7 +71,7 @@ class Checkpoint:
 
     @classmethod
     def of(cls, run: RunData) -> Checkpoint:
-        """Return the checkpoint at the last state of a run, whether or not the run succeeded."""
+        """Return the checkpoint at the last state of a run, even if the run failed."""
         last, names = run.trajectory.intervals[-1], run.equations.q_names
         end = run.trajectory.end
         q, v = (x[-1].tolist() for x in last.state[:2])
@@ -226,8 +226,9 @@ class Checkpoint:
             )
         elif switched_parts:
             raise BeamdaeError(
-                f"start: events of the run had switched {', '.join(switched_parts)}, but no event "
-                "of this model switches parts; define the same events."
+                "start: events of the earlier run switched "
+                f"{', '.join(switched_parts)}, but no event of this model switches "
+                "parts; define the same events."
             )
         return replace(equations, q0=q, v0=v, events=events, configurations=configurations)
 

@@ -123,7 +123,7 @@ def _read_metadata(table: Path) -> dict[str, Any]:
     except ValueError:
         metadata = None
     if not isinstance(metadata, dict):
-        raise BeamdaeError(f"{path}: this file is not the metadata of a run; run the model again.")
+        raise BeamdaeError(f"{path}: the file is not the metadata of a run; run the model again.")
     return metadata
 
 
@@ -145,7 +145,7 @@ def _read_columns(table: Path) -> dict[str, Array]:
         ) from None
     except ValueError:
         raise BeamdaeError(
-            f"{table}: this file is not the table of a run; run the model again."
+            f"{table}: the file is not the table of a run; run the model again."
         ) from None
 
 

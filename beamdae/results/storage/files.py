@@ -139,7 +139,13 @@ def unescape_cell(value: Any) -> Any:
 
 
 def require_file_path(name: str, path: Any) -> Path:
-    """Return `path` as a `Path`; raise an error that names the function if it is not a file path."""
+    """Return `path` as a `Path`.
+
+    Raises
+    ------
+    BeamdaeError
+        If `path` is not the path of a file; the message begins with `name`.
+    """
     text = str(path) if isinstance(path, (str, Path)) else ""
     if not (is_valid_path(text) and Path(text).name):
         raise BeamdaeError(f"{name}: path must be the path of a file, got {short_repr(path)}.")

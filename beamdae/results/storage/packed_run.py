@@ -1,4 +1,4 @@
-"""Packed runs: all data of a run as arrays and plain values, for files and other processes."""
+"""Packed runs: data of a run as arrays and plain values, for files and other processes."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ Array = np.ndarray
 
 
 class PackedRun(NamedTuple):
-    """A run without its equations and its integrator.
+    """Data of a run without its equations and its integrator.
 
     Attributes
     ----------
     arrays
         Output times, states at the nodes of all intervals, states at the events, and the start.
     plain
-        The remaining data as values that JSON can represent.
+        The remaining data as JSON-compatible values.
     """
 
     arrays: dict[str, Array]
@@ -69,12 +69,14 @@ def pack_run(run: RunData) -> PackedRun:
 
 
 def unpack_fields(equations: EquationsOfMotion, packed: PackedRun) -> dict[str, Any]:
-    """Return the fields of the packed run, by the names of the fields of `RunData`.
+    """Return the arguments of `RunData` for a packed run, except `made_by`.
 
     Parameters
     ----------
     equations
-        The equations of the run; their start may be another one.
+        The equations of the run; their start may differ.
+    packed
+        Output of `pack_run`; it contains the start of the run.
     """
     arrays, plain = packed
     start = plain["start"]
@@ -125,7 +127,7 @@ def unpack_fields(equations: EquationsOfMotion, packed: PackedRun) -> dict[str, 
 def _stack_states(
     prefix: str, states: Sequence[Sequence[Array]], sizes: Sequence[int]
 ) -> Mapping[str, Array]:
-    """Stack the rows of several states, by the names of the fields of `State`."""
+    """Concatenate the rows of several states into one array per field of `State`."""
     columns = zip(*states, strict=True) if states else [()] * len(sizes)
     return {
         f"{prefix}{name}": np.concatenate([np.zeros((0, size)), *column])

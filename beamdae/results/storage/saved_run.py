@@ -156,7 +156,7 @@ def read_saved_run(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
         If the file cannot be read, or is not a saved run of the current version.
     """
     invalid = BeamdaeError(
-        f"{file}: this file is not a complete saved run of version {_VERSION}; save the run again."
+        f"{file}: the file is not a complete saved run of version {_VERSION}; save the run again."
     )
     try:
         raw = file.read_bytes()

@@ -6,7 +6,7 @@ const MAX_TICK_INTERVALS = 3.5;
 const MIN_POWER_TICK_DECADES = 0.7; // logarithmic axes that span less have evenly spaced ticks
 const MAX_POWER_TICKS = 8;
 
-// Maps values of `range` to positions from `start` to `end` in a drawing, and back.
+// Map from values in `range` to positions from `start` to `end` in the picture, and its inverse.
 function createScale([low, high], [start, end], isLog) {
   const forward = isLog ? Math.log10 : (value) => value;
   const [first, last] = [forward(low), forward(high)];

@@ -1,4 +1,4 @@
-// Table of all cases of the group: sorted by a click on a column, filtered by words.
+// Table of all cases of the group, which users sort by clicking on a column and filter by words.
 
 function listTableColumns() {
   const getters = { error: displayedError, cost: (run) => run.cost };
@@ -78,7 +78,7 @@ function sortTable() {
   });
 }
 
-// Failed cases come last, then those without a value.
+// Failed cases are sorted last, preceded by cases without a value.
 function compareCases(run, other) {
   const failures = hasFailed(run) - hasFailed(other);
   if (failures || !state.order) return failures;

@@ -1,7 +1,7 @@
-// Cases of the selected group and their quantities. Variables that hold a case are called `run`: `case` is
+// Cases of the selected group and their quantities. Variables for a case are named `run` because `case` is
 // a reserved word.
 
-const MIN_LOG_RATIO = 50; // of largest to smallest value, for a logarithmic axis
+const MIN_LOG_RATIO = 50; // ratio of largest to smallest value that requires a logarithmic axis
 
 function groupCases() {
   return page.cases.filter((run) => run.group === state.group.id);
@@ -29,7 +29,7 @@ function formatError(run) {
     : "below the resolution of the reference";
 }
 
-// Quantities the axes of the scatter plot offer: wall time, error and every numeric column.
+// Quantities that users can select for the axes of the scatter plot: wall time, error, numeric columns.
 function listQuantities() {
   const getters = {
     error: displayedError,
@@ -49,7 +49,7 @@ function listQuantities() {
     .filter(({ value }) => page.cases.some((run) => Number.isFinite(value(run))));
 }
 
-// Axes of error and wall time are logarithmic, others only if their values span a large range.
+// Axes of error and wall time are logarithmic; other axes only if their values span a large range.
 function needsLogAxis({ kind, value }, cases) {
   const [low, high] = findExtent([cases.map(value)]);
   return low > 0 && (kind !== "number" || high / low > MIN_LOG_RATIO);
@@ -60,7 +60,7 @@ function isPlottable(run, quantity) {
   return !hasFailed(run) && Number.isFinite(value) && (quantity.kind === "number" || value > 0);
 }
 
-// Names and values for the tooltip of a case.
+// Pairs of name and value for the tooltip of a case.
 function listCaseFacts(run) {
   const rows = [];
   if (run.error !== null) rows.push(["error", formatError(run)]);
@@ -73,7 +73,7 @@ function listCaseFacts(run) {
   return rows;
 }
 
-// Quantities of the x and y axes of the scatter plot; undefined if there are none.
+// Quantities of the x and y axes of the scatter plot, undefined if the page has too few quantities.
 function axisQuantities() {
   const byKey = (key) => quantities.find((quantity) => quantity.key === key);
   const byKind = (kind) => quantities.find((quantity) => quantity.kind === kind);

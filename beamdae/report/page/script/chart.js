@@ -3,7 +3,7 @@
 // Limits of the visible range relative to the full range. Stored values have 65534 steps.
 const MIN_VIEW_SHARE = 1e-4;
 const MAX_VIEW_SHARE = 4;
-const ZOOM_STEP = 1.5; // of buttons and keys
+const ZOOM_STEP = 1.5; // zoom factor per use of a button or key
 const MIN_CHART_WIDTH = 240; // [px]
 const MIN_LEFT_MARGIN = 40; // [px]
 const DIGIT_WIDTH = 6.8; // of tick labels [px]
@@ -12,13 +12,13 @@ const DIGIT_WIDTH = 6.8; // of tick labels [px]
  * Create a chart; `drawChart` fills it once it is part of the document.
  *
  * `spec` has
- *   id, label, name      of the element, for screen readers, of its files
+ *   id, label, name      id of the element, label for screen readers, name of exported files
  *   x, y                 axes: title, full range, log (true for a logarithmic axis)
  *   view                 visible ranges x and y; null shows the full range
  *   height               function of the width
  *   drawBackground, drawClipped, drawForeground
- *                        functions of (box, x, y) that return SVG elements below the axes, between
- *                        them (clipped to the plot) and above them; x and y are scales
+ *                        functions of (box, x, y) that return SVG elements: behind the axes, clipped to
+ *                        the plot area, and in front of the axes; x and y are scales
  *   legend               function that returns the entries {icon, text} of exported pictures
  *   rows                 function that returns the lines of the CSV file, header first
  *   afterDraw, afterViewChange    optional callbacks
@@ -57,7 +57,7 @@ function createToolbar(chart) {
 
 function drawChart(chart) {
   const { spec, plot, overlay, element } = chart;
-  // Drawing replaces all elements: the point that has the focus receives it again.
+  // Drawing replaces all elements, so the focus is restored to the corresponding point.
   const focusedCase = plot.contains(document.activeElement) && document.activeElement.dataset.case;
   chart.width = element.clientWidth;
   const box = { width: Math.max(chart.width || 640, MIN_CHART_WIDTH), top: 24 };
@@ -97,7 +97,7 @@ function plotCenter({ box }) {
   return [(box.left + box.right) / 2, (box.top + box.bottom) / 2];
 }
 
-// Zoom about a position in the drawing, by default along both axes.
+// Zoom about a position in the plot, by default along both axes.
 function zoomBy(chart, factor, center, axes = "xy") {
   for (const axis of axes) {
     const { start, end } = chart[axis];
@@ -118,7 +118,7 @@ function panBy(chart, [dx, dy]) {
   updateView(chart);
 }
 
-// Show what is between two opposite corners.
+// Zoom to the box between two opposite corners.
 function zoomToBox(chart, corner, opposite) {
   [..."xy"].forEach((axis, k) => {
     const direction = Math.sign(chart[axis].end - chart[axis].start);
@@ -139,7 +139,7 @@ function updateView(chart) {
   chart.spec.afterViewChange?.();
 }
 
-// Ranges beyond the limits, and those that contain nothing of the full range, are ignored.
+// Ranges beyond the zoom limits and ranges outside the full range are ignored.
 function setVisibleRange(chart, axis, positions) {
   const { range, log } = chart.spec[axis];
   const view = positions.map(chart[axis].toValue);

@@ -1,6 +1,6 @@
-// Cursor of curve charts: values at the pointer, or at a time moved by the arrow keys.
+// Cursor of curve charts: shows values at the pointer or at a time selected by the arrow keys.
 
-const KEY_STEPS = 100; // of the cursor across the visible time
+const KEY_STEPS = 100; // cursor steps across the visible time range
 
 function addCursor(chart) {
   const { plot, overlay } = chart;
@@ -18,7 +18,7 @@ function addCursor(chart) {
   };
   plot.addEventListener("pointermove", followPointer);
   plot.addEventListener("pointerdown", followPointer);
-  // On touch screens the cursor stays until another place is touched.
+  // On touch screens, the cursor stays until the user touches a different position.
   plot.addEventListener("pointerleave", (event) => event.pointerType === "mouse" && removeCursor());
   plot.addEventListener("blur", removeCursor);
   plot.addEventListener("keydown", (event) => {

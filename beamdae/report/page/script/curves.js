@@ -1,6 +1,6 @@
 // Curves of the selected cases over time, in four panels.
 
-const MAX_LOG_DECADES = 9; // of logarithmic axes, below the largest value
+const MAX_LOG_DECADES = 9; // decades below the largest value on logarithmic axes
 const MARKERS_PER_LINE = 6;
 const PANELS = [
   { key: "observed", title: "Observed" },
@@ -26,7 +26,7 @@ function drawPanels() {
   panels.forEach(drawPanel);
 }
 
-// Choices of a panel: each of its curves, and all curves of the same unit together.
+// Choices of a panel: each single curve, and all curves with the same unit together.
 function listChoices({ key, unit }) {
   const curves = groupCases().map((run) => run.curves?.[key] ?? {});
   const names = removeDuplicates(curves.flatMap((curvesByName) => Object.keys(curvesByName)));
@@ -98,8 +98,8 @@ function drawPanel(panel) {
   drawChart(chart);
 }
 
-// One line for each selected case and each name. Color and dashes distinguish cases; if there is one case
-// or one name only, they distinguish names or cases.
+// One line per selected case and name. Color distinguishes cases and dashes distinguish names. With a single
+// case, both distinguish names; with a single name, both distinguish cases.
 function collectLines({ key, choice: { names } }) {
   const cases = selectedCases();
   const [hasCases, hasNames] = [cases.length > 1, names.length > 1];
@@ -118,7 +118,7 @@ function collectLines({ key, choice: { names } }) {
     .filter(({ values }) => values && removeMissing(values).length);
 }
 
-// Legend of a panel with several names; it hides and shows them.
+// Legend of a panel with several names; clicking an entry hides or shows its lines.
 function createNameLegend(panel, lines) {
   const { key, choice } = panel;
   if (choice.names.length < 2) return [];
@@ -172,7 +172,7 @@ function listCurveRows(lines) {
   return [["case", "quantity", "t [s]", "value"], ...rows.filter((row) => row[3] !== null)];
 }
 
-// All panels show the same range of time.
+// All panels show the same time range.
 function shareTimeRange(key) {
   const { x } = state.views[key];
   for (const other of PANELS.map((panel) => panel.key).filter((name) => name !== key)) {
@@ -181,7 +181,7 @@ function shareTimeRange(key) {
   }
 }
 
-// Positions of the markers of line k, between those of the other lines. A single line has none.
+// Positions of the markers of line k, staggered with the markers of other lines. A single line has no markers.
 function spaceMarkers(box, k, lineCount) {
   if (lineCount < 2) return [];
   const spacing = (box.right - box.left) / MARKERS_PER_LINE;

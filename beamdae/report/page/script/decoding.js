@@ -1,8 +1,8 @@
-// Decoding of stored curves and frames: 16-bit numbers in equal steps, encoded by page_data.py.
+// Decoding of curves and frames, which page_data.py encodes as 16-bit numbers in equal steps.
 
 const MISSING_CODE = 65535;
 
-// Frames are decoded at once; curves when they are first drawn, see `getValues`.
+// Frames are decoded immediately, curves when they are drawn for the first time, see `getValues`.
 function decodePage(data) {
   for (const { frames } of data.groups) {
     if (frames) decodeFrames(frames);
@@ -40,7 +40,7 @@ function getValues(stored) {
   return stored && decodedValues.get(stored);
 }
 
-// Names chosen by users may equal those of inherited properties, such as "constructor".
+// Names chosen by users may equal names of inherited properties, such as "constructor".
 function getOwn(object, name) {
   return object && Object.hasOwn(object, name) ? object[name] : undefined;
 }

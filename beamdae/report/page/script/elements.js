@@ -14,7 +14,7 @@ function svg(tag, attributes = {}, ...children) {
   return fillElement(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
 }
 
-// Attributes that are functions become event listeners; those that are false are left out.
+// Attributes that are functions become event listeners; false attributes are omitted.
 function fillElement(element, attributes, children) {
   for (const [name, value] of Object.entries(attributes)) {
     if (typeof value === "function") element.addEventListener(name, value);
@@ -24,7 +24,7 @@ function fillElement(element, attributes, children) {
   return element;
 }
 
-// Legend entry that shows or hides what it names. `change` redraws the legend: the new entry with the
+// Legend entry that shows or hides an item. `change` redraws the legend; afterwards, the new entry with the
 // same key receives the focus.
 function createLegendSwitch(key, isOn, change, ...children) {
   const click = () => {

@@ -1,4 +1,4 @@
-// Export of charts: SVG and PNG with the legend in light colors, CSV with the numbers.
+// Export of charts: pictures with legend in light colors as SVG and PNG, and values as CSV.
 
 const EXPORTED_PROPERTIES = [
   "fill",
@@ -13,10 +13,10 @@ const EXPORTED_PROPERTIES = [
   "font-weight",
 ];
 const INVALID_XML_CHARACTERS = /[\u0000-\u0008\u000b\u000c\u000e-\u001f\ufffe\uffff]/g;
-const PNG_SCALE = 2; // pixels per unit of the drawing
+const PNG_SCALE = 2; // pixels per SVG unit
 const LEGEND_LINE_HEIGHT = 20;
 const CSV_DIGITS = 6; // stored values have 16 bits
-const MAX_FILE_NAME_PART = 60; // characters of the title of the page, and of the name of the chart
+const MAX_FILE_NAME_PART = 60; // characters of the page title and of the chart name
 const BLOB_LIFETIME = 60000; // [ms]
 
 function saveSvg(chart) {
@@ -86,7 +86,7 @@ function exportPicture(chart) {
   return { text: text.replace(INVALID_XML_CHARACTERS, "\ufffd"), width: box.width, height };
 }
 
-// The file has no style sheet: computed styles become attributes of each element.
+// The file has no style sheet, so computed styles become attributes of each element.
 function copyWithStyles(element) {
   const copy = element.cloneNode(false);
   const styles = getComputedStyle(element);

@@ -1,6 +1,6 @@
 // Tables of facts about a run, such as its cost, accuracy and provenance.
 
-// On the page of a single run the first table stands beside the animation.
+// On the page of a single run, the first table is shown beside the animation.
 function drawFactTables() {
   const besideMotion = isStudyPage() ? 0 : 1;
   const tables = { facts: page.tables.slice(0, besideMotion), "more-facts": page.tables.slice(besideMotion) };

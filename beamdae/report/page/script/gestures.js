@@ -1,10 +1,10 @@
-// Zooming and panning of charts by wheel, drag, two fingers, double click and keys.
+// Zooming and panning of charts by wheel, drag, pinch, double-click and keys.
 
-const CLICK_TOLERANCE = 4; // pointers that move less than this click [px]
-const KEY_PAN_SHARE = 0.1; // of the width or height of the plot
-const WHEEL_LINE_HEIGHT = 30; // of wheels that report lines [px]
-const MAX_WHEEL_STEP = 200; // of one wheel event [px]
-const WHEEL_ZOOM_LENGTH = 400; // wheel distance that zooms by e [px]
+const CLICK_TOLERANCE = 4; // a pointer that moves less than this is a click [px]
+const KEY_PAN_SHARE = 0.1; // relative to the width or height of the plot
+const WHEEL_LINE_HEIGHT = 30; // pixels per line for wheels that report lines
+const MAX_WHEEL_STEP = 200; // per wheel event [px]
+const WHEEL_ZOOM_LENGTH = 400; // wheel distance for a zoom factor of e [px]
 
 function listenToGestures(chart) {
   const gesture = { pointers: new Map(), start: null, isBox: false, hasMoved: false };
@@ -14,7 +14,7 @@ function listenToGestures(chart) {
   for (const end of ["pointerup", "pointercancel"]) {
     plot.addEventListener(end, (event) => endGesture(chart, gesture, event));
   }
-  // A drag that ends on a point does not select it.
+  // A drag that ends on a point must not select the point.
   plot.addEventListener("click", (event) => gesture.hasMoved && event.stopPropagation(), true);
   plot.addEventListener("dblclick", () => resetView(chart));
   plot.addEventListener("wheel", (event) => handleWheel(chart, event), { passive: false });
@@ -27,7 +27,7 @@ function listenToGestures(chart) {
   }
 }
 
-// Position of a pointer in the units of the drawing.
+// Position of a pointer in SVG units.
 function pointerPosition({ plot, box }, event) {
   const { left, top, width } = plot.getBoundingClientRect();
   const unitsPerPixel = box.width / width;
@@ -48,7 +48,7 @@ function continueGesture(chart, gesture, event) {
   const now = pointerPosition(chart, event);
   const isSingle = gesture.pointers.size < 2;
   if (!gesture.hasMoved && isSingle && distance(gesture.start, now) < CLICK_TOLERANCE) return;
-  // In a view that shows everything, one finger reads values.
+  // If the view shows the full range, one finger reads values.
   if (event.pointerType === "touch" && isSingle && !isZoomed(chart)) return;
   if (!gesture.hasMoved) chart.plot.setPointerCapture(event.pointerId);
   gesture.hasMoved = true;
@@ -58,7 +58,7 @@ function continueGesture(chart, gesture, event) {
   gesture.pointers.set(event.pointerId, now);
 }
 
-// The finger that rests is the center.
+// The finger that does not move is the center of the zoom.
 function pinch(chart, gesture, movingId, now) {
   const center = [...gesture.pointers].find(([id]) => id !== movingId)[1];
   const before = gesture.pointers.get(movingId);
@@ -85,8 +85,8 @@ function drawZoomBox({ overlay }, [x, y], [u, v]) {
   overlay.replaceChildren(svg("rect", { class: "zoom-box", x: Math.min(x, u), y: Math.min(y, v), ...size }));
 }
 
-// The wheel scrolls the page unless the chart has the focus or Ctrl is pressed. Beside an axis it zooms
-// that axis only.
+// The wheel scrolls the page unless the chart has the focus or Ctrl is pressed. Over an axis, it zooms only
+// this axis.
 function handleWheel(chart, event) {
   if (!event.ctrlKey && !chart.element.contains(document.activeElement)) return;
   event.preventDefault();

@@ -1,4 +1,4 @@
-// State and start of the page.
+// State and initialization of the page.
 
 const page = decodePage(JSON.parse(byId("data").textContent));
 const families = removeDuplicates(page.cases.map((run) => run.family));
@@ -7,10 +7,10 @@ const quantities = listQuantities();
 const state = {
   group: null,
   slots: [], // selected cases, see selection.js
-  order: null, // column and direction of the case table
+  order: null, // sorting column and direction of the case table
   axes: {}, // keys of the quantities of the scatter plot
   choices: {}, // label of the selected choice, by panel
-  differences: {}, // true shows the difference to the reference, by panel
+  differences: {}, // by panel, true to show the difference from the reference
   charts: new Map(), // by id
   views: {}, // visible ranges, by id of the chart
   hidden: { families: new Set(), cases: new Set(), names: {} },

@@ -26,7 +26,7 @@ function familyColor(family) {
   return `color-${families.indexOf(family) % COLOR_COUNT}`;
 }
 
-// The number of a line determines its dashes and its marker.
+// The number of a line determines its dash pattern and its marker.
 function lineStyle(color, number) {
   return {
     color,

@@ -1,4 +1,4 @@
-// Drawing of the mechanism at one time: curves of bodies, and symbols that move with poses.
+// Picture of the mechanism at one time: curves of bodies, and symbols that move with poses.
 
 // From back to front.
 const LAYERS = [
@@ -10,19 +10,19 @@ const LAYERS = [
   ["load"],
 ];
 const DEFAULT_LAYER = 1;
-const BODY_KINDS = ["rigid", "beam", "point"]; // also drawn in their initial position
-const SYMBOL_KINDS = ["ground", "guide", "surface", "gear", "wheel", "spring", "damper", "load"]; // in the legend
-const MAX_LEGEND_NAMES = 3; // of each kind
-const COLOR_LEVELS = 24; // of colored beams
+const BODY_KINDS = ["rigid", "beam", "point"]; // their initial positions are drawn as well
+const SYMBOL_KINDS = ["ground", "guide", "surface", "gear", "wheel", "spring", "damper", "load"]; // kinds shown in the legend
+const MAX_LEGEND_NAMES = 3; // per kind
+const COLOR_LEVELS = 24; // number of discrete colors of beams
 
-// Units of the drawing; the first four are also in motion_player.py.
+// SVG units; keep the first four in step with motion_player.py.
 const STAGE_WIDTH = 420;
 const MIN_STAGE_HEIGHT = 180;
 const MAX_STAGE_HEIGHT = 400;
 const SCALE_BAR_HEIGHT = 16;
 const STAGE_MARGIN = 26;
 
-// SVG element of the mechanism; `motion.draw` moves it to a frame.
+// SVG element of the mechanism; `motion.draw` updates it to a frame.
 function createStage(frames, color) {
   const glyphs = [...frames.bodies, ...frames.symbols];
   const layered = glyphs.map((glyph) => [layerOf(glyph.kind), glyph]).sort(([a], [b]) => a - b);
@@ -52,7 +52,7 @@ function layerOf(kind) {
   return layer < 0 ? DEFAULT_LAYER : layer;
 }
 
-// Size of the drawing, its zoom, and the map from points [m] to the drawing. The extent of all frames fits.
+// Size and zoom of the picture, which fits all frames, and the map from points [m] to SVG units.
 function fitStage(frames, glyphs) {
   const points =
     frames.extent ?? frames.t.flatMap((_, k) => glyphs.flatMap((glyph) => glyphPoints(glyph, k, frames)));
@@ -89,7 +89,7 @@ function glyphPoints(glyph, frame, { poses }) {
   });
 }
 
-// A trail has one list of points for all frames; its visible part grows with the frame.
+// A trail has one list of points for all frames; its visible part grows from frame to frame.
 function curvePoints({ kind, x, y, points, frames }, frame) {
   const isTrail = kind === "trail";
   const length = isTrail ? 1 + Math.round((frame / (frames - 1)) * (points - 1)) : points;
@@ -99,7 +99,7 @@ function curvePoints({ kind, x, y, points, frames }, frame) {
   });
 }
 
-// A pose that does not move is stored once.
+// A pose that does not move is stored as a single value.
 function poseAt(pose, frame) {
   return [pose.x, pose.y, pose.turn].map((values) => values[values.length > 1 ? frame : 0]);
 }
@@ -121,7 +121,7 @@ function createMovingGlyph(glyph, frames, place, color) {
   return { element, show };
 }
 
-// One path for each level of the color scale; it consists of the pieces of the beam at that level.
+// One path per level of the color scale, which contains the beam segments at this level.
 function createColoredBeam(glyph, place, { scale, limits }, values) {
   const levels = Array.from({ length: COLOR_LEVELS }, (_, k) => {
     const stroke = interpolateColor(scale, (k + 0.5) / COLOR_LEVELS);

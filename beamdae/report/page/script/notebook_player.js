@@ -1,4 +1,4 @@
-// Start of the animation in a notebook.
+// Initialization of the animation in a notebook.
 
 function startNotebookPlayer() {
   const { frames, caption, speed, colored } = JSON.parse(byId("data").textContent);
@@ -11,7 +11,7 @@ function startNotebookPlayer() {
   new ResizeObserver(fitIframe).observe(document.body);
 }
 
-// Notebooks that sandbox the frame give no access to it: there it keeps its initial height.
+// Notebooks that sandbox the frame deny access to it; the frame then keeps its initial height.
 function fitIframe() {
   if (window.frameElement) window.frameElement.style.height = `${document.documentElement.offsetHeight}px`;
 }

@@ -1,4 +1,4 @@
-// Lists of values, and formats of numbers.
+// Ranges of values and formatting of numbers.
 
 function removeDuplicates(values) {
   return [...new Set(values)];
@@ -8,7 +8,7 @@ function removeMissing(values) {
   return values.filter((value) => value !== null && value !== undefined);
 }
 
-// Smallest and largest value in all lists.
+// Smallest and largest value of all lists.
 function findExtent(lists) {
   let [low, high] = [Infinity, -Infinity];
   for (const list of lists) {
@@ -38,7 +38,7 @@ function formatValue(value, digits = 4) {
   return value.toExponential(digits - 2);
 }
 
-// One digit and a power of ten, such as 2·10⁻³.
+// Format as one digit and a power of ten, such as 2·10⁻³.
 function formatPower(value) {
   const exponent = Math.floor(Math.log10(value) + 1e-9);
   const factor = Math.round(value / 10 ** exponent);

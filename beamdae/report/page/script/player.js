@@ -1,8 +1,8 @@
 // Player of the animation.
 
 const SPEEDS = [0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10]; // relative to real time
-const PREFERRED_DURATION = 6; // of one playback at the initial speed [s]
-const MAX_FRAME_DELAY = 100; // of the clock between two frames, such as in a hidden window [ms]
+const PREFERRED_DURATION = 6; // desired duration of one playback at the initial speed [s]
+const MAX_FRAME_DELAY = 100; // limits the time step after a pause of the browser, for example in a hidden tab [ms]
 const motion = { frames: null, draw: null, time: 0, isPlaying: false, lastClock: 0 };
 
 function drawMotion(frames, color = null) {

@@ -1,8 +1,8 @@
 // Scatter plot of the cases: error over wall time, or any two quantities.
 
 const DOWN_ARROW_PATH = "M0 8V22M-4 17L0 22L4 17";
-const POINT_RADIUS = 11; // of the area that reacts to the pointer [px]
-const RESOLUTION_SPAN = 100; // the resolution is drawn if it exceeds the smallest error divided by this
+const POINT_RADIUS = 11; // radius of the area that reacts to the pointer [px]
+const RESOLUTION_SPAN = 100; // draw the resolution if it exceeds the smallest error divided by this
 
 // The page of a single run has neither scatter plot nor case table.
 function isStudyPage() {
@@ -29,7 +29,7 @@ function drawScatter() {
 
 function createScatterTitle(x, y) {
   const capitalize = (text) => text.slice(0, 1).toUpperCase() + text.slice(1);
-  // Names of columns keep their spelling.
+  // Column names keep their capitalization.
   const name = (quantity) => (quantity.kind === "number" ? quantity.label : capitalize(quantity.label));
   const title = html("h2", {}, x && y ? `${name(y)} over ${x.label}` : "Cases");
   if (quantities.length < 3) return [title];
@@ -79,7 +79,7 @@ function describeScatter(cases, x, y) {
     visible
       .map((run) => ({ run, at: position(run, xScale, yScale) }))
       .filter(({ at }) => isWithin(at[0], [box.left, box.right]) && isWithin(at[1], [box.top, box.bottom]))
-      .sort((a, b) => a.at[0] - b.at[0]) // arrow keys follow this order
+      .sort((a, b) => a.at[0] - b.at[0]) // the arrow keys follow this order
       .map(({ run, at }) => createPoint(run, at, showsErrors));
   return {
     id: "scatter",
@@ -124,7 +124,7 @@ function findErrorExtent(cases) {
   return isClose ? [Math.min(low, resolution), Math.max(high, resolution)] : [low, high];
 }
 
-// Position of the resolution of the reference, or null if it is outside the plot.
+// Position of the reference resolution, or null if it is outside the plot.
 function resolutionPosition(box, y) {
   const position = referenceResolution() ? y.toPosition(referenceResolution()) : null;
   return position !== null && isWithin(position, [box.top, box.bottom]) ? position : null;
@@ -149,7 +149,7 @@ function createResolutionLine(box, y) {
   ];
 }
 
-// Lines that join the cases of each series in the order of their ranks.
+// Lines that connect the cases of each series in the order of their ranks.
 function createSeriesLines(cases, position, showsErrors) {
   return removeDuplicates(removeMissing(cases.map((run) => run.series))).flatMap((series) => {
     const members = cases.filter((run) => run.series === series).sort((a, b) => a.rank - b.rank);
@@ -212,7 +212,7 @@ function moveFocus(points, from, to) {
   points[to]?.focus();
 }
 
-// List below the plot: cases that failed, and the number of those without values.
+// List below the plot: failed cases, and the number of cases without values.
 function listUnplottedCases() {
   const axes = axisQuantities();
   const isDrawn = (run) => axes.every((axis) => axis && isPlottable(run, axis));

@@ -1,6 +1,6 @@
-// Selected cases. Each occupies a slot, which determines its number; its color distinguishes its curves.
+// Selected cases. Each case occupies a slot, which determines its number, and has a color for its curves.
 
-const INITIAL_SELECTION = 4; // cases of a study without errors
+const INITIAL_SELECTION = 4; // number of cases selected initially if no errors are known
 
 function toggleCase(id) {
   const slot = state.slots.findIndex((entry) => entry?.run.id === id);
@@ -16,7 +16,7 @@ function selectCase(run) {
   state.slots[slot] = { run, number: slot + 1, color: leastUsedColor(run) };
 }
 
-// Candidates are the color of the family, then the colors that belong to no family.
+// Candidates are the color of the family, followed by the colors not used by any family.
 function leastUsedColor(run) {
   const colors = [familyColor(run.family)];
   for (let k = families.length; k < COLOR_COUNT; k += 1) colors.push(`color-${k}`);
@@ -34,7 +34,7 @@ function clearSelection() {
   showSelection();
 }
 
-// Select the most accurate case with curves; without errors, the first cases.
+// Select the most accurate case with curves, or the first cases if no errors are known.
 function selectInitialCases() {
   const candidates = groupCases().filter((run) => run.curves);
   const byAccuracy = candidates
@@ -71,7 +71,7 @@ function drawSelectionLegend() {
   byId("selection").replaceChildren(...entries);
 }
 
-// Two buttons: one hides and shows the curves of the case, the other removes it from the selection.
+// Two buttons: the first hides or shows the curves of the case, the second deselects the case.
 function createSelectionEntry({ run, number, color }) {
   const hidden = state.hidden.cases;
   const change = () => {
