@@ -12,7 +12,7 @@ import beamdae as bd
 
 CHORD = VARIANTS[2]
 # Loads that use the whole beam.
-OF_BEAMS = ("Rayleigh", "air drag", "dead load by length", "pressure", "load by place")
+OF_BEAMS = ("Rayleigh", "AirDrag", "dead load by length", "pressure", "load by place")
 every_load = pytest.mark.parametrize(
     ("make", "variant"),
     [
