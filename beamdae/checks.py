@@ -1,4 +1,4 @@
-"""Checks of a mechanism before a run: mobility, redundancy, start, frequencies, meshes."""
+"""Checks of a mechanism before a run: mobility, redundancy, start, frequencies and meshes."""
 
 from __future__ import annotations
 
@@ -38,22 +38,22 @@ from beamdae.simulation import as_equations, simulate
 
 Array = np.ndarray
 
-# Largest numbers of constraints and coordinates for which dense matrices are factorized; the time
-# grows with their cube.
+# Largest numbers of constraints and coordinates for dense factorizations; the time grows with their
+# cube.
 _MAX_CONSTRAINTS = 1500
 _MAX_COORDINATES = 600
-# Wall time of the pilot run [s].
+# Maximum wall time of the pilot run [s].
 _PILOT_TIME_LIMIT = 1.0
-# Largest error of arc length or of curvature times length of good and fair meshes: on the hub beam
-# the tip deformation is off by 3e-4 of its amplitude at 4e-3, and by 1e-2 at 1.5e-2
-# (validation/mesh_convergence).
+# Largest error (of arc length, or of curvature times length) of good and of fair meshes. For the
+# hub beam, the error of the tip deformation is 3e-4 of its amplitude if the mesh error is 4e-3, and
+# 1e-2 if the mesh error is 1.5e-2 (validation/mesh_convergence).
 _MAX_GOOD_MESH_ERROR = 5e-3
 _MAX_FAIR_MESH_ERROR = 5e-2
 
 
 @dataclass(frozen=True)
 class ConstraintResidual:
-    """Residuals of the constraints of a part at the requested start.
+    """Constraint residuals of a part at the requested start.
 
     Attributes
     ----------
@@ -62,7 +62,8 @@ class ConstraintResidual:
     position, velocity
         Largest |g| [m or rad] and |g_dot| [m/s or rad/s] before the start is made consistent.
     acceleration
-        Largest |g_ddot| [m/s^2 or rad/s^2] at the consistent start, or None if there is none.
+        Largest |g_ddot| [m/s^2 or rad/s^2] at the consistent start, or None if no consistent start
+        exists.
     """
 
     part: str
@@ -73,7 +74,7 @@ class ConstraintResidual:
 
 @dataclass(frozen=True)
 class MeshAssessment:
-    """Accuracy with which the elements of a beam follow its curve.
+    """Accuracy of the geometry of a beam mesh.
 
     Attributes
     ----------
@@ -82,9 +83,9 @@ class MeshAssessment:
     length_error
         Largest relative error of the arc length of an element.
     curvature_error
-        Largest error of the curvature times the length of the beam.
+        Largest error of the curvature, times the length of the beam.
     verdict
-        "good", "fair" or "coarse"; for the latter two with a better number of elements.
+        "good", "fair" or "coarse"; the latter two with a recommended number of elements.
     """
 
     beam: str
@@ -95,16 +96,16 @@ class MeshAssessment:
 
 @dataclass(frozen=True)
 class RunPrediction:
-    """Predicted cost of a run with `Auto()`, to the order of magnitude, from a pilot run.
+    """Order-of-magnitude prediction of the cost of a run with `Auto()`, from a pilot run.
 
     Attributes
     ----------
     steps, seconds
-        Number of steps, and wall time [s] without building and compiling.
+        Number of steps, and wall time [s] without assembly and compilation.
     method
-        Method that Auto selects, and the reason.
+        Method that `Auto` selects, with the reason.
     covered_share
-        Share of the run that the pilot run covered.
+        Fraction of the run that the pilot run covered.
     """
 
     steps: float
@@ -115,35 +116,37 @@ class RunPrediction:
 
 @dataclass(frozen=True)
 class Check:
-    """Properties and defects of a mechanism; `str` gives all of them as text.
+    """Properties and defects of a mechanism; `str(check)` lists all of them.
 
     Attributes
     ----------
     name
         Name of the model.
     coordinates, constraints, rank
-        Numbers of coordinates, of constraints, and of independent constraints at the start; the
-        latter is None with more than 1500 constraints.
+        Numbers of coordinates, of constraints, and of independent constraints at the start; `rank`
+        is None with more than 1500 constraints.
     rigid_mobility
-        Degrees of freedom with rigid beams, drivers counting as constraints; None as above.
+        Degrees of freedom with rigid beams and with drivers as constraints; None if `rank` is None.
     dependent
         Minimal sets of dependent constraints.
     free_motions
-        Motions of the bodies that the joints allow, in words.
+        Descriptions of the motions of the bodies that the joints allow.
     loose
-        Groups of parts without a connection to the ground.
+        Groups of parts that are not connected to the ground.
     residuals
-        Residuals of the constraints of each part.
+        Constraint residuals of each part.
     start
-        Changes that the joints make to the requested start, or None if there is no start.
+        Changes of the requested start that make it consistent, or None if no consistent start
+        exists.
     spectrum
-        Natural frequencies, or None without a start or with more than 600 coordinates.
+        Natural frequencies, or None if no consistent start exists or the model has more than 600
+        coordinates.
     meshes
         Assessment of the mesh of each beam.
     prediction
         Predicted cost of a run, or None.
     problem
-        Why the mechanism cannot be run, or "".
+        Reason why the mechanism cannot be run, or "".
     """
 
     name: str
@@ -177,7 +180,7 @@ class Check:
 
     @property
     def mobility(self) -> int | None:
-        """Degrees of freedom: coordinates less independent constraints."""
+        """Degrees of freedom: number of coordinates minus number of independent constraints."""
         return None if self.rank is None else self.coordinates - self.rank
 
     @property
@@ -189,24 +192,24 @@ class Check:
 def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check:
     """Check a model without a complete run.
 
-    Determines mobility, dependent constraints, free motions, residuals of the start, natural
-    frequencies, mesh errors and the cost of a run.
+    Determines mobility, dependent constraints, free motions, constraint residuals at the start,
+    natural frequencies, mesh errors and the cost of a run.
 
     Parameters
     ----------
     model
         A model function (with its defaults), a mechanism, a constrained system or equations.
     t_end
-        End time [s] of the predicted run. Defaults to the model's end time; without one, nothing
-        is predicted.
+        End time [s] of the predicted run. Defaults to the model's end time; if the model has none,
+        no run is predicted.
     predict
-        Whether to predict the cost by a pilot run of at most a second, or two if the first one
-        compiles.
+        True to predict the cost by a pilot run of at most one second, repeated once if the first
+        pilot run had to compile.
 
     Returns
     -------
     Check
-        The findings; `problem` says why a model cannot be run.
+        Results of the checks. If the model cannot be run, `problem` gives the reason.
 
     Raises
     ------
@@ -229,7 +232,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
     end = None if t_end is None else require_positive("check", "t_end", t_end)
     equations = as_equations("check", model)
     starter, state, problem = _plan_start(equations, end or 1.0)
-    # All constraints, redundant ones included.
+    # All constraints, including redundant ones.
     time, solver = time_on_branch(equations.breakpoints, 0.0, end), ConsistencySolver(equations)
     q = equations.q0 if state is None else state.q
     v = equations.v0 if state is None else state.v
@@ -241,7 +244,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         rigid_mobility=None,
         dependent=(),
         free_motions=(),
-        # A constrained system has no parts, and its coordinates may have any meaning.
+        # A constrained system has no parts, and the meaning of its coordinates is unknown.
         loose=find_loose_groups(equations) if equations.mechanism else (),
         residuals=_constraint_residuals(solver, time, state),
         start=None if state is None else compare_start(equations, state),
@@ -268,9 +271,9 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
 
 
 def _plan_start(equations: EquationsOfMotion, end: float) -> tuple[ConsistencySolver, Any, str]:
-    """Return the solver of the start, the consistent state or None, and why no run is possible.
+    """Return the start solver, the consistent state or None, and why no run is possible.
 
-    Dependent constraints are left out of the solver and the state.
+    Dependent constraints are excluded from the solver and the state.
     """
     independent, problem = equations, ""
     reduction = None
@@ -326,7 +329,7 @@ def _assess_meshes(mechanism: Mechanism | None) -> tuple[MeshAssessment, ...]:
 
 
 def _predict_run(equations: EquationsOfMotion, end: float) -> RunPrediction | None:
-    """Extrapolate a pilot run; a second one is made if the first had to compile step loops."""
+    """Extrapolate from a pilot run, which is repeated if it had to compile step loops."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BeamdaeWarning)
         solution = simulate(equations, Auto(time_limit=_PILOT_TIME_LIMIT), end, output_step=end)

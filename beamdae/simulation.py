@@ -1,4 +1,4 @@
-"""Simulation of a model, and loading of saved runs."""
+"""Simulation of models, and loading of saved runs."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ from beamdae.results.storage.files import require_file_path
 from beamdae.results.storage.packed_run import PackedRun
 from beamdae.results.storage.saved_run import SavedRun, read_saved_run, saved_run_from_arrays
 
-_MAX_ROWS = 1e7  # of the result
+_MAX_ROWS = 1e7  # in a result
 _DEFAULT_ROWS = 1000
-_ROUNDING_OF_ROWS = 1e-9  # of the number of output steps in a run
+_ROUNDING_OF_ROWS = 1e-9  # tolerance of the number of output steps
 
 
 def simulate(
@@ -51,7 +51,7 @@ def simulate(
     start: Solution | Equilibrium | Path | str | Mapping[str, float] | None = None,
     accept_changes: bool = False,
 ) -> Solution:
-    """Integrate a model from t = 0, or resume from the end of another run.
+    """Integrate a model from t = 0, or from the end of an earlier run.
 
     Parameters
     ----------
@@ -59,16 +59,16 @@ def simulate(
         A model function (run with its default parameters), a mechanism, a constrained system or
         equations of motion.
     integrator
-        `Auto`, `Ida`, `Radau`, `GeneralizedAlpha` or any other `Integrator`; default `Auto()`.
+        `Auto`, `Ida`, `Radau`, `GeneralizedAlpha` or any other `Integrator`. Defaults to `Auto()`.
     t_end
         End time [s]. Defaults to the model's end time.
     output_step
-        Time between the rows of the result [s]; default a thousandth of the end time.
+        Time between rows of the result [s]. Defaults to a thousandth of the end time.
     progress
-        Function that is called repeatedly with the time reached [s]; during a pilot run it is
-        called with the start time. Return a string to stop the run; it becomes the reason.
+        Function called repeatedly with the time reached [s], or with the start time during a pilot
+        run. Return a string to stop the run; it becomes the reason.
     start
-        Start of the run; default the one of the model.
+        Start of the run. Defaults to the start of the model.
 
         - "as drawn", or "equilibrium": at rest under the loads at t = 0;
         - positions and velocities by name, such as {"crank.angle": 0.3, "crank.angle_dot": 5.0};
@@ -76,14 +76,14 @@ def simulate(
           the run resumes from the last state, and `Solution.followed_by` joins the two runs;
         - an `Equilibrium`: at rest at its end, under the loads of the model.
     accept_changes
-        If true, a run may resume from a run of a model with the same coordinates but other
-        parameters, numbers or formulas; this is reported as a warning.
+        Set True to resume from a run of a model with the same coordinates but different parameters,
+        numbers or formulas; the differences are reported as a warning.
 
     Returns
     -------
     Solution
-        The result up to the time that was reached. A run that fails raises no exception; `status`
-        contains the reason.
+        The result up to the time reached. If the run fails, no exception is raised; `status` gives
+        the reason.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def simulate(
     Warns
     -----
     BeamdaeWarning
-        If the run does not reach its end, with the reason, and for each of `Solution.warnings`.
+        If the run stops before the end time (with the reason), and for each of `Solution.warnings`.
 
     Examples
     --------
@@ -168,19 +168,19 @@ def load(path: str | Path, model: Any = None) -> Solution | SavedRun:
     path
         Path of the file.
     model
-        The model function, mechanism, constrained system or equations of motion that ran.
+        Model function, mechanism, constrained system or equations of motion of the run.
 
     Returns
     -------
     Solution or SavedRun
-        With the model, the `Solution` with all its steps. Without it, the tables, status and
-        statistics of the run.
+        With `model`, the `Solution` including all steps. Without it, a `SavedRun` with the tables,
+        status and statistics of the run.
 
     Raises
     ------
     BeamdaeError
-        If the file does not exist, is damaged or has another version, or contains a run of another
-        model.
+        If the file does not exist, is damaged, has a different version, or contains a run of a
+        different model.
 
     Examples
     --------
@@ -213,19 +213,19 @@ def load(path: str | Path, model: Any = None) -> Solution | SavedRun:
 
 
 def as_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
-    """Return the equations of motion of a model, as an argument of the function `name`.
+    """Return the equations of motion of a model; `name` is the calling function, for messages.
 
     Parameters
     ----------
     model
         A model function, mechanism, constrained system or equations of motion.
     start
-        Start that replaces the one of the model, see `simulate`.
+        Start that replaces the start of the model; see `simulate`.
 
     Raises
     ------
     BeamdaeError
-        If `model` is none of these.
+        If `model` has none of these types.
     """
     if isinstance(model, Model):
         return as_equations(name, model(), start)
@@ -239,7 +239,7 @@ def as_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
 
 
 def _read_checkpoint(start: Any) -> Checkpoint | None:
-    """Return the checkpoint of a start that is the end of another run, otherwise None."""
+    """Return the checkpoint if `start` is the end of another run, otherwise None."""
     if isinstance(start, Solution):
         return Checkpoint.of(start)
     if isinstance(start, Equilibrium):
@@ -258,7 +258,7 @@ def _resume_equations(
     parameters: dict[str, Any],
     accept_changes: bool,
 ) -> tuple[EquationsOfMotion, list[str]]:
-    """Return the equations that start from a checkpoint, and warnings about the earlier run."""
+    """Return the equations starting from a checkpoint, and warnings about the earlier run."""
     drawn_equations = as_equations("simulate", model, AS_DRAWN)
     equations = checkpoint.start_equations(drawn_equations)
     changes = checkpoint.describe_changes(drawn_equations, parameters)
@@ -282,7 +282,7 @@ def _resume_equations(
 
 
 def _output_times(t_end: Any, output_step: Any, begin: float) -> np.ndarray:
-    """Return the output times from `begin` to `t_end` [s], multiples of the output step between."""
+    """Return `begin`, the multiples of the output step, and `t_end` [s]."""
     t_end = require_positive("simulate", "t_end", t_end)
     if not t_end > begin:
         raise BeamdaeError(
@@ -304,10 +304,10 @@ def _output_times(t_end: Any, output_step: Any, begin: float) -> np.ndarray:
 
 
 def _collect_warnings(name: str, solution: Solution) -> tuple[Solution, tuple[str, ...]]:
-    """Return the solution and the warnings about it."""
+    """Return the solution and its warnings."""
     sentences: tuple[str, ...] = ()
     try:
-        # After an interrupt, no further evaluation delays the return.
+        # After an interrupt, no further evaluations delay the return.
         if solution.status.kind != "interrupted":
             sentences = solution.warnings
     except KeyboardInterrupt:
@@ -332,5 +332,5 @@ def _collect_warnings(name: str, solution: Solution) -> tuple[Solution, tuple[st
 
 
 def _is_out_of_memory(problem: Exception) -> bool:
-    """Return whether NumPy or CasADi raised the exception because no memory is left."""
+    """Return True if NumPy or CasADi raised the exception for lack of memory."""
     return isinstance(problem, MemoryError) or "bad_alloc" in str(problem)

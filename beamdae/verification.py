@@ -1,4 +1,4 @@
-"""Error estimation of a run by a coarser run, and verification by another method."""
+"""Error estimate of a run from a coarser run, and verification by a different method."""
 
 from __future__ import annotations
 
@@ -20,29 +20,23 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 # Error estimate.
-_COARSENING_FACTORS = {
-    "rtol": 10.0,
-    "step": 2.0,
-}  # tolerance or step of the second run, over the first
-_MAX_COARSENED_RTOL = 3e-4  # above it, errors do not decrease with the order yet
-_SAFETY_FACTOR = 4.5  # on the error that the order predicts; stiff errors decrease more slowly
-_MAX_DIFFERENCE_FACTOR = 3.0  # largest error estimate, in differences of the two runs
-_MAX_STEP_COUNT_RATIO = (
-    0.95  # ratio of numbers of steps above which two runs do not show their errors
-)
+_COARSENING_FACTORS = {"rtol": 10.0, "step": 2.0}  # tolerance or step: second run / first run
+_MAX_COARSENED_RTOL = 3e-4  # above, errors do not yet decrease with the order
+_SAFETY_FACTOR = 4.5  # applied to the error predicted by the order; stiff errors decrease slowly
+_MAX_DIFFERENCE_FACTOR = 3.0  # largest error estimate / difference of the two runs
+# If the ratio of the numbers of steps is larger, the difference of two runs shows no errors.
+_MAX_STEP_COUNT_RATIO = 0.95
 
 # Verification.
-_ALLOWED_ERROR = 100.0  # allowed difference of positions and angles over the looser rtol
+_ALLOWED_ERROR = 100.0  # allowed difference of positions and angles / looser rtol
 _ALLOWED_ERROR_WITHOUT_RTOL = 1e-3
-_TIGHTENING_FACTOR = 0.1  # tolerance of the second run, over the first
+_TIGHTENING_FACTOR = 0.1  # tolerance: second run / first run
 _MIN_RTOL = 1e-10
-_RTOL_FOR_FIXED_STEPS = 1e-6  # of the run that verifies one with a fixed step
+_RTOL_FOR_FIXED_STEPS = 1e-6  # of the second run, if the first run has fixed steps
 
 # Columns whose half range is below either of these are at rest.
 _REST_TO_OTHERS_RATIO = 1e-9  # relative to the largest half range of a column with the same unit
-_REST_TO_VALUES_RATIO = (
-    1e-12  # relative to the largest value of the column, where rounding dominates
-)
+_REST_TO_VALUES_RATIO = 1e-12  # relative to the largest value of the column: rounding errors
 
 # Columns of the tables.
 HALF_RANGE = "half the range"
@@ -55,15 +49,15 @@ ErrorColumns = dict[str, Any]
 def error_estimate(solution: Solution) -> pd.DataFrame:
     """Estimate the error of each observed column, including forces and reactions.
 
-    The integrator runs again with ten times the tolerance, or twice the step. If errors decrease as
-    accuracy^order, the difference d of the two runs is (c^order - 1) times the error of the finer
-    run, with c = 10 or 2. The estimate is 4.5 d / (c^order - 1), but at most 3 d, because errors of
-    stiff mechanisms decrease more slowly (validation/tolerances counts how often the estimate
-    covers the true error).
+    The integrator runs again with ten times the tolerance, or twice the step. If errors are
+    proportional to accuracy^order, the difference d of the two runs is (c^order - 1) times the
+    error of the finer run, with c = 10 or 2. The estimate is 4.5 d / (c^order - 1), but at most 3
+    d, because errors of stiff mechanisms decrease more slowly (validation/tolerances counts how
+    often the estimate covers the true error).
 
-    There are two exceptions, in which the second run has a tenth of the tolerance and the estimate
-    is 3 d: Radau, which skips fast vibrations, as would a coarser run; and rtol above 3e-4, where
-    errors do not decrease with the order yet.
+    In two cases, the second run has a tenth of the tolerance instead and the estimate is 3 d: with
+    Radau, because neither the run nor a coarser run resolves fast vibrations; and with rtol above
+    3e-4, where errors do not yet decrease with the order.
 
     Parameters
     ----------
@@ -73,9 +67,10 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        One row per observed column: half of its range [its unit], and the estimated largest error
-        relative to that [-]. The error is NaN if the second run did not reach its end or took as
-        many steps, and for columns that are not finite; it is 0 for columns at rest.
+        One row per observed column: half of its range [unit of the column], and the estimated
+        largest error relative to half the range [-]. The error is NaN if the second run stopped
+        early or took as many steps, and for columns that are not finite; it is 0 for columns at
+        rest.
 
     Raises
     ------
@@ -106,7 +101,7 @@ def estimate_errors(solution: Solution, progress: Progress | None = None) -> Err
     solution
         The run.
     progress
-        Progress function of the second run, see `simulate`.
+        Progress function of the second run; see `simulate`.
     """
     integrator = _require_own_integrator("error_estimate", solution)
     name, value = integrator.accuracy
@@ -119,20 +114,20 @@ def estimate_errors(solution: Solution, progress: Progress | None = None) -> Err
     other = _run_again(solution, refined, progress)
     if other is not None:
         steps = solution.trajectory.steps, other.trajectory.steps
-        # The steps are limited by something other than the tolerance.
+        # The steps are not limited by the tolerance.
         if min(steps) > _MAX_STEP_COUNT_RATIO * max(steps):
             other = None
     return _compare(solution, other, fraction)
 
 
 def accuracy_warning(solution: Solution, errors: Mapping[str, Any]) -> str:
-    """Return a warning about the largest error of a position or angle above 100 rtol, or "".
+    """Return a warning if the error of a position or angle exceeds 100 rtol, else "".
 
     Parameters
     ----------
     solution
-        The run. If it did not reach its end there is no warning, because half the range is that of
-        the whole motion.
+        The run. If it stopped early, no warning is returned, because the limit refers to the range
+        of the whole motion.
     errors
         The result of `estimate_errors` or `error_estimate`.
     """
@@ -156,32 +151,32 @@ def accuracy_warning(solution: Solution, errors: Mapping[str, Any]) -> str:
 
 
 def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
-    """Compare a run with one of another method and a tighter tolerance.
+    """Verify a run by a second run with a different method and a tighter tolerance.
 
     Parameters
     ----------
     solution
         The run.
     by
-        The other integrator; default `Radau` with a tenth of the tolerance, or
+        Integrator of the second run. Defaults to `Radau` with a tenth of the tolerance, or to
         `GeneralizedAlpha(rtol=...)` if Radau made the run.
 
     Returns
     -------
     pandas.DataFrame
-        One row per observed column: half of its range [its unit]; the largest difference relative
-        to that [-]; the allowed difference of positions and angles, 100 rtol of the looser run or
-        1e-3 without rtol [-]; and the verdict. The verdict is "agrees", "differs", or "not
-        verified" if the other run did not reach its end. It is "known to ..." for rates, forces and
-        moments, whose errors rtol does not control, and for all columns of a run that did not reach
-        its end.
+        One row per observed column: half of its range [unit of the column]; the largest difference
+        relative to half the range [-]; the allowed difference of positions and angles [-], 100
+        times the looser rtol, or 1e-3 without rtol; and the verdict. The verdict is "agrees",
+        "differs", or "not verified" if the second run stopped early. It is "known to ..." for
+        rates, forces and moments, whose errors rtol does not control, and for all columns if the
+        first run stopped early.
 
     Raises
     ------
     BeamdaeError
         If the solution does not contain its integrator.
     KeyboardInterrupt
-        If the other run is interrupted.
+        If the second run is interrupted.
     """
     return _tabulate(solution, compare_methods(solution, by))
 
@@ -196,7 +191,7 @@ def compare_methods(
     solution, by
         As for `verify`.
     progress
-        Progress function of the other run, see `simulate`.
+        Progress function of the second run; see `simulate`.
     """
     name, value = _require_own_integrator("verify", solution).accuracy
     has_rtol = name == "rtol"
@@ -209,7 +204,7 @@ def compare_methods(
     if other_name == "rtol":
         allowed_error = max(allowed_error, _ALLOWED_ERROR * other_value)
     columns = _compare(solution, _run_again(solution, by, progress), 1.0)
-    # The allowed difference refers to half the range of a whole run.
+    # The allowed difference refers to half the range of a complete run.
     is_whole = solution.status.success
     is_judged = [is_whole and _is_controlled(column) for column in solution.columns]
     limits = np.where(is_judged, allowed_error, np.nan)
@@ -228,19 +223,20 @@ def _judge(error: float, allowed_error: float) -> str:
 
 
 def _is_controlled(column: str) -> bool:
-    """Return whether rtol controls the error of a column: those of positions and angles."""
+    """Return True if rtol controls the error of a column, a position or an angle."""
     return Header.of(column).unit in ("m", "rad")
 
 
 def _tabulate(solution: Solution, columns: ErrorColumns) -> pd.DataFrame:
-    # Importing pandas takes as long as a short run, and the command line does without it.
+    # Imported here because the import takes as long as a short run and the command line does not
+    # need it.
     import pandas as pd
 
     return pd.DataFrame(columns, index=pd.Index(list(solution.columns)))
 
 
 def _require_own_integrator(name: str, solution: Any) -> Integrator:
-    """Return the integrator that made the solution, an argument of the function `name`."""
+    """Return the integrator of the solution; `name` is the calling function, for messages."""
     if not isinstance(solution, Solution):
         raise BeamdaeError(
             f"{name}: solution must be a Solution of a run, got {short_repr(solution)}."
@@ -256,7 +252,7 @@ def _require_own_integrator(name: str, solution: Any) -> Integrator:
 def _run_again(
     solution: Solution, integrator: Integrator, progress: Progress | None
 ) -> Solution | None:
-    """Run again up to the time that the solution reached; None if that run does not get there."""
+    """Repeat the run with `integrator`; return None if it does not reach the same end."""
     if len(solution.t) < 2:
         return None
     other = integrator.integrate(solution.equations, solution.t, progress)
@@ -266,9 +262,9 @@ def _run_again(
 
 
 def _compare(solution: Solution, other: Solution | None, fraction: float) -> ErrorColumns:
-    """Return half the range of each column, and `fraction` of the largest difference over it."""
+    """Return half the range of each column, and `fraction` times the relative difference."""
     if other is not None and other.t[-1] < solution.t[-1]:
-        # An event ended the other run slightly earlier.
+        # An event may end the second run slightly earlier.
         common = solution.t[solution.t <= other.t[-1]]
         solution, other = replace(solution, t=common), replace(other, t=common)
     rows = _stack_columns(solution)
@@ -291,7 +287,7 @@ def _stack_columns(solution: Solution) -> Array:
 
 
 def _rest_limits(solution: Solution, half_range: Array, largest: Array) -> Array:
-    """Return the half range up to which each column is at rest."""
+    """Return the half range of each column below which it is at rest."""
     kinds = [Header.of(name).kind for name in solution.columns]
     of_kind = dict.fromkeys(kinds, 0.0)
     for kind, value in zip(kinds, np.nan_to_num(half_range, posinf=np.inf).tolist(), strict=True):

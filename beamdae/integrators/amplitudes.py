@@ -1,4 +1,4 @@
-"""Amplitudes of the motion of a mechanism: the sizes its errors are measured against."""
+"""Amplitudes of the motion of a mechanism, relative to which its errors are measured."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
-# Smallest amplitude of a part, relative to the largest of all parts, ...
+# Smallest amplitude of a part, relative to the largest amplitude of all parts, ...
 _MIN_PART_SHARE = 1e-3
-# ... and of a single coordinate of a constrained system, which may have any meaning.
+# ... and of a single coordinate of a constrained system, whose meaning is unknown.
 _MIN_COORDINATE_SHARE = 1e-5
-# Largest amplitude of an angle [rad]: a quarter of a turn to each side moves points as far apart
-# as any rotation does.
+# Largest amplitude of an angle [rad]: a quarter turn to either side separates points as far as any
+# rotation can.
 _MAX_ANGLE_AMPLITUDE = 0.5 * np.pi
-# Largest variance of an angle [rad^2]: that of one uniform turn.
+# Largest variance of an angle [rad^2]: the variance over one uniform revolution.
 _MAX_ANGLE_VARIANCE = np.pi**2 / 3.0
 # A mechanism is at rest if no part moves by more than this share of its size.
 _REST_AMPLITUDE = 1e-9
@@ -26,20 +26,21 @@ _REST_AMPLITUDE = 1e-9
 
 @dataclass(frozen=True)
 class Amplitudes:
-    """Amplitudes of the parts of a mechanism in a run.
+    """Amplitudes of the parts of a mechanism during a run.
 
     Attributes
     ----------
     by_part
-        Amplitude of each part relative to its size: the largest of those of its lengths over its
-        extent and of its angles [rad], because points of a body of size L move by L times its
-        angle. An angle counts for pi / 2 at most, however often it turns.
+        Amplitude of each part relative to its size: the largest amplitude among its lengths,
+        divided by its size, and its angles [rad], because an angle moves the points of a body of
+        size L by L times the angle. Amplitudes of angles are limited to pi / 2.
     scales
-        Scale of each coordinate [m or rad], (n,): the amplitude times the size of its part, or the
-        amplitude itself for an angle.
+        Scale of each coordinate [m or rad], (n,): the amplitude of its part, times the size of the
+        part for lengths.
     rate
-        Fastest rate of the parts [1/s]: root mean square of velocities over that of positions
-        about their mean. The spread of an angle is at most that of one turn.
+        Highest rate of the parts [1/s]: root mean square of the velocities divided by the standard
+        deviation of the positions. The standard deviation of an angle is limited to its value over
+        one uniform revolution.
     """
 
     by_part: dict[str, float]
@@ -48,10 +49,11 @@ class Amplitudes:
 
     @classmethod
     def from_trajectory(cls, equations: EquationsOfMotion, trajectory: Trajectory) -> Amplitudes:
-        """Return half the ranges of the coordinates over the steps of a run, by part.
+        """Compute the amplitudes of each part from half the ranges of its coordinates in a run.
 
-        A part that moves much less than others gets a thousandth of their amplitude, a coordinate
-        of a constrained system 1e-5 of it. If nothing moves, the sizes are the scales.
+        The amplitude of a part is at least a thousandth of the largest amplitude, that of a
+        coordinate of a constrained system at least 1e-5 of it. If nothing moves, the scales are the
+        sizes.
         """
         angles = np.array([c.unit == "rad" for c in equations.coordinates], bool)
         sizes = _coordinate_sizes(equations, angles)
@@ -93,19 +95,19 @@ def _min_share(part: PartCoordinates) -> float:
 
 
 def _round_to_two_digits(value: float) -> float:
-    # Rounding errors of the pilot run must not change the run after it.
+    # Rounding errors of the pilot run must not change the main run.
     return float(f"{value:.1e}")
 
 
 def _step_weights(trajectory: Trajectory) -> Array:
-    """Duration that each step represents [s]; ones if all of them are zero."""
+    """Return the duration that each step represents [s], or ones if all durations are zero."""
     times = [interval.t for interval in trajectory.intervals]
     weights = np.concatenate([np.gradient(t) if len(t) > 1 else np.zeros(1) for t in times])
     return weights if weights.any() else np.ones(len(weights))
 
 
 def _coordinate_sizes(equations: EquationsOfMotion, angles: Array) -> Array:
-    """Size of the part of each coordinate [m], 1 for an angle."""
+    """Return the size of the part of each coordinate [m], or 1 for angles."""
     size = np.ones(equations.n)
     for part in equations.parts:
         size[part.rows] = part.size

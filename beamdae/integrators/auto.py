@@ -1,4 +1,4 @@
-"""Automatic choice of the integrator by natural modes, their damping, and rtol."""
+"""Automatic choice of the integrator by natural modes, damping and rtol."""
 
 from __future__ import annotations
 
@@ -23,26 +23,27 @@ Array = np.ndarray
 class Auto(AdaptiveIntegrator):
     """Choose `Ida` or `Radau`, whichever is cheaper at this tolerance.
 
-    The choice is `Ida`, except in two cases, where `Radau`, of order 5 and as stable, is cheaper:
+    The choice is `Ida`, except in two cases, in which `Radau` is cheaper because it combines order
+    5 with L-stability:
 
-    - Lightly damped modes limit BDF to order 2 and rtol is below 3e-6: each further digit then
-      costs several times as many steps.
-    - The fastest modes are 30 to 300 times as fast as the motion: BDF resolves them.
+    - Lightly damped modes limit BDF to order 2, and rtol is below 3e-6. Each further digit would
+      then take several times as many steps.
+    - The fastest modes are 30 to 300 times faster than the motion, so that BDF would resolve them.
 
-    validation/tolerances prints the cost of both.
+    validation/tolerances prints the cost of both integrators.
 
     Parameters
     ----------
     rtol
         Relative tolerance of the motion of each part.
     max_step
-        Longest step [s]. Default: a twentieth of the run, at most a quarter of the time scale of
+        Longest step [s]. Defaults to a twentieth of the run, at most a quarter of the time scale of
         the laws.
     max_steps
-        Maximum number of steps. Default: no limit, but a run stops if its steps become too short to
-        reach the end; see `limits.StallDetector`.
+        Maximum number of steps. Defaults to no limit; the run still stops if its steps become too
+        short to reach the end (`limits.StallDetector`).
     time_limit
-        Maximum wall time [s]. Default: no limit.
+        Maximum wall time [s]. Defaults to no limit.
     """
 
     rtol: float = 1e-5
@@ -56,7 +57,7 @@ class Auto(AdaptiveIntegrator):
     def integrate(
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
-        """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
+        """Integrate over the output times; see `Integrator.integrate`."""
         return drive(self, equations, times, self._choose_method, progress, self._pilot_method)
 
     def _choose_method(self, plan: RunPlan) -> Method:

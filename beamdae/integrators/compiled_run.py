@@ -1,4 +1,4 @@
-"""Compiled loops of integrators, with the matrices they factorize; interpreted if need be."""
+"""Compiled or interpreted step loops of integrators, and the matrices they factorize."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from beamdae.native.return_codes import NEW_PIVOTS
 Array = np.ndarray
 W = TypeVar("W")
 
-# Newton iterations of fixed-step loops keep their factors while every iteration reduces the
-# correction by this factor, ...
+# Newton's method in fixed-step loops keeps its factors while each iteration reduces the correction
+# by this factor, ...
 KEEP_RATE = 0.05
-# ... and renew them within the iteration if it converges more slowly than this.
+# ... and computes new factors within the iteration if the rate of convergence exceeds this one.
 SLOW_RATE = 0.2
-# An iteration diverges if its correction grows by more than this factor.
+# The iteration has diverged if the correction grows by more than this factor.
 MAX_CORRECTION_GROWTH = 2.0
-# Least rate of convergence that is believed after and before the second iteration.
+# Lower bounds on the estimated rate of convergence, after and before the second iteration.
 MIN_RATE = 1e-4
 MIN_FIRST_RATE = 1e-2
 MAX_ITERATIONS = 12
 
 
 class InterpretedSolver:
-    """Solver of an interpreted loop: same interface as the compiled `LinearSolver`.
+    """Linear solver of an interpreted loop, with the interface of the compiled `LinearSolver`.
 
     Attributes
     ----------
     singular, factorizations, solves
-        Counters that compiled loops keep, too.
+        Counters with the same meaning as in compiled loops.
     """
 
     def __init__(self, pattern: sp.csc_array, method: str, dtype: type) -> None:
@@ -47,7 +47,7 @@ class InterpretedSolver:
         self.singular = self.factorizations = self.solves = 0
 
     def try_factorize(self, nonzeros: Array) -> bool:
-        """Factorize a matrix of the pattern; return False if it is singular."""
+        """Factorize the matrix with these non-zeros; return False if it is singular."""
         self.factorizations += 1
         try:
             self._factors.factorize(nonzeros)
@@ -63,17 +63,17 @@ class InterpretedSolver:
 
 @dataclass
 class FactorizedMatrix:
-    """A matrix that a loop fills and factorizes.
+    """Matrix that a loop fills and factorizes.
 
     Attributes
     ----------
     pattern
-        CSC pattern.
+        Sparsity pattern (CSC).
     nonzeros
-        Its values, written by the loop.
+        Values on the pattern, written by the loop.
     pivot_source
-        A matrix of the same pattern whose pivots are tried first: pivoting takes longer than many
-        factorizations.
+        Matrix with the same pattern whose pivots are tried first, because a search for pivots takes
+        longer than many factorizations.
     """
 
     pattern: sp.csc_array
@@ -89,13 +89,13 @@ class FactorizedMatrix:
         dtype: type = float,
         pivot_source: FactorizedMatrix | None = None,
     ) -> FactorizedMatrix:
-        """Return a matrix of zeros with this pattern."""
+        """Return a zero matrix with this pattern."""
         return cls(pattern, np.zeros(pattern.nnz, dtype), pivot_source)
 
     def make_solver(self, native: bool, method: str) -> Any:
         """Return the solver for a compiled or an interpreted loop.
 
-        `method` is "auto", "dense" or "sparse"; it matters to interpreted loops only.
+        `method` is "auto", "dense" or "sparse"; compiled loops ignore it.
         """
         dtype = self.nonzeros.dtype.type
         return (
@@ -103,7 +103,7 @@ class FactorizedMatrix:
         )
 
     def renew_pivots(self, linear: LinearSolver) -> None:
-        """Set pivots in `linear` that may suit the current values, or mark it as singular."""
+        """Set pivots for the current values in `linear`, or mark the matrix as singular."""
         linear.needs_pivots = 0
         try:
             if not linear.is_untried:
@@ -119,22 +119,22 @@ class FactorizedMatrix:
             linear.set_plan(plan)
 
     def _source_plans(self) -> Iterator[EliminationPlan]:
-        # The pivots that have just failed are not tried again.
+        # Pivots that have just failed are not tried again.
         plan = self.pivot_source._plan if self.pivot_source else None
         if plan is not None and plan is not self._plan:
             yield plan
 
 
 class StepLoop(Generic[W]):
-    """A loop over steps in machine code, or in plain Python where that is not available.
+    """Loop over steps, in machine code if available, otherwise in plain Python.
 
     Attributes
     ----------
     work
-        The dataclass of numbers and arrays that the loop works on. Between calls numbers may be
+        Workspace of the loop, a dataclass of numbers and arrays. Between calls, numbers may be
         assigned, but arrays must be changed in place.
     is_native
-        True in machine code.
+        True if the loop runs in machine code.
     """
 
     def __init__(
@@ -149,14 +149,15 @@ class StepLoop(Generic[W]):
         Parameters
         ----------
         function
-            The loop, restricted to what numba compiles and to the functions of
-            `native.loop_functions`. It returns a code of `native.return_codes` or a specific one.
+            The loop, restricted to the language that numba compiles and to `native.loop_functions`.
+            It returns a code of `native.return_codes` or a code of its own.
         make
-            Makes the work of the loop, for machine code (True) or for plain Python (False).
+            Function that creates the workspace for machine code (True) or plain Python (False).
         matrices
-            Returns the linear solvers in the work, each with the matrix it factorizes.
+            Function that returns the linear solvers in the workspace, each with the matrix it
+            factorizes.
         native
-            False if the work cannot be evaluated in machine code.
+            False if the workspace does not support machine code.
         """
         self._function = function
         self.work, self._loop = prepare_loop(function, make, native)
@@ -164,13 +165,13 @@ class StepLoop(Generic[W]):
         self._matrices = matrices(self.work)
 
     def __call__(self) -> int:
-        """Run the loop, with new pivots whenever it needs them; return its code."""
+        """Run the loop, renewing pivots whenever it requests them; return its code."""
         if self._loop is None:
             return self._function(self.work)
         while (code := self._loop()) == NEW_PIVOTS:
             for linear, matrix in self._matrices:
                 if linear.needs_pivots:
                     matrix.renew_pivots(linear)
-            # The arrays of new pivots have other sizes and addresses.
+            # The arrays of the new pivots differ in size and address.
             self._loop.bind()
         return code

@@ -18,44 +18,46 @@ from beamdae.integrators.run_plan import RunPlan
 Array = np.ndarray
 
 ERROR_CONTROL = ("auto", "positions", "velocities", "all")
-# Absolute tolerance of components outside the error test.
+# Absolute tolerance of unknowns outside the error test.
 _UNTESTED_ATOL = 1e10
-# Largest error of Newton's iteration in untested multipliers, relative to the force scale. For
-# small tolerances it is their square root, except on index 3, where rounding leaves more.
+# Upper bound on the Newton error of untested multipliers, relative to the force scale. Tight
+# tolerances lower it to their square root, except on index 3, where rounding errors are larger.
 _MAX_MULTIPLIER_ERROR = 1e-3
-# Accumulated rounding of a position, relative to the size of the mechanism.
+# Accumulated rounding error of a position, relative to the size of the mechanism.
 POSITION_ROUNDING = 1e-14
 
-# Modes are stiff, and their vibrations are not resolved, if they are this many times as fast as
-# the motion. Unresolved modes cost BDF more than they cost methods of order 5 that are as stable.
+# Modes are stiff, and their vibrations are not resolved, if they are this many times faster than
+# the motion. Unresolved modes cost BDF more than a fifth-order method of equal stability.
 STIFF_RATIO_BDF = 300.0
 STIFF_RATIO_RADAU = 30.0
 # Damping ratio above which BDF of order 5 is stable: cos 52 degrees, its angle of stability.
 STABLE_DAMPING_RATIO = 0.62
-# Steps of order 2 resolve modes up to this times rate / sqrt(rtol), with the rate of the motion:
-# lightly damped modes among them cost order 5 nothing extra (validation/tolerances, --damping).
+# Second-order steps resolve modes up to this factor times rate / sqrt(rtol), where rate is that of
+# the motion. Lightly damped modes below this limit do not slow order 5 down (validation/tolerances,
+# --damping).
 _RESOLVED_RATIO = 12.0
-# Below this rtol, BDF of order 2 costs more than a method of order 5 that is as stable
+# Below this rtol, BDF of order 2 costs more than a fifth-order method of equal stability
 # (validation/tolerances).
 _ORDER_2_RTOL = 3e-6
-# With these factors the largest error of a run stays below 100 rtol, with damping below 30 rtol.
+# Calibrated so that the largest error of a run stays below 100 rtol, or below 30 rtol with damping.
 _LINEAR_FACTOR = 0.045
 _ASYMPTOTIC_FACTORS = {1: 16.0, 2: 6.0, 3: 2.0, 4: 0.7, 5: 0.3}
 
 
 @dataclass(frozen=True)
 class MotionScales:
-    """Natural sizes of the motion of a mechanism; error weights follow from them.
+    """Characteristic scales of the motion of a mechanism, from which error weights are computed.
 
     Attributes
     ----------
     position
-        Scale of each coordinate [m or rad], (n,): its amplitude, or else the size of its part.
+        Scale of each coordinate [m or rad], (n,): its amplitude, or the size of its part if the
+        amplitude is unknown.
     size
-        Size of the mechanism by coordinate [m or rad], (n,): rounding of positions is relative to
-        it.
+        Size of the mechanism for each coordinate [m or rad], (n,); rounding errors of positions are
+        relative to it.
     rate
-        Characteristic rate of the motion [1/s]; velocities have the scale position * rate.
+        Characteristic rate of the motion [1/s]; the scale of velocities is position * rate.
     force
         Scale of the multipliers [N or N m].
     """
@@ -66,17 +68,17 @@ class MotionScales:
     force: float
 
     def tolerances(self, local: float) -> Array:
-        """Return absolute tolerances of the positions, at least their rounding errors."""
+        """Return absolute tolerances of the positions, bounded below by their rounding errors."""
         return np.maximum(local * self.position, POSITION_ROUNDING * self.size)
 
     def first_step(self, local: float, state: State) -> float:
-        """Return the step [s] in which accelerations move a position by its tolerance."""
+        """Return the first step [s]: accelerations move no position by more than its tolerance."""
         fastest = float(np.max(np.abs(state.a) / self.tolerances(local)))
         return float(np.sqrt(2.0 / max(fastest, self.rate**2 / local)))
 
 
 def motion_scales(plan: RunPlan) -> MotionScales:
-    """Return the scales from the pilot run, the consistent start and the laws' time scale."""
+    """Compute the scales from the pilot run, the consistent start and the laws' time scale."""
     equations, state, position = plan.equations, plan.state, plan.scales
     rates = [1.0 / plan.duration]
     if plan.amplitudes is None:
@@ -104,9 +106,9 @@ class ErrorControl:
     max_order
         Highest BDF order.
     reason
-        Reason of the choice made by "auto".
+        Reason for the choice made by "auto".
     radau_below
-        Below this rtol a method of order 5 that is as stable is cheaper than BDF.
+        Below this rtol, Radau is cheaper than BDF.
     """
 
     policy: str
@@ -117,11 +119,11 @@ class ErrorControl:
     def tolerance(self, rtol: float, size: int) -> float:
         """Return the tolerance of the local error that keeps the error of a run near `rtol`.
 
-        The norm of the test is a root mean square over `size` components: times sqrt(size) it
-        bounds the largest one. The error of a run grows with the local tolerance to the power
-        k / (k + 1), where k is the order. For small rtol the local tolerance must therefore fall
-        with rtol^((k + 1) / k), as in RADAU5 (Hairer & Wanner, Solving ODEs II, 1996, section
-        IV.8).
+        The error test uses the root mean square over `size` components, which is at least
+        1/sqrt(size) of the largest component. The error of a run grows with the local tolerance to
+        the power k / (k + 1), where k is the order. For small rtol the local tolerance must
+        therefore fall with rtol^((k + 1) / k), as in RADAU5 (Hairer & Wanner, Solving ODEs II,
+        1996, section IV.8).
         """
         k = self.max_order
         asymptotic = _ASYMPTOTIC_FACTORS[k] * rtol ** ((k + 1) / k)
@@ -130,10 +132,11 @@ class ErrorControl:
     def absolute_tolerances(
         self, tolerance: float, scales: MotionScales, form: FirstOrderForm, iterated: bool = False
     ) -> Array:
-        """Return absolute tolerances of (q, v, multipliers); untested ones are huge.
+        """Return absolute tolerances of (q, v, multipliers), huge for untested components.
 
-        With `iterated`, untested multipliers get tolerances for Newton's iteration. Those of their
-        time integrals are the same times the step whose error of order k + 1 is the tolerance.
+        With `iterated`, untested multipliers get tolerances for Newton's iteration. If the unknowns
+        are time integrals of multipliers, these are multiplied by the step whose error of order k +
+        1 equals the tolerance.
         """
         n, m = form.equations.n, form.equations.m
         has_impulses = form.formulation.impulses
@@ -155,7 +158,7 @@ class ErrorControl:
         return atol
 
     def untested(self, form: FirstOrderForm) -> Array | None:
-        """Return a mask of (q, v, multipliers), True where untested; None if all are tested."""
+        """Return the mask of untested components of (q, v, multipliers), or None without any."""
         n = form.equations.n
         begin = {"positions": n, "velocities": 2 * n, "all": form.size}[self.policy]
         return np.arange(form.size) >= begin if begin < form.size else None
@@ -173,22 +176,22 @@ def resolve_error_control(
 ) -> ErrorControl:
     """Resolve "auto": choose the components of the error test and the highest order.
 
-    - Without stiff modes, positions and velocities are tested and the order goes up to 5.
+    - Without stiff modes, positions and velocities are tested and the order is at most 5.
     - With stiff modes, only positions are tested: resolving axial vibrations would cost 20 to 1000
       times as much. BDF of orders 3 to 5 is unstable near the imaginary axis, where undamped modes
-      lie. The order is therefore limited to 2 unless in every body all modes that steps of order 2
-      would not resolve are overdamped, as material damping makes them if it is strong enough.
-    - On index 3 only positions are tested: the error of velocities grows there as the step falls.
-    - Multipliers in the test make "ggl" and "index2" stall, and "index1" as it drifts. With
-      "stabilized-index1" they are tested if no mode is stiff and either the constraints leave no
-      motion free or friction depends on multipliers. In a mechanism driven throughout, positions
-      and velocities do not show errors of the multipliers: drive torques were off by 13 % at
-      rtol 1e-5.
+      lie. The order is therefore limited to 2, unless all modes that second-order steps would not
+      resolve are overdamped, for example by strong material damping.
+    - On index 3, only positions are tested, because the error of velocities grows as the step
+      shrinks.
+    - Testing multipliers would make "ggl", "index2" and, once it drifts, "index1" stall. With
+      "stabilized-index1", they are tested if no mode is stiff and either all motions are prescribed
+      or friction depends on multipliers. If all motions are prescribed, positions and velocities do
+      not reveal errors of the multipliers: drive torques were wrong by 13 % at rtol 1e-5.
 
     Parameters
     ----------
     policy, max_order
-        Settings of the integrator, "auto" or a value.
+        Settings of the integrator: "auto" or a value.
     formulation
         First-order form of the equations.
     rtol
@@ -196,11 +199,11 @@ def resolve_error_control(
     rate
         Rate of the motion [1/s].
     stiff_ratio
-        Modes are stiff if they are this many times as fast as the motion.
+        Modes are stiff if they are this many times faster than the motion.
     fastest_modes
         Returns the fastest natural mode of each body.
     multipliers_matter
-        True if forces depend on multipliers, or if constraints leave no motion free.
+        True if forces depend on multipliers or all motions are prescribed.
     """
     if policy != "auto" and max_order != "auto":
         return ErrorControl(policy, int(max_order), "as set")
@@ -237,9 +240,9 @@ def resolve_error_control(
 
 
 def _max_lightly_damped_frequency(mode: Mode) -> float:
-    """Highest frequency at which modes of a body may be lightly damped [rad/s].
+    """Return the highest frequency at which modes of a body may be lightly damped [rad/s].
 
-    Material damping grows with the frequency: modes above this one are stable.
+    Material damping grows with frequency, so modes above this frequency are stable.
     """
     if mode.damping_ratio <= STABLE_DAMPING_RATIO:
         return mode.frequency

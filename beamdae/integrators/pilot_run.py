@@ -14,27 +14,27 @@ from beamdae.integrators.run_plan import RunPlan
 from beamdae.results.outcome import PILOT_RUN_SUFFIX, REACHED_END, Status
 from beamdae.results.trajectory import Trajectory
 
-# Tolerance of a pilot run.
+# Relative tolerance of a pilot run.
 PILOT_RTOL = 1e-2
 PILOT_LABEL = f"{PILOT_RUN_SUFFIX} with rtol = {PILOT_RTOL:g}"
 _MAX_PILOT_RUNS = 4
 _MAX_PILOT_STEPS = 20_000
-# Share of the time limit of the run.
+# Fraction of the time limit of the run that pilot runs may use.
 _PILOT_TIME_SHARE = 0.25
-# A pilot run is repeated if amplitudes fall below this share of the scales it was made with.
+# A pilot run is repeated if amplitudes fall below this fraction of the scales that it used.
 _REPEAT_RATIO = 0.3
-# A pilot run that covers less than this share of the run is discarded.
+# A pilot run that covers less than this fraction of the run is discarded.
 _MIN_COVERAGE = 0.2
 
 
 class PilotRun(Protocol):
-    """A run as `run_pilot` sees it."""
+    """Interface of a run that `run_pilot` executes."""
 
     def execute(self) -> tuple[Trajectory, Status]:
-        """Integrate until the end or until it stops."""
+        """Integrate to the end of the run or to an early stop."""
 
     def report_interrupt(self) -> tuple[Trajectory, Status]:
-        """Return the steps taken before Ctrl-C, and the status."""
+        """Return the steps taken before Ctrl-C and the status."""
 
 
 R = TypeVar("R", bound=PilotRun)
@@ -43,10 +43,11 @@ R = TypeVar("R", bound=PilotRun)
 def run_pilot(
     plan: RunPlan, prepare_run: Callable[[RunPlan, RunLimits], R], limits: RunLimits
 ) -> tuple[RunPlan, R, Trajectory, Status]:
-    """Return the plan with the amplitudes of a pilot run, and the last pilot run.
+    """Make pilot runs; return the plan with measured amplitudes, and the last pilot run.
 
-    It is repeated while it sees much less motion than its scales assumed. `limits` are those of
-    the run itself. Progress is called with the start time only, so that it can stop the run.
+    The pilot run is repeated while the motion is much smaller than its scales assumed. `limits` are
+    the limits of the main run. `progress` is always called with the start time; it may stop the
+    run.
     """
     time_limit = None if limits.time_limit is None else _PILOT_TIME_SHARE * limits.time_limit
     start, progress = plan.intervals[0][0], limits.progress

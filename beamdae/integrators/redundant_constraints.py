@@ -1,4 +1,4 @@
-"""Redundant constraints: removed before a run, their reactions restored in its solution."""
+"""Removal of redundant constraints before a run, and recovery of their reactions afterwards."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Array = np.ndarray
 
 
 def remove_redundant(equations: EquationsOfMotion, start: float) -> ReducedEquations | None:
-    """Return the equations without redundant constraints from `start` [s] on.
+    """Return the equations without constraints that are redundant after `start` [s].
 
-    None if the model does not request their removal, or if it has none.
+    Return None if the model does not request the removal, or has no redundant constraints.
     """
     if not equations.redundant:
         return None
@@ -29,7 +29,7 @@ def remove_redundant(equations: EquationsOfMotion, start: float) -> ReducedEquat
 
 
 def restore_reactions(solution: Solution, reduced: ReducedEquations) -> Solution:
-    """Return the solution with the minimum-norm reactions of all constraints."""
+    """Return the solution with minimum-norm reactions of all constraints."""
 
     def restore(interval: Interval) -> Interval:
         rows = interval.rows

@@ -1,4 +1,4 @@
-"""The plan of a run: smooth intervals, consistent start, amplitudes and longest step."""
+"""Plan of a run: smooth intervals, consistent start, amplitudes and longest step."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE
 
 Array = np.ndarray
 
-# Longest step by default: one over this many parts of the run, and `MIN_STEPS_PER_TIME_SCALE`.
+# Least number of steps in a run; with `MIN_STEPS_PER_TIME_SCALE` it sets the default longest step.
 _MIN_STEPS_PER_RUN = 20.0
 
 
@@ -33,17 +33,17 @@ class RunPlan:
     Attributes
     ----------
     starter
-        Solver for consistent states of the equations to integrate.
+        Solver for consistent states of `equations`.
     intervals
         (start, end) of the smooth intervals between breakpoints [s].
     state
         Consistent state at the start.
     fastest_modes
-        Returns the fastest natural mode of each body at the start; computed on the first call.
+        Function that returns the fastest natural mode of each body at the start; cached.
     amplitudes
-        Amplitudes of the parts, if a pilot run has measured them.
+        Amplitudes of the parts measured by a pilot run, or None.
     matrices
-        Matrices factorized so far, by method: a run starts with the pivots of its pilot run.
+        Last matrix of each method, so that a run can reuse the pivots of its pilot run.
     """
 
     starter: ConsistencySolver
@@ -54,24 +54,24 @@ class RunPlan:
     matrices: dict[str, FactorizedMatrix] = field(default_factory=dict, compare=False)
 
     def matrix(self, method: str, pattern: sp.csc_array) -> FactorizedMatrix:
-        """Return a new matrix of a method, which first tries the pivots of the one before."""
+        """Return a new matrix for a method; it first tries the pivots of the previous matrix."""
         matrix = FactorizedMatrix.from_pattern(pattern, pivot_source=self.matrices.get(method))
         self.matrices[method] = matrix
         return matrix
 
     @property
     def equations(self) -> EquationsOfMotion:
-        """The equations to integrate."""
+        """Equations to integrate."""
         return self.starter.equations
 
     @property
     def time(self) -> Array:
-        """(t, branch) of the start."""
+        """(t, branch) at the start."""
         return np.array([self.intervals[0][0], branch_time(*self.intervals[0])])
 
     @property
     def scales(self) -> Array:
-        """Scale of each coordinate [m or rad], (n,): its amplitude, or else its part's size."""
+        """Scale of each coordinate [m or rad], (n,): amplitude if measured, else natural size."""
         if self.amplitudes is not None:
             return self.amplitudes.scales
         scales = self.equations.scales
@@ -83,14 +83,14 @@ class RunPlan:
         return self.intervals[-1][1] - self.intervals[0][0]
 
     def longest_step(self, part: str, max_step: float | None) -> float:
-        """Return the longest step [s]: `max_step` or, by default, one that resolves the laws.
+        """Return the longest step [s]: `max_step`, or by default a step that resolves the laws.
 
         The default is a twentieth of the run and at most a quarter of the time scale of the laws.
 
         Raises
         ------
         BeamdaeError
-            Naming the integrator `part`, if a run of such steps would never end.
+            If the run would take too many steps of this length; `part` names the integrator.
         """
         if max_step is not None:
             require_feasible_step(part, "max_step", max_step, self.duration)
@@ -105,7 +105,7 @@ class RunPlan:
 
 
 def plan_run(equations: EquationsOfMotion, times: Array) -> RunPlan:
-    """Return the plan of a run between the first and the last of `times` [s].
+    """Return the plan of a run from the first to the last of `times` [s].
 
     Raises
     ------
@@ -119,6 +119,6 @@ def plan_run(equations: EquationsOfMotion, times: Array) -> RunPlan:
     starter.require_inertia()
     first = time_on_branch(equations.breakpoints, start, end)
     state = starter.state(first, equations.q0, equations.v0)
-    # Cached because a pilot run and the run after it need the same modes.
+    # Cached because the pilot run and the main run need the same modes.
     modes = cache(partial(estimate_fastest_modes, starter, first, state))
     return RunPlan(starter, intervals, state, modes)

@@ -1,5 +1,5 @@
-"""Linearization about a state, and what follows from it: natural modes, Campbell diagrams, models.
+"""Linearization about a state, natural modes, Campbell diagrams and linear state-space models.
 
-May import: statics (states on a load path), simulation and lower layers; not periodic.
-Next: a new eigenvalue solver or a new result of linearized equations becomes a module here.
+May import: statics (states on a load path), simulation and lower layers; not periodic. To extend:
+add a module for a new eigenvalue solver or a new result of the linearized equations.
 """

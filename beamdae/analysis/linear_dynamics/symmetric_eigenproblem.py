@@ -1,9 +1,10 @@
 """Undamped modes: K x + G^T mu = w^2 M x under G x = 0, with symmetric K and M.
 
-Small systems: the inverse of K + s M in the null space of G, all modes at once. Large systems:
-shift-and-invert Lanczos about a shift below the lowest mode, with the multipliers among the
-unknowns of a sparse factorization (Ericsson & Ruhe, Math. Comput. 35 (1980) 1251). K may then be
-singular, and infinite eigenvalues of the pencil do not occur because all vectors satisfy G x = 0.
+Small systems are solved by the dense inverse of K + s M in the null space of G, which gives all
+modes. Large systems are solved by shift-and-invert Lanczos about a shift below the lowest mode,
+with the multipliers among the unknowns of a sparse factorization (Ericsson & Ruhe, Math. Comput. 35
+(1980) 1251). K may be singular, and infinite eigenvalues do not occur because all vectors satisfy G
+x = 0.
 """
 
 from __future__ import annotations
@@ -25,31 +26,31 @@ from beamdae.linear.saddle_point import factorize_saddle_point
 
 Array = np.ndarray
 
-# Coordinates up to which all modes are computed by dense matrices.
+# Largest number of coordinates for which all modes are computed by dense matrices.
 MAX_DENSE_COORDINATES = 250
-# Squared frequencies that count as zero, relative to the shift.
+# Squared frequencies below this ratio to the shift count as zero.
 ZERO_SQUARE_RATIO = 1e-13
-# Rounding error of x^H K x relative to |x|^T |K| |x|.
+# Rounding error of x^H K x, relative to |x|^T |K| |x|.
 _ROUNDING_RATIO = 2e-14
-# Shift relative to the lowest mode.
+# Shift, relative to the squared frequency of the lowest mode.
 _SHIFT_RATIO = 0.4
-# First shift, and least one, relative to the largest ratio of stiffness to mass.
+# Initial and smallest shift, relative to the largest ratio of stiffness to mass.
 _INITIAL_SHIFT_RATIO = 1e-8
 _MIN_SHIFT_RATIO = 1e-22
-# Maximum number of attempts to place the shift. It is lowered if all modes are below this ratio to
-# it, since they cannot be separated then.
+# Maximum number of attempts to find a shift. The shift is lowered if all modes are below this ratio
+# to it, because they cannot be separated.
 _MAX_SHIFT_ATTEMPTS = 6
 _MIN_MODE_TO_SHIFT_RATIO = 1e-4
-# Factor applied to a shift at which the matrix is singular.
+# Factor applied to the shift if the matrix is singular.
 _SINGULAR_SHIFT_FACTOR = 1.37
-# Squared frequencies that rounding cannot separate from zero, relative to the largest one, and the
-# least number whose inverse is finite.
+# Squared frequencies that cannot be distinguished from zero, relative to the largest squared
+# frequency; and the smallest number with a finite inverse.
 _DENSE_ZERO_RATIO = 1e-11
 _MIN_INVERTIBLE = 1e-200
 
 
 class MasslessError(BeamdaeError):
-    """A motion that the joints allow has no inertia; `coordinate` dominates it."""
+    """Raised if an admissible motion has no inertia; `coordinate` dominates this motion."""
 
     def __init__(self, coordinate: str) -> None:
         super().__init__(f"{coordinate}: this coordinate has no inertia; add mass or a joint.")
@@ -57,14 +58,14 @@ class MasslessError(BeamdaeError):
 
 
 class UndampedModes(NamedTuple):
-    """Undamped modes in ascending order of their frequencies.
+    """Undamped modes in ascending order of the squared frequency.
 
     Attributes
     ----------
     squares
         Squared angular frequencies [1/s^2], (k,); negative for unstable motions.
     shapes
-        (n, k), with x^T M x = 1.
+        Mode shapes, (n, k), with x^T M x = 1.
     """
 
     squares: Array
@@ -83,12 +84,12 @@ class SymmetricProblem:
         self.mode_count, self.zero_square = self.e.n - self.e.m, lin.zero_square
 
     def solve(self, count: int | None) -> UndampedModes:
-        """Return the `count` modes nearest to zero; None: all.
+        """Return the `count` modes nearest to zero, or all modes if `count` is None.
 
         Raises
         ------
         MasslessError
-            If a motion has no inertia.
+            If an admissible motion has no inertia.
         """
         if self.mode_count <= 0:
             return UndampedModes(np.zeros(0), np.zeros((self.e.n, 0)))
@@ -97,7 +98,7 @@ class SymmetricProblem:
             shapes, shift = self._solve_dense()
         else:
             shapes, shift = self._solve_sparse(count)
-        # Rayleigh quotients: their error is the square of that of the shapes.
+        # The error of Rayleigh quotients is of second order in the error of the shapes.
         shapes = shapes / np.sqrt(np.einsum("ij,ij->j", shapes, self.mass @ shapes))
         squares = np.einsum("ij,ij->j", shapes, self.stiffness @ shapes)
         zero_square = max(ZERO_SQUARE_RATIO * shift, self.zero_square)
@@ -107,9 +108,9 @@ class SymmetricProblem:
         return UndampedModes(squares[order], shapes[:, order])
 
     def _solve_dense(self) -> tuple[Array, float]:
-        """Return all shapes and the shift, by the inverse of K + s M in the null space of G.
+        """Return all shapes and the shift by the inverse of K + s M in the null space of G.
 
-        The inverse makes the lowest modes the accurate ones.
+        With the inverse, the lowest modes are the most accurate.
         """
         basis = scaled_null_space(self.rows, self.e.position_scales)
         k, m = (basis.T @ (matrix @ basis) for matrix in (self.stiffness, self.mass))
@@ -125,7 +126,7 @@ class SymmetricProblem:
         return basis @ (inverse @ vectors), s
 
     def _solve_sparse(self, count: int) -> tuple[Array, float]:
-        """Return `count` shapes and the shift, by Lanczos about a shift below the lowest mode."""
+        """Return `count` shapes and the shift by shift-and-invert Lanczos iteration."""
         n, m = self.e.n, self.e.m
         inertia = self.mass.diagonal()
         has_inertia = inertia > 0.0
@@ -142,7 +143,7 @@ class SymmetricProblem:
                 return solve(np.concatenate([np.ravel(right), np.zeros(m)]))[:n]
 
             operator = LinearOperator((n, n), matvec=inverse, dtype=float)
-            # Any vector that is not orthogonal to a mode; the same in every run.
+            # Deterministic start vector that is not orthogonal to any mode.
             start = inverse(self.mass @ np.cos(np.arange(n) ** 2.0))
             values, shapes = eigsh(
                 operator,
@@ -166,7 +167,7 @@ def _symmetric_part(matrix: sp.csc_array) -> sp.csc_array:
 
 
 def scaled_null_space(rows: sp.csc_array, scales: Array) -> Array:
-    """Return a basis (n, k) of rows @ x = 0 that is orthonormal in natural sizes `scales`."""
+    """Return a basis (n, k) of the null space of `rows`, orthonormal relative to `scales`."""
     if not rows.shape[0]:
         return np.diag(scales)
     matrix = rows.toarray() * scales
@@ -176,13 +177,13 @@ def scaled_null_space(rows: sp.csc_array, scales: Array) -> Array:
 
 
 def quadratic_form_rounding(matrix: sp.csc_array, shapes: Array) -> Array:
-    """Return a bound (k,) of the rounding error of x^H A x for each column x."""
+    """Return a bound (k,) on the rounding error of x^H A x for each column x of `shapes`."""
     sizes = np.abs(shapes)
     return _ROUNDING_RATIO * np.einsum("ij,ij->j", sizes, abs(matrix) @ sizes)
 
 
 def _shift_below(squares: Array) -> float:
-    """Return a shift s > 0 below the lowest of these that rounding can separate from zero."""
+    """Return a shift s > 0 below the smallest of `squares` that is not zero within rounding."""
     size = np.abs(squares)
     nonzero = size[size > max(_DENSE_ZERO_RATIO * np.max(size, initial=0.0), _MIN_INVERTIBLE)]
     return _SHIFT_RATIO * float(np.min(nonzero)) if len(nonzero) else 1.0
@@ -190,20 +191,20 @@ def _shift_below(squares: Array) -> float:
 
 @dataclass(frozen=True)
 class FrequencyRange:
-    """Range of undamped natural frequencies about a state.
+    """Range of the undamped natural frequencies about a state.
 
     Attributes
     ----------
     lowest, highest
-        Frequencies of vibration [Hz], or None if there is none.
+        Lowest and highest natural frequency [Hz], or None if nothing vibrates.
     damping_ratio
-        Damping ratio of the highest one.
+        Damping ratio of the mode with the highest frequency.
     loose
         Number of free motions.
     falling
-        Largest growth rate [1/s], or 0.
+        Largest growth rate of unstable motions [1/s], or 0.
     massless
-        A coordinate without inertia, or "".
+        Name of a coordinate without inertia, or "".
     """
 
     lowest: float | None
@@ -217,7 +218,7 @@ class FrequencyRange:
 def compute_frequency_range(e: EquationsOfMotion, time: Array, state: State) -> FrequencyRange:
     """Return the range of natural frequencies about a consistent state.
 
-    Constraints must be independent. Takes the cube of the number of coordinates.
+    Constraints must be independent. The time grows with the cube of the number of coordinates.
     """
     tangent = compute_tangent(e, time, state)
     lin = Linearization(e, e, "start", time, state, tangent)

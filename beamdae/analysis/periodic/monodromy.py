@@ -1,8 +1,8 @@
-"""Variational equations of a run: the propagation of small disturbances, and the monodromy matrix.
+"""Variational equations of a run: propagation of small disturbances for the monodromy matrix.
 
 The residual R(t, y, y') = 0 in the form of Gear, Gupta & Leimkuhler is linearized along the run,
-R_y dy + R_y' dy' = 0, and integrated by Radau IIA of order 5 between the nodes of the run, many
-steps at a time.
+R_y dy + R_y' dy' = 0, and integrated by Radau IIA of order 5 on steps of the run; many steps are
+solved together.
 """
 
 from __future__ import annotations
@@ -32,27 +32,27 @@ _FORM = "ggl"
 _STAGES = 3
 _INVERSE_A = np.linalg.inv(A)
 _INVERSE_A_ROW_SUMS = _INVERSE_A.sum(axis=1)
-# Rows of the constraint Jacobian below this share of the largest one count as zero.
+# Rows of the constraint Jacobian below this fraction of the largest row count as zero.
 _ZERO_ROW_RATIO = 1e-10
-# Unknowns up to which stages are solved by dense matrices, and the number of matrix entries of the
-# steps solved together.
+# Largest number of unknowns for which stages are solved by dense matrices, and number of matrix
+# entries of the steps that are solved together.
 _MAX_DENSE_SIZE = 64
 _MAX_BATCH_ENTRIES = 2_000_000
-# At the coarsest level, a step covers 2 to this power steps of the run.
+# At the coarsest level, one step covers 2**_COARSEST_LEVEL steps of the run.
 _COARSEST_LEVEL = 2
-# Avoids a threshold of zero where there are no constraints.
+# Prevents a threshold of zero if there are no constraints.
 _TINY = 1e-300
 
 
 @dataclass(frozen=True)
 class VariationalEquations:
-    """Equations of motion linearized along runs; `equations` without redundant constraints."""
+    """Equations of motion linearized along runs; redundant constraints must be removed."""
 
     equations: EquationsOfMotion
 
     @cached_property
     def form(self) -> FirstOrderForm:
-        """The first-order form, with R_y and R_y' evaluated separately."""
+        """First-order form with R_y and R_y' evaluated separately."""
         return formulate_first_order(self.equations, _FORM, apart=True)
 
     @cached_property
@@ -64,7 +64,7 @@ class VariationalEquations:
         return column_indices(self.form.pattern)
 
     def _jacobians(self, interval: Interval, t: Array) -> Array:
-        """Return the non-zeros of R_y and R_y' at times in an interval, (len(t), 2, non-zeros)."""
+        """Return the non-zeros of R_y and R_y' at times `t`, shape (len(t), 2, non-zeros)."""
         jacobians = np.empty((len(t), 2 * self.form.pattern.nnz))
         state = interval.at(t)
         for k, time in enumerate(t.tolist()):
@@ -73,9 +73,9 @@ class VariationalEquations:
         return jacobians.reshape(len(t), 2, -1)
 
     def admissible_disturbances(self, trajectory: Trajectory, scales: Array) -> Array:
-        """Return a basis (2 n, k) of the disturbances of (q, v) the joints allow at the start.
+        """Return a basis (2 n, k) of the initial disturbances of (q, v) that the joints allow.
 
-        It is orthonormal in natural sizes `scales` (2 n,).
+        The basis is orthonormal relative to the natural sizes `scales`, (2 n,).
         """
         n, interval = self.equations.n, trajectory.intervals[0]
         by_y = self._to_dense(self._jacobians(interval, interval.nodes[:1]))[0, 0]
@@ -88,15 +88,15 @@ class VariationalEquations:
         return scales[:, None] * la.null_space(unit_rows)
 
     def propagate(self, trajectory: Trajectory, disturbances: Array, refinement: int = 0) -> Array:
-        """Return disturbances (2 n, k) of (q, v) at the end of a run, given those at its start.
+        """Return the disturbances (2 n, k) of (q, v) at the end of a run from initial disturbances.
 
-        A step covers four steps of the run; each level of refinement halves its length.
+        Each step covers four steps of the run; every level of refinement halves the steps.
         """
         y = disturbances
         for interval in trajectory.intervals:
             nodes = _step_nodes(interval.t, refinement)
             h = np.diff(nodes)
-            # Rounding may place the last stage beyond the end.
+            # Rounding may put the last stage beyond the end.
             stage_times = np.minimum(nodes[:-1, None] + h[:, None] * C, interval.t[-1])
             if self.form.size <= _MAX_DENSE_SIZE:
                 y = self._propagate_dense(interval, h, stage_times, y)
@@ -106,14 +106,14 @@ class VariationalEquations:
         return y
 
     def _to_dense(self, nonzeros: Array) -> Array:
-        """Return the matrices (..., size, size) of non-zeros (..., nnz)."""
+        """Convert non-zeros (..., nnz) to dense matrices (..., size, size)."""
         size, pattern = self.form.size, self.form.pattern
         matrices = np.zeros((*nonzeros.shape[:-1], size, size))
         matrices[..., pattern.indices, self._columns] = nonzeros
         return matrices
 
     def _propagate_dense(self, interval: Interval, h: Array, stage_times: Array, y: Array) -> Array:
-        """Propagate through all steps of an interval, solving the stages of many steps together.
+        """Propagate disturbances through an interval by dense matrices, many steps at a time.
 
         With the stages Y_j, E = R_y' and J = R_y: sum_j inverse(A)_ij E_i (Y_j - y) / h + J_i Y_i
         = 0.
@@ -133,7 +133,8 @@ class VariationalEquations:
             right = _INVERSE_A_ROW_SUMS[:, None, None] * by_rate[..., :n_state]
             matrix = blocks.reshape(count, _STAGES * size, -1)
             right = right.reshape(count, _STAGES * size, -1)
-            # Equilibrated: multipliers have other units, and are far larger, than coordinates.
+            # Rows are equilibrated, because multipliers differ from coordinates in units and
+            # magnitude.
             row_sizes = np.max(np.abs(matrix), axis=2, keepdims=True)
             matrix = matrix / row_sizes
             column_sizes = np.max(np.abs(matrix), axis=1)[..., None]
@@ -170,7 +171,7 @@ class VariationalEquations:
 
 
 def _step_nodes(t: Array, refinement: int) -> Array:
-    """Return every fourth of the times `t`, every second, all of them, with midpoints, ..."""
+    """Return every fourth of the times `t`; each refinement doubles the number of nodes."""
     stride = 2 ** max(_COARSEST_LEVEL - refinement, 0)
     nodes = t[np.unique(np.append(np.arange(0, len(t), stride), len(t) - 1))]
     parts = 2 ** max(refinement - _COARSEST_LEVEL, 0)

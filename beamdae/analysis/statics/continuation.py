@@ -216,7 +216,7 @@ def _take_step(
             after = corrector.try_path_tangent(end, control)
             cosine = norm.cosine(direction, after or direction) if settings.by_arc_length else 1.0
             if cosine < _MIN_COSINE and size > _CORNER_STEP_RATIO * settings.max_step:
-                raise CorrectorError("the path turns away from its direction")
+                raise CorrectorError("the path turns too sharply for the step")
             segment = PathSegment(
                 corrector, control, begin, end, (first_value, value), (direction, after)
             )
@@ -265,7 +265,7 @@ def _correct_prediction(
     point = corrector.correct(control, value, x, mu)
     correction, displacement = norm.max_norm(point.x - x), norm.max_norm(point.x - begin.x)
     if correction > _MAX_CORRECTION_RATIO * displacement + _CORRECTION_ROUNDING:
-        raise CorrectorError("the path turns away from its direction")
+        raise CorrectorError("the path turns too sharply for the step")
     return point
 
 

@@ -102,7 +102,7 @@ class Corrector:
         try:
             self._solver.factorize(nonzeros)
         except SingularMatrixError:
-            raise CorrectorError("the tangent stiffness is singular there") from None
+            raise CorrectorError("the tangent stiffness is singular at the next point") from None
 
     def correct(self, control: Control, target: float, x: Array, mu: float) -> EquilibriumPoint:
         """Return the equilibrium near (x, mu) at which the control equals `target`.
@@ -117,7 +117,7 @@ class Corrector:
             forces, by_factor = self.system.residual(x, mu)
             residual = np.append(forces, control.value(x, mu) - target)
             if not np.all(np.isfinite(residual)):
-                raise CorrectorError("the forces are not finite there")
+                raise CorrectorError("the forces are not finite at the next point")
             self._factorize(self.system.tangent(x, mu), by_factor, control.gradient(x, mu))
             change = -self._solver.solve(residual)
             size = self.displacement_measure.farthest(change[: self.system.equations.n])
@@ -169,5 +169,5 @@ class Corrector:
     def _solve(self, right: Array) -> Array:
         solution = self._solver.solve(right)
         if not np.all(np.isfinite(solution)):
-            raise CorrectorError("the tangent stiffness is singular there")
+            raise CorrectorError("the tangent stiffness is singular at the next point")
         return solution

@@ -1,8 +1,8 @@
-"""Critical points of an equilibrium path, located between two of its points.
+"""Location of critical points between two points of an equilibrium path.
 
-The tangent stiffness is singular at a critical point: at a limit point the load factor turns, at a
-branch point (bifurcation) another path crosses, at a flutter point squared frequencies of forces
-without a potential become complex.
+At a limit point, the tangent stiffness is singular and the load factor has an extremum. At a branch
+point (bifurcation), the tangent stiffness is singular and another path crosses. At a flutter point,
+which occurs only with forces without a potential, squared frequencies become complex.
 """
 
 from __future__ import annotations
@@ -20,36 +20,37 @@ Array = np.ndarray
 
 LIMIT, BRANCH, FLUTTER = "limit point", "branch point", "flutter point"
 
-# Positions in a segment are shares of it, from 0 to 1. Tolerance of searches where Newton's method
-# converges up to the point:
+# Positions in a segment run from 0 to 1. Tolerance of a search if Newton's method converges up to
+# the critical point.
 _POSITION_TOLERANCE = 1e-6
-# Where it does not, at a singular point, the point is interpolated from four points this far apart.
+# If Newton's method does not converge at the critical point, it is interpolated from four points at
+# this distance from each other.
 _SAMPLE_DISTANCE = 1e-3
-# The same distance where an eigenvalue touches zero without a change of sign: nearer points might
-# lie on the other path.
+# This distance if an eigenvalue touches zero without a sign change: closer points might lie on the
+# crossing path.
 _TOUCH_SAMPLE_DISTANCE = 0.1
-# An eigenvalue touches zero if it falls below this share of its size at the ends of the segment.
+# An eigenvalue touches zero if it falls below this fraction of its size at the ends of the segment.
 _TOUCH_RATIO = 1e-2
-# Bisections of a segment in which several critical points may lie.
+# Maximum number of bisections of a segment that may contain several critical points.
 _MAX_SPLITS = 6
-# Imaginary part up to which a root of the interpolating polynomial is real.
+# Largest imaginary part of a root of the interpolating polynomial that counts as real.
 _REAL_ROOT_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class SegmentCriticalPoint:
-    """A critical point inside a segment of a path.
+    """Critical point inside a segment of a path.
 
     Attributes
     ----------
     position
         Position in the segment, from 0 to 1.
     point
-        The interpolated equilibrium.
+        Interpolated equilibrium.
     kind
         `LIMIT`, `BRANCH` or `FLUTTER`.
     index
-        Number of eigenvalues below the one that vanishes.
+        Number of eigenvalues below the vanishing eigenvalue.
     """
 
     position: float
@@ -60,18 +61,18 @@ class SegmentCriticalPoint:
 
 @dataclass(frozen=True)
 class PathSegment:
-    """The path between two of its points, parametrized by the control of the step.
+    """Segment of a path between two points, parametrized by the control of the step.
 
     Attributes
     ----------
     corrector, control
-        Corrector that computes points in between.
+        Corrector and control that compute points inside the segment.
     begin, end
-        The two points.
+        First and last point.
     control_values
-        The control at both points.
+        Values of the control at both points.
     directions
-        The path tangents by the control at both points; None where it is not defined.
+        Path tangents with respect to the control at both points; None where undefined.
     """
 
     corrector: Corrector
@@ -88,7 +89,7 @@ class PathSegment:
         return self.corrector.correct(self.control, first + position * (last - first), x, mu)
 
     def truncate(self, quantity: Control, target: float) -> PathSegment | None:
-        """Return the segment up to a value of `quantity`, or None if it is not reached."""
+        """Return the segment up to `quantity` = `target`, or None if this is not reached."""
         off = [quantity.value(point.x, point.mu) - target for point in (self.begin, self.end)]
         if off[0] * off[1] > 0.0 or off[0] == 0.0:
             return None
@@ -104,7 +105,8 @@ class PathSegment:
         try:
             end = self.corrector.correct(quantity, target, near.x, near.mu)
         except CorrectorError:
-            # The quantity has an extremum there: the search is as accurate as it gets.
+            # The quantity has an extremum at this point, so that the search cannot be more
+            # accurate.
             end = near
         value = self.control.value(end.x, end.mu)
         after = self.corrector.try_path_tangent(end, self.control)
@@ -116,9 +118,9 @@ class PathSegment:
         )
 
     def locate_critical_points(self, splits: int = _MAX_SPLITS) -> list[SegmentCriticalPoint]:
-        """Return the critical points in the segment, in the order of the path.
+        """Return the critical points in the segment, in order along the path.
 
-        `splits` is the number of bisections left.
+        `splits` is the number of remaining bisections.
         """
         counts = [point.stability.negative_count for point in (self.begin, self.end)]
         low, high = min(counts), max(counts)
@@ -130,7 +132,8 @@ class PathSegment:
         if low == high and self._load_turns():
             points = [self._locate_touch()]
             if points[0] is not None and points[0].kind == LIMIT and splits:
-                # An eigenvalue becomes negative and positive again: each half has one sign change.
+                # An eigenvalue becomes negative and then positive again: each half has one sign
+                # change.
                 return [
                     one
                     for half in self._halves()
@@ -143,7 +146,7 @@ class PathSegment:
         middle, value = self._point_near(0.5), 0.5 * (first + last)
         direction = self.corrector.try_path_tangent(middle, self.control)
         if direction is None:
-            raise CorrectorError("paths cross there")
+            raise CorrectorError("paths cross within the step")
         before, after = self.directions
         return (
             replace(
@@ -155,7 +158,7 @@ class PathSegment:
         )
 
     def _locate_instability(self, counts: Sequence[int]) -> SegmentCriticalPoint:
-        """Return where the number of unstable modes changes under loads without a potential.
+        """Return the point where the number of unstable modes changes under nonconservative loads.
 
         Modes that flutter come in pairs, so the number changes by two or more.
         """
@@ -168,7 +171,7 @@ class PathSegment:
         return replace(near, kind=FLUTTER) if abs(counts[1] - counts[0]) > 1 else near
 
     def _locate_zero(self, index: int) -> SegmentCriticalPoint | None:
-        """Return where the eigenvalue with `index` smaller ones changes sign, or None."""
+        """Return the point where eigenvalue `index` (from 0) changes sign, or None."""
         ends = [point.stability.eigenvalue(index) for point in (self.begin, self.end)]
         if not ends[0] * ends[1] < 0.0:
             return None
@@ -189,10 +192,10 @@ class PathSegment:
         return rates[0] * rates[1] < 0.0
 
     def _locate_touch(self) -> SegmentCriticalPoint | None:
-        """Return where the load factor turns although no eigenvalue changes sign, or None.
+        """Return the extremum of the load factor without an eigenvalue sign change, or None.
 
-        On a path that branches off another one, that is where both cross: an eigenvalue touches
-        zero there.
+        On a path that branches off another path, both cross at this point, and an eigenvalue
+        touches zero.
         """
 
         def load_rate(point: EquilibriumPoint) -> float:
@@ -215,7 +218,7 @@ class PathSegment:
         return replace(near, kind=BRANCH if before == after else LIMIT, index=index)
 
     def _point_near(self, position: float) -> EquilibriumPoint:
-        """Return the point at a position, or close to it where the bordered matrix is singular."""
+        """Return the point at a position, or nearby if the bordered matrix is singular there."""
         for offset in (0.0, _SAMPLE_DISTANCE, -_SAMPLE_DISTANCE):
             try:
                 return self.point_at(position + offset)
@@ -229,16 +232,17 @@ class PathSegment:
         function: Callable[[EquilibriumPoint], float] | None,
         distance: float = _SAMPLE_DISTANCE,
     ) -> SegmentCriticalPoint:
-        """Return the point near `position` at which `function` vanishes; None: at `position`.
+        """Return the point near `position` at which `function` vanishes.
 
-        Interpolated from four points around it, since Newton's method does not converge at branch
-        points: the tangent there is singular even when bordered.
+        If `function` is None, the point is at `position`. It is interpolated from four points,
+        because Newton's method does not converge at branch points, where even the bordered tangent
+        is singular.
         """
         positions = position + distance * np.array([-1.5, -0.5, 0.5, 1.5])
         points = [self._point_near(sample) for sample in positions]
         if function is not None:
             position = _nearest_root(positions, [function(point) for point in points], position)
-        # Lagrange polynomials at the position.
+        # Values of the Lagrange polynomials at the position.
         weights = [
             np.prod([(position - b) / (a - b) for b in positions if b != a])
             for a in positions.tolist()
@@ -252,7 +256,7 @@ class PathSegment:
 
 
 def _nearest_root(positions: Array, values: Sequence[float], near: float) -> float:
-    """Return the root nearest to `near` of the polynomial through these values, or `near`."""
+    """Return the root nearest to `near` of the interpolating polynomial, or `near` without any."""
     unit = positions[1] - positions[0]
     roots = np.roots(np.polyfit((positions - near) / unit, values, len(positions) - 1))
     real = roots[np.abs(roots.imag) < _REAL_ROOT_TOLERANCE].real

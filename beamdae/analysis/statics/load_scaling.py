@@ -1,4 +1,4 @@
-"""Proportional loading: load stages of a mechanism and its static equations under a load factor."""
+"""Proportional loading: load stages of a mechanism, and static equations with a load factor."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ _LOADS_DESCRIPTION = "names of loads (or 'gravity'), or lists of such names, one
 
 
 def resolve_load_stages(mechanism: Mechanism, loads: Any) -> Stages:
-    """Return the names of the loads of each stage; see `equilibrium` for `loads`.
+    """Return the names of the loads in each stage; see `equilibrium` for `loads`.
 
     Raises
     ------
     BeamdaeError
-        If a name is unknown, is given twice, or names a part that does more than apply forces.
+        If a name is unknown, occurs twice, or belongs to a part that does not only apply forces.
     """
     if loads is None:
         active = [x for x in mechanism.parts.values() if x.name not in mechanism.inactive]
@@ -107,8 +107,8 @@ class LoadedEquations:
     Attributes
     ----------
     unloaded, loaded
-        The static equations without the loads of the stage and with all of them; the same object
-        where no load is scaled.
+        Static equations without the loads of the stage, and with all of them; the same object if no
+        load is scaled.
     """
 
     unloaded: StaticEquations
@@ -116,17 +116,17 @@ class LoadedEquations:
 
     @property
     def equations(self) -> EquationsOfMotion:
-        """The equations of motion under the full load."""
+        """Equations of motion under the full load."""
         return self.loaded.equations
 
     @property
     def has_scaled_loads(self) -> bool:
-        """True if the load factor scales any load."""
+        """True if the load factor scales at least one load."""
         return self.unloaded is not self.loaded
 
     @cached_property
     def _union_pattern(self) -> tuple[sp.csc_array, Array, Array]:
-        """CSC pattern of both tangents, and the positions of the entries of either in its data."""
+        """CSC pattern of the sum of both tangents, and the indices of their entries in its data."""
         one, other = self.unloaded.pattern, self.loaded.pattern
         union = sp.csc_array(one + other)
         union.sort_indices()
@@ -144,18 +144,19 @@ class LoadedEquations:
         return self._union_pattern[0]
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
-        """Return the residual (n + m,) and its derivative by mu."""
+        """Return the residual (n + m,) and its derivative with respect to mu."""
         n = self.equations.n
         loaded = self.loaded.residual(x[:n], x[n:])
         if not self.has_scaled_loads:
             return loaded, np.zeros_like(loaded)
         unloaded = self.unloaded.residual(x[:n], x[n:])
-        # Written as a change: entries without loads then do not depend on mu by rounding.
+        # Written as an increment, so that entries without loads are independent of mu to the last
+        # digit.
         change = loaded - unloaded
         return unloaded + mu * change, change
 
     def tangent(self, x: Array, mu: float) -> Array:
-        """Return the non-zeros, on `pattern`, of the derivative of the residual by x."""
+        """Return the derivative of the residual with respect to x: non-zeros on `pattern`."""
         n = self.equations.n
         union, unloaded_positions, loaded_positions = self._union_pattern
         tangent = np.zeros(union.nnz)
@@ -167,7 +168,7 @@ class LoadedEquations:
         return tangent
 
     def motion_tangent(self, state: State, mu: float) -> Tangent:
-        """Return the linearized equations of motion under the load factor."""
+        """Return the linearized equations of motion at the load factor `mu`."""
         loaded = compute_tangent(self.equations, self.loaded.time, state)
         if not self.has_scaled_loads:
             return loaded
@@ -190,19 +191,19 @@ class LoadedEquations:
 
 @dataclass(frozen=True)
 class FixedFactorEquations:
-    """Static equations under a fixed load factor, as relaxation takes them."""
+    """Static equations at a fixed load factor, with the interface that relaxation requires."""
 
     system: LoadedEquations
     mu: float
 
     @property
     def equations(self) -> EquationsOfMotion:
-        """The equations of motion, which supply the inertia."""
+        """Equations of motion, used for the inertia."""
         return self.system.equations
 
     @property
     def time(self) -> Array:
-        """Time and branch at which laws are evaluated, (t, branch)."""
+        """(t, branch) at which laws are evaluated."""
         return self.system.loaded.time
 
     def residual(self, q: Array, lam: Array) -> Array:
@@ -216,20 +217,20 @@ class FixedFactorEquations:
 
 @dataclass(frozen=True)
 class Loading:
-    """A mechanism with the static equations of its load stages.
+    """Mechanism with the static equations of its load stages.
 
     Attributes
     ----------
     full_equations
-        Equations of all parts, with the observables and redundant constraints.
+        Equations of all parts, including observables and redundant constraints.
     stages
-        Names of the loads of each stage; empty where nothing is scaled.
+        Names of the loads in each stage; empty if no load is scaled.
     systems
-        The static equations of each stage; one where nothing is scaled.
+        Static equations of each stage; a single entry if no load is scaled.
     multiplier_rows
-        Index in the full equations of each multiplier of the stages.
+        Index of each multiplier in the full equations.
     reduction
-        Elimination of redundant constraints, or None.
+        Removal of redundant constraints, or None.
     """
 
     full_equations: EquationsOfMotion
@@ -239,7 +240,7 @@ class Loading:
     reduction: ReducedEquations | None
 
     def full_multipliers(self, q: Array, lam: Array) -> Array:
-        """Return the multipliers of all constraints, given rows of q and of multipliers."""
+        """Return the multipliers of all constraints from rows of q and of reduced multipliers."""
         if self.reduction is not None:
             times = np.tile(self.systems[0].loaded.time, (len(q), 1))
             return self.reduction.restore_reactions(times, q, lam)
@@ -249,18 +250,18 @@ class Loading:
 
 
 def build_loading(model: Any, full_equations: EquationsOfMotion, loads: Any, t: float) -> Loading:
-    """Return the static equations of every load stage of a model.
+    """Return the static equations of all load stages of a model.
 
     Parameters
     ----------
     model
-        The mechanism, or a constrained system or equations, which have no named loads.
+        Mechanism, constrained system or equations. Only a mechanism has named loads.
     full_equations
-        The equations of motion of the model.
+        Equations of motion of the model.
     loads
         See `equilibrium`.
     t
-        Time [s] at which laws are read.
+        Time [s] at which laws are evaluated.
     """
     time = time_on_branch(full_equations.breakpoints, t)
     if not isinstance(model, Mechanism):
@@ -293,7 +294,7 @@ def build_loading(model: Any, full_equations: EquationsOfMotion, loads: Any, t: 
 
 
 def _remove_loads(mechanism: Mechanism, names: set[str]) -> Mechanism:
-    """Return the mechanism without some loads and without parts inactive at the start."""
+    """Return the mechanism without the named loads and without initially inactive parts."""
     rest = copy(mechanism)
     excluded_names = names | mechanism.inactive
     rest.parts = {name: part for name, part in rest.parts.items() if name not in excluded_names}

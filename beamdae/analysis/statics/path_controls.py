@@ -1,4 +1,4 @@
-"""Controls of a step along an equilibrium path: load, displacement or arc length."""
+"""Step controls along an equilibrium path: load, displacement or arc length."""
 
 from __future__ import annotations
 
@@ -16,38 +16,38 @@ Array = np.ndarray
 
 
 class Control(Protocol):
-    """A function of x = (q, lam) and the load factor mu whose value each step prescribes."""
+    """Function of x = (q, lam) and the load factor mu whose value is prescribed in each step."""
 
     def value(self, x: Array, mu: float) -> float:
-        """Return the control at (x, mu)."""
+        """Return the value of the control at (x, mu)."""
 
     def gradient(self, x: Array, mu: float) -> tuple[Array, float]:
-        """Return the derivatives by x, shape (n + m,), and by mu."""
+        """Return the derivatives with respect to x, (n + m,), and mu."""
 
 
 @dataclass(frozen=True)
 class LoadControl:
-    """Load control: the load factor itself."""
+    """Load control: prescribes the load factor."""
 
     def value(self, x: Array, mu: float) -> float:
         """Return the load factor mu."""
         return mu
 
     def gradient(self, x: Array, mu: float) -> tuple[Array, float]:
-        """Return the derivatives by x and mu: (0, 1)."""
+        """Return the derivatives with respect to x and mu: (0, 1)."""
         return np.zeros_like(x), 1.0
 
 
 @dataclass(frozen=True)
 class DisplacementControl:
-    """Displacement control: an observed column that is a function of positions.
+    """Displacement control: prescribes an observed column that is a function of positions.
 
     Attributes
     ----------
     equations
-        The equations that observe the column.
+        Equations with the observable.
     observable, column
-        The observable, and the index of the column in it.
+        Observable, and index of the column in it.
     time
         (t, branch).
     """
@@ -59,7 +59,7 @@ class DisplacementControl:
 
     @classmethod
     def from_name(cls, equations: EquationsOfMotion, name: str, time: Array) -> DisplacementControl:
-        """Return the control of the column `name`, given with or without its unit.
+        """Return the control for the column `name`, with or without its unit.
 
         Raises
         ------
@@ -93,11 +93,11 @@ class DisplacementControl:
         return self.time[None], local, np.zeros_like(local), self.equations.p[o.data], reactions
 
     def value(self, x: Array, mu: float) -> float:
-        """Return the column in its unit."""
+        """Return the value of the column in its unit."""
         return float(self.observable.function(*self._arguments(x))[0, self.column])
 
     def gradient(self, x: Array, mu: float) -> tuple[Array, float]:
-        """Return the derivatives of the column by x and mu; the latter is zero."""
+        """Return the derivatives of the column with respect to x and mu (zero)."""
         by_x = np.zeros_like(x)
         rows = self._position_derivative(*self._arguments(x))
         by_local = rows.reshape(-1, len(self.observable.columns))[:, self.column]
@@ -107,14 +107,14 @@ class DisplacementControl:
 
 @dataclass(frozen=True)
 class ArcLengthControl:
-    """Pseudo-arc-length control: distance along a direction from a point (Keller 1977).
+    """Pseudo-arc-length control: prescribes the distance along a direction (Keller 1977).
 
     Attributes
     ----------
     x, mu
-        The point from which the distance is measured.
+        Point from which the distance is measured.
     along, along_mu
-        Weights of x and mu, scaled so that a step by the direction itself has length one.
+        Weights of x and mu, scaled so that a step equal to the direction has length one.
     """
 
     x: Array
@@ -133,7 +133,7 @@ class ArcLengthControl:
 
 @dataclass(frozen=True)
 class PathDirection:
-    """A direction of the path or an increment along it, in x = (q, lam) and the load factor."""
+    """Direction or increment along a path, in x = (q, lam) and the load factor."""
 
     x: Array
     mu: float
@@ -149,14 +149,14 @@ class PathDirection:
 
 @dataclass(frozen=True)
 class StepNorm:
-    """Norms and inner products of path increments, dimensionless; multipliers do not count.
+    """Dimensionless norms and inner products of path increments; multipliers are ignored.
 
     Attributes
     ----------
     scale
         Natural sizes of the coordinates, (n,).
     factor
-        Change of the load factor that counts as much as a motion by the size of the mechanism.
+        Change of the load factor that is equivalent to a motion by the size of the mechanism.
     """
 
     scale: Array
@@ -168,7 +168,7 @@ class StepNorm:
         return max(by_position, abs(mu) / self.factor)
 
     def dual(self, direction: PathDirection) -> tuple[Array, float]:
-        """Return the row vector whose product with an increment is the inner product."""
+        """Return the row vector that yields the inner product of `direction` with an increment."""
         along = np.zeros_like(direction.x)
         along[: len(self.scale)] = direction.x[: len(self.scale)] / self.scale**2
         return along, direction.mu / self.factor**2
@@ -189,7 +189,7 @@ class StepNorm:
         return direction.add(other.scale(-share))
 
     def arc_length_control(self, x: Array, mu: float, direction: PathDirection) -> ArcLengthControl:
-        """Return the control of the distance from (x, mu) along `direction`."""
+        """Return the arc-length control that starts at (x, mu) along `direction`."""
         squared_length = self.inner_product(direction, direction)
         along, along_mu = self.dual(direction)
         return ArcLengthControl(x, mu, along / squared_length, along_mu / squared_length)

@@ -1,4 +1,4 @@
-"""Equilibrium path of all load stages: settings, initial equilibrium, continuation, diagnosis."""
+"""Equilibrium path through all load stages: settings, start, continuation and diagnosis."""
 
 from __future__ import annotations
 
@@ -41,23 +41,24 @@ Array = np.ndarray
 
 LOAD, DISPLACEMENT, ARC_LENGTH = "load", "displacement", "arc length"
 
-# Default steps by load and displacement, relative to the distance to the farthest target.
+# Default steps by load and by displacement, relative to the distance to the farthest target.
 _LOAD_STEP_RATIO = 0.1
 _DISPLACEMENT_STEP_RATIO = 0.05
-# Default step by arc length, in natural sizes; where a column is the target, also at most this
-# share of the motion needed to reach it.
+# Default step by arc length, in natural sizes. If a column is the target, the step is also limited
+# to this fraction of the motion needed to reach it.
 _ARC_STEP = 0.05
 _MAX_SHARE_OF_NEEDED_MOTION = 0.25
-# Least motion by the first load step, in natural sizes, that the norm of arc length assumes.
+# Least motion by the first load step, in natural sizes, that the arc-length norm assumes.
 _MIN_LOAD_STEP_MOTION = 1e-3
-# Least distance to a target, of the load factor or in the unit of the column.
+# Least distance to a target, in load factor or in the unit of the column.
 _MIN_REACH = 1e-12
-# Farthest motion, in natural sizes, by which Newton's method may find the unloaded equilibrium;
-# beyond it, relaxation decides.
+# Largest motion, in natural sizes, to an unloaded equilibrium found by Newton's method; beyond it,
+# relaxation is used.
 _MAX_INITIAL_MOTION = 0.05
-# Share of the lowest stiffness below which a failed path is diagnosed as close to a limit point.
+# A failed path is diagnosed as close to a limit point if its lowest stiffness has fallen below this
+# fraction.
 _SOFT_RATIO = 0.2
-# Relative difference up to which two coordinates of a mode move by the same amount.
+# Relative difference up to which two coordinates of a mode have equal amplitudes.
 _EQUAL_MOTION_TOLERANCE = 1e-6
 
 
@@ -68,7 +69,7 @@ class PathSettings:
     Attributes
     ----------
     column
-        Name of the observed column that `targets` are values of; "": the load factor.
+        Name of the observed column to which `targets` refer; "" if they are load factors.
     targets, control, step, switch, max_points
         See `equilibrium`.
     """
@@ -89,7 +90,7 @@ class PathSettings:
         Raises
         ------
         BeamdaeError
-            Naming the invalid argument.
+            If an argument is invalid; the message names it.
         """
         name, column, values = "equilibrium", "", to
         if isinstance(to, Mapping):
@@ -126,7 +127,7 @@ class PathSettings:
 
     @property
     def description(self) -> dict[str, Any]:
-        """The settings as plain values, as `Equilibrium.settings` records them."""
+        """Settings as plain values for `Equilibrium.settings`."""
         to = list(self.targets)
         return {
             "to": {self.column: to} if self.column else to,
@@ -136,12 +137,12 @@ class PathSettings:
         }
 
     def for_earlier_stage(self) -> PathSettings:
-        """Return the settings of a stage before the last: its full load, by load control."""
+        """Return the settings of earlier stages: the full load by load control."""
         return PathSettings("", (1.0,), LOAD, None, (), self.max_points)
 
 
 def _parse_switches(switch: Any) -> tuple[int, ...]:
-    """Return the signed numbers of the branch points at which to switch; none for 0."""
+    """Return the signed numbers of the branch points at which to switch; empty for 0."""
     expected = "a whole number or several"
     is_number = as_real(switch) is not None
     items = [switch] if is_number else require_sequence("equilibrium", "switch", switch, expected)
@@ -153,20 +154,20 @@ def _parse_switches(switch: Any) -> tuple[int, ...]:
 
 
 class EquilibriumPath(NamedTuple):
-    """The equilibria of all load stages.
+    """Equilibrium path through all load stages.
 
     Attributes
     ----------
     points
-        The equilibria.
+        Equilibria in order along the path.
     factors
-        Load factor of every stage at each point, (points, stages).
+        Load factors of all stages at each point, (points, stages).
     critical
-        Critical points; their rows refer to `points`.
+        Critical points; `row` is an index of `points`.
     status
-        How the path ended.
+        Status at the end of the path.
     iterations
-        Newton iterations, failed steps included.
+        Number of Newton iterations, including failed steps.
     """
 
     points: list[EquilibriumPoint]
@@ -177,12 +178,12 @@ class EquilibriumPath(NamedTuple):
 
 
 def trace_path(loading: Loading, q: Array, settings: PathSettings) -> EquilibriumPath:
-    """Return the path from the unloaded equilibrium near `q` to the targets.
+    """Trace the path from the unloaded equilibrium near `q` to the targets.
 
     Raises
     ------
     BeamdaeError
-        If no equilibrium without the load is found, or there is no load to reach a column by.
+        If no unloaded equilibrium is found, or a column is the target but no load is scaled.
     """
     if not loading.stages and settings.column:
         raise BeamdaeError(
@@ -210,7 +211,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             _follow_stage(corrector, path, settings, last_control)
         elif system.has_scaled_loads:
             _follow_stage(corrector, path, settings.for_earlier_stage(), LoadControl())
-        # A stage begins at the last point of the one before, which its first point replaces.
+        # A stage begins at the last point of the previous stage, which its first point replaces.
         first = len(points) - (k > 0)
         del points[first:], factors[first:]
         points += path.points
@@ -234,7 +235,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
 
 
 def _find_unloaded_equilibrium(corrector: Corrector, q: Array) -> EquilibriumPoint:
-    """Return the equilibrium without the load: by Newton's method if near, else by relaxation."""
+    """Return the unloaded equilibrium by Newton's method, or by relaxation if it is far away."""
     system = corrector.system
     x = np.append(q, np.zeros(system.equations.m))
     try:
@@ -255,7 +256,7 @@ def _relax(corrector: Corrector, q: Array, mu: float) -> EquilibriumPoint:
 def _follow_stage(
     corrector: Corrector, path: StagePath, settings: PathSettings, control: Control
 ) -> None:
-    """Follow the path of one stage, switching branches where the settings say so."""
+    """Follow the path of one stage, switching branches as set."""
     begin, targets = path.end, list(settings.targets)
     steps = _choose_steps(corrector, begin, settings, control)
     if settings.column and not np.any(corrector.system.residual(begin.x, begin.mu)[1]):
@@ -293,7 +294,7 @@ def _follow_stage(
 def _choose_steps(
     corrector: Corrector, begin: EquilibriumPoint, settings: PathSettings, control: Control
 ) -> ContinuationSettings:
-    """Return the settings of the continuation, with default step sizes."""
+    """Return the continuation settings, with default step sizes where none are set."""
     scale = corrector.system.equations.position_scales
     initial_value = control.value(begin.x, begin.mu)
     reach = max(abs(target - initial_value) for target in settings.targets)
@@ -307,12 +308,13 @@ def _choose_steps(
         return ContinuationSettings(control, False, step, load_step, norm, settings.max_points)
     step = _ARC_STEP
     if not by_load:
-        # Change of the column by a motion of all coordinates by their natural sizes.
+        # Largest change of the column if all coordinates move by their natural sizes.
         sensitivity = np.abs(control.gradient(begin.x, begin.mu)[0][: len(scale)]) @ scale
         step = min(step, _MAX_SHARE_OF_NEEDED_MOTION * reach / max(sensitivity, _MIN_REACH))
     direction = corrector.try_path_tangent(begin, LoadControl())
     motion = 0.0 if direction is None else StepNorm(scale, np.inf).max_norm(direction.x)
-    # A load counts no more than the motion it causes: paths then cross at an angle.
+    # A load is weighted no more than the motion that it causes, so that crossing paths differ in
+    # direction.
     norm = StepNorm(scale, 1.0 / max(motion, _MIN_LOAD_STEP_MOTION / load_step))
     return ContinuationSettings(
         control, True, settings.step or step, load_step, norm, settings.max_points
@@ -322,7 +324,7 @@ def _choose_steps(
 def _follow_from_mechanism(
     corrector: Corrector, path: StagePath, steps: ContinuationSettings, targets: Sequence[float]
 ) -> None:
-    """Follow a path from an unloaded mechanism that is free to move, by relaxation under load."""
+    """Follow a path from an unloaded mechanism that can move freely, by relaxation under load."""
     e, begin = corrector.system.equations, path.end
     if not isinstance(steps.target_control, LoadControl):
         path.status = Status(
@@ -338,7 +340,8 @@ def _follow_from_mechanism(
             first = path.end.mu + np.sign(remaining) * min(steps.max_load_step, abs(remaining))
             point = _relax(corrector, path.end.x[: e.n], float(first))
             if not point.stability.free_count:
-                # The unloaded position is arbitrary, so the path begins at this point instead.
+                # The unloaded position is arbitrary, so the path begins at this loaded point
+                # instead.
                 path.points[-1] = point
                 follow_path(corrector, path, steps, targets[k:])
                 return
@@ -348,7 +351,7 @@ def _follow_from_mechanism(
 
 
 def free_coordinate(e: EquationsOfMotion, point: EquilibriumPoint) -> str:
-    """Return the coordinate that dominates the motion without stiffness, or ""."""
+    """Return the name of the coordinate that dominates the motion without stiffness, or ""."""
     stability = point.stability
     if not stability.free_count:
         return ""
@@ -359,12 +362,12 @@ def free_coordinate(e: EquationsOfMotion, point: EquilibriumPoint) -> str:
 def _dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
     size = np.abs(mode / e.position_scales)
     largest = np.flatnonzero(size >= (1.0 - _EQUAL_MOTION_TOLERANCE) * np.max(size)).tolist()
-    # Of equal motions, an angle describes the mode better than the points it moves.
+    # If amplitudes are equal, an angle describes the mode better than the points it moves.
     return e.q_names[min(largest, key=lambda k: (e.coordinates[k].unit != "rad", k))]
 
 
 def _end_status(path: StagePath, system: LoadedEquations, control: str) -> Status:
-    """Return the status of a path; if it failed, with the last load factor and a remedy."""
+    """Return the status of a path; for a failure it states the last load factor and a remedy."""
     if path.status.success:
         return path.status
     sentence = f"{path.status.sentence} (last converged load factor: {path.end.mu:.6g})"
@@ -374,7 +377,7 @@ def _end_status(path: StagePath, system: LoadedEquations, control: str) -> Statu
 
 
 def _remedy(path: StagePath, e: EquationsOfMotion, control: str) -> str:
-    """Return the end of a sentence: the likely reason why no step converges, and what to do."""
+    """Return the likely reason why no step converges and a remedy, to end a message."""
     if control == DISPLACEMENT and len(path.points) == 1:
         return "; check that the loads move the prescribed column"
     if control == DISPLACEMENT:

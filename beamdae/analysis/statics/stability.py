@@ -1,4 +1,4 @@
-"""Stability of an equilibrium: inertia count of the tangent stiffness in admissible motions."""
+"""Stability of an equilibrium from the inertia of the tangent stiffness in admissible motions."""
 
 from __future__ import annotations
 
@@ -15,45 +15,47 @@ from beamdae.linear.orderings import compute_bordered_ordering
 
 Array = np.ndarray
 
-# Coordinates up to which dense matrices are used; there is no sparse method for unsymmetric ones.
+# Largest numbers of coordinates for dense matrices, which are the only method for unsymmetric ones.
 _MAX_DENSE_COORDINATES = 150
 _MAX_DENSE_UNSYMMETRIC_COORDINATES = 600
-# Eigenvalues that rounding makes of zero, relative to the largest entry of the stiffness: by dense
-# eigenvalue solvers, and by sparse elimination of fine meshes.
+# Rounding errors of zero eigenvalues, relative to the largest entry of the stiffness: of dense
+# eigenvalue solvers, and of sparse elimination with fine meshes.
 _ZERO_TOLERANCE = 2e-14
 _SPARSE_ZERO_TOLERANCE = 4e-15
-# Asymmetry that counts as none, relative to the largest entry; a follower load is small compared
-# with the axial stiffness of a thin beam.
+# Largest asymmetry of a symmetric stiffness, relative to the largest entry. It is small because a
+# follower load is small compared with the axial stiffness of a thin beam.
 _ASYMMETRY_TOLERANCE = 1e-13
-# Squared frequencies of unsymmetric problems are kept within these ratios to the others: smaller
-# inverses are lost in rounding, larger ones belong to squared frequencies of zero.
+# Bounds on inverse squared frequencies of unsymmetric problems, relative to the others: smaller
+# inverses are lost in rounding, larger inverses belong to zero frequencies.
 _MIN_INVERSE_RATIO = 1e-8
 _MAX_INVERSE_RATIO = 1e14
-# Imaginary part that counts as zero, relative to the eigenvalue.
+# Largest imaginary part that counts as zero, relative to the eigenvalue.
 _IMAGINARY_TOLERANCE = 1e-7
 # Number of eigenvalues nearest to zero computed for large matrices, and their relative tolerance.
 _NEAREST_COUNT = 4
 _LANCZOS_TOLERANCE = 1e-10
-# Avoids division by zero for modes that vanish.
+# Prevents division by zero for modes that vanish.
 _TINY = 1e-300
 
 
 @dataclass(frozen=True)
 class Stability:
-    """Eigenvalues of the tangent stiffness at an equilibrium under loads that stay.
+    """Eigenvalues of the tangent stiffness at an equilibrium under constant loads.
 
     Attributes
     ----------
     eigenvalues
-        Eigenvalues of Z^T S K S Z [J], ascending: all of them, or those nearest to zero. S holds
-        the natural sizes of the coordinates, Z a basis of the motions the joints allow.
+        Eigenvalues of Z^T S K S Z [J], ascending: all of them, or those nearest to zero. S is the
+        diagonal matrix of the natural sizes of the coordinates, Z a basis of the motions that the
+        joints allow.
     modes
-        Their coordinates, (n, number of eigenvalues); the largest component is its natural size.
+        Mode shapes, (n, number of eigenvalues), scaled so that the largest component equals its
+        natural size.
     negative_count
-        Number of negative eigenvalues; for forces without a potential the number of squared
+        Number of negative eigenvalues; for forces without a potential, number of squared
         frequencies that are negative or complex. -1 if unknown.
     zero_tolerance
-        Eigenvalues up to this size are rounding errors of zero [J].
+        Eigenvalues up to this magnitude are rounding errors of zero [J].
     """
 
     eigenvalues: Array
@@ -63,7 +65,7 @@ class Stability:
 
     @property
     def free_count(self) -> int:
-        """Number of motions without stiffness."""
+        """Number of independent motions without stiffness."""
         return int(np.sum(np.abs(self.eigenvalues) <= self.zero_tolerance))
 
     @property
@@ -73,25 +75,28 @@ class Stability:
         return max(self.negative_count - int(np.sum(is_rounding)), -1)
 
     def eigenvalue(self, index: int) -> float:
-        """Return the eigenvalue with `index` smaller ones [J], or nan if it was not computed."""
-        place = self._place(index)
+        """Return eigenvalue `index`, counted from 0 in ascending order [J]; nan if not computed."""
+        position = self._array_index(index)
         return (
-            float(self.eigenvalues[place]) if 0 <= place < len(self.eigenvalues) else float("nan")
+            float(self.eigenvalues[position])
+            if 0 <= position < len(self.eigenvalues)
+            else float("nan")
         )
 
     def mode(self, index: int) -> Array:
-        """Return the coordinates (n,) of the mode with `index` smaller eigenvalues."""
-        return self.modes[:, self._place(index)]
+        """Return the shape (n,) of the mode of eigenvalue `index`, counted from 0."""
+        return self.modes[:, self._array_index(index)]
 
-    def _place(self, index: int) -> int:
+    def _array_index(self, index: int) -> int:
         return int(np.sum(self.eigenvalues < 0.0)) + index - self.negative_count
 
 
 def assess_stability(system: LoadedEquations, x: Array, nonzeros: Array) -> Stability:
-    """Return the stability at x = (q, lam), given the non-zeros of the tangent there.
+    """Return the stability at x = (q, lam), where the tangent has the given non-zeros.
 
-    The count is that of the stiffness projected onto the motions that the joints allow. Where the
-    loads have no potential, it is that of the eigenvalue problem with the mass matrix.
+    Negative eigenvalues are counted for the stiffness projected onto the motions that the joints
+    allow. If the loads have no potential, squared frequencies of the eigenvalue problem with the
+    mass matrix are counted instead.
     """
     n, scale = system.equations.n, system.equations.position_scales
     tangent = system.matrix(nonzeros)
@@ -126,8 +131,8 @@ def _dense_stability(
     if asymmetry <= max(_ASYMMETRY_TOLERANCE * float(np.max(np.abs(projected))), zero):
         eigenvalues, vectors = la.eigh(0.5 * (projected + projected.T))
         return _build_stability(eigenvalues, basis @ vectors, scale, zero)
-    # Without a potential the signs of the stiffness are not decisive: the motion grows or flutters
-    # where squared frequencies are negative or complex.
+    # Without a potential, the signs of the stiffness eigenvalues are not decisive: the motion
+    # diverges or flutters if squared frequencies are negative or complex.
     starter = ConsistencySolver(system.loaded.equations)
     state = starter.rest_state(x[: len(scale)])
     mass = starter.linearize_forces(system.loaded.time, state)[2].toarray()
@@ -137,9 +142,9 @@ def _dense_stability(
 
 
 def _count_unstable_modes(stiffness: Array, inertia: Array) -> int:
-    """Return the number of squared frequencies that are negative or complex, but for fast modes."""
+    """Return the number of negative or complex squared frequencies, ignoring fast modes."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        # Inverse squared frequencies: the slow modes are the accurate ones of these.
+        # Inverse squared frequencies, of which those of slow modes are the most accurate.
         inverses = la.eigvals(inertia, stiffness)
         inverses = inverses[np.isfinite(inverses)]
         smallest = np.min(np.abs(inverses), initial=np.inf)
@@ -153,7 +158,7 @@ def _count_unstable_modes(stiffness: Array, inertia: Array) -> int:
 def _build_stability(
     eigenvalues: Array, modes: Array, scale: Array, zero: float, negative_count: int | None = None
 ) -> Stability:
-    """Scale the modes; `negative_count` is needed if not all negative eigenvalues are given."""
+    """Scale the modes; pass `negative_count` if some negative eigenvalues are missing."""
     modes = modes / np.max(np.abs(modes), axis=0, initial=_TINY)
     count = int(np.sum(eigenvalues < 0.0)) if negative_count is None else negative_count
     return Stability(eigenvalues, scale[:, None] * modes, count, zero)
@@ -163,7 +168,7 @@ def _sparse_stability(stiffness: sp.csc_array, gradients: sp.csr_array, scale: A
     """Count negative eigenvalues by the signs of the pivots of the saddle-point matrix.
 
     [[K + r G^T G, G^T], [G, 0]] has m negative eigenvalues besides those of K in the null space of
-    G, for any r (Sylvester's law of inertia). r keeps leading pivots nonzero where bodies would be
+    G, for any r (Sylvester's law of inertia). r keeps leading pivots nonzero if bodies would be
     free without their joints.
     """
     n, m = stiffness.shape[0], gradients.shape[0]
@@ -173,18 +178,18 @@ def _sparse_stability(stiffness: sp.csc_array, gradients: sp.csr_array, scale: A
     joint_stiffness = sp.csc_array(gradients.T @ gradients)
     zero = _SPARSE_ZERO_TOLERANCE * size
     zero_block = sp.csc_array((m, m))
-    # The last term avoids zero pivots in motions without stiffness.
+    # The last term prevents zero pivots in motions without stiffness.
     block = stiffness + size * joint_stiffness + zero * sp.eye_array(n)
     augmented = sp.block_array([[block, gradients.T], [gradients, zero_block]], format="csc")
     negative_count = _count_negative_pivots(sp.csc_array(augmented), n) - m
     plain = sp.block_array([[stiffness, gradients.T], [gradients, zero_block]], format="csc")
     weight = sp.block_diag([sp.eye_array(n), zero_block], format="csc")
     count = min(_NEAREST_COUNT, n - m)
-    # Shifted off zero, where the matrix may be singular.
+    # The matrix may be singular at zero, so it is shifted.
     shift = -zero
     solver = splu(sp.csc_matrix(plain - shift * weight))
     inverse = LinearOperator(plain.shape, matvec=solver.solve, dtype=float)
-    # Any vector that is not orthogonal to a mode; the same in every run.
+    # Deterministic start vector that is not orthogonal to any mode.
     start = np.concatenate([np.cos(np.arange(n) ** 2.0), np.zeros(m)])
     eigenvalues, vectors = eigsh(
         plain,
@@ -202,7 +207,7 @@ def _sparse_stability(stiffness: sp.csc_array, gradients: sp.csr_array, scale: A
 
 
 def _count_negative_pivots(matrix: sp.csc_array, n: int) -> int:
-    """Return the number of negative pivots of elimination without exchanges, coordinates first."""
+    """Return the number of negative pivots of an elimination in order, coordinates first."""
     order = compute_bordered_ordering(sp.csc_array(matrix[:n, :n])).order
     order = np.concatenate([order, np.arange(n, matrix.shape[0])])
     reordered = sp.csc_matrix(sp.csc_array(matrix[order][:, order]))

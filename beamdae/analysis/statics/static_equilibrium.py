@@ -37,15 +37,16 @@ def equilibrium(
     t: float = 0.0,
     start: Any = None,
 ) -> Equilibrium:
-    """Compute static equilibria of a mechanism along a path of growing loads.
+    """Compute static equilibria of a mechanism along a path of increasing loads.
 
     Solves F(t, q, 0, 0; mu) + G^T lam = 0, g(t, q) = 0 along a path that begins at the load factor
-    mu = 0, by Newton's method with the exact tangent; steps that fail are cut back. Laws, drivers
-    and moving loads are evaluated at the time `t`. Dampers and friction forces vanish at rest.
+    mu = 0, by Newton's method with the exact tangent. Failed steps are shortened and repeated.
+    Laws, drivers and moving loads are evaluated at the time `t`. Dampers and friction forces vanish
+    at rest.
 
-    Stability refers to loads that stay: it follows from the inertia (the number of negative
-    eigenvalues) of the tangent stiffness in the motions that the joints allow. Where loads have no
-    potential (follower loads), it follows from the eigenvalues with the mass matrix.
+    Stability is assessed for constant loads, by the inertia (number of negative eigenvalues) of the
+    tangent stiffness in the motions that the joints allow. For loads without a potential (follower
+    loads), it is assessed by the eigenvalues with the mass matrix.
 
     Parameters
     ----------
@@ -55,48 +56,48 @@ def equilibrium(
     loads
         Names of the loads that mu scales: parts that only apply forces, and "gravity". Defaults to
         every `Force`, `Moment`, `DistributedForce` and `MovingForce`, and gravity. A list of lists
-        defines stages, each raised from 0 to 1 after the previous one; `to` refers to the last.
-        Loads that are not named act in full from the beginning.
+        defines stages, which are raised from 0 to 1 one after the other; `to` refers to the last
+        stage. Loads that are not named act in full from the beginning.
     to
-        Load factor to reach, or several in turn; or {"tip.y": value}, the value (or several) of an
-        observed position. Each target is a row of the path.
+        Target load factor, or a list of targets to reach in turn. {"tip.y": value} sets one or
+        several target values of an observed position instead. Each target becomes a row of the
+        path.
     control
         Quantity prescribed in each step. "load": the load factor (default). "displacement": the
-        column of `to`, which passes limit points (default where `to` names a column). "arc length":
+        column of `to`, which passes limit points (default if `to` names a column). "arc length":
         pseudo-arc length (Keller 1977), which passes limit points and turning points of the
         displacement.
     step
-        Largest step. With "load": of mu, defaults to 0.1 of the distance to the farthest target.
-        With "displacement": in the unit of the column, defaults to 0.05 of that distance. With
-        "arc length": of the motion relative to the size of the mechanism, or in rad, defaults to
-        0.05.
+        Largest step. "load": change of mu; defaults to 0.1 of the distance to the farthest target.
+        "displacement": change of the column; defaults to 0.05 of this distance. "arc length":
+        motion relative to the size of the mechanism, or in rad; defaults to 0.05.
     switch
-        Number of the branch point, counted from 1, at which to switch to the crossing path, by
-        arc length; negative numbers select the opposite side. A list switches repeatedly, each
-        number counted on the current path. 0: never.
+        Number of the branch point, counted from 1, at which to switch to the crossing path, by arc
+        length; negative numbers select the opposite side. A list switches repeatedly; numbers are
+        counted on the current path. 0 never switches.
     most_points
         Maximum number of points.
     t
         Time [s] at which laws are evaluated.
     start
-        Positions near which the path begins, by name as in `simulate`, or the `Equilibrium` at the
-        end of another path. Defaults to the start of the model.
+        Positions near which the path begins, by name as in `simulate`, or an `Equilibrium`, whose
+        end is used. Defaults to the start of the model.
 
     Returns
     -------
     Equilibrium
-        The path. If it ended early, `status` gives the reason and the path ends there.
+        The equilibrium path. If it ended early, `status` gives the reason.
 
     Raises
     ------
     BeamdaeError
-        If the model or an argument is invalid, or no equilibrium without the load is found.
+        If the model or an argument is invalid, or no unloaded equilibrium is found.
 
     Warns
     -----
     BeamdaeWarning
-        If the path ended early, with the last load factor that converged and the reason, and for
-        each of `Equilibrium.warnings`.
+        If the path ended early (with the last converged load factor and the reason), and for each
+        of `Equilibrium.warnings`.
 
     Examples
     --------
@@ -148,7 +149,7 @@ def equilibrium(
 
 
 def _initial_positions(model: Any, start: Any) -> tuple[EquationsOfMotion, Array]:
-    """Return the equations of the whole model and the positions near which the path begins."""
+    """Return the equations of the model and the positions near which the path begins."""
     if isinstance(start, Equilibrium):
         equations = as_equations(_NAME, model, AS_DRAWN)
         return equations, start.to_checkpoint().start_equations(equations).q0

@@ -17,20 +17,21 @@ FAMILIES = ("generalized-alpha", "hht", "newmark")
 
 # Interval over which the jerk is a difference of accelerations, relative to the step.
 JERK_INTERVAL = 1e-2
-# Modes stiffer than this share of the step respond to a sudden load as they would after the step.
+# `stiff_time` of the initial accelerations, relative to the step: the start ignores vibrations
+# that the step does not resolve.
 _STIFF_TIME = 0.5
 
 
 class AlphaParameters(NamedTuple):
-    """Parameters of a member of the family.
+    """Parameters of one member of the generalized-alpha family.
 
     (1 - alpha_m) a_{n+1} + alpha_m a_n = (1 - alpha_f) q''_{n+1} + alpha_f q''_n,
     q_{n+1} = q_n + h v_n + h^2 ((1/2 - beta) a_n + beta a_{n+1}),
     v_{n+1} = v_n + h ((1 - gamma) a_n + gamma a_{n+1}).
 
-    a_n approximates q'' at t_n + `shift` h, up to h^2. The first formula then requires
-    shift = alpha_m - alpha_f. Where constraints prescribe q, the third one makes it 1/2 - gamma.
-    Both agree in the members of second order.
+    a_n approximates q'' at t_n + `shift` h, up to h^2. The first formula then requires shift =
+    alpha_m - alpha_f. Where constraints prescribe q, the third formula requires shift = 1/2 -
+    gamma. Both values agree for second-order members.
     """
 
     alpha_m: float
@@ -41,16 +42,16 @@ class AlphaParameters(NamedTuple):
 
     @property
     def defect(self) -> float:
-        """Error of a step of q over h^3 q''': 1/6 - shift/2 - beta.
+        """Local error of q divided by h^3 q''': 1/6 - shift/2 - beta.
 
         It follows from a_n = q'' + shift h q''' and a_{n+1} = q'' + (1 + shift) h q''' in the
-        second formula. Because h q''' is a_{n+1} - a_n, it also estimates the error of a step.
-        Without shift that is the estimate of Zienkiewicz & Xie, Earthq. Eng. Struct. Dyn. 20 (1991)
-        871. Negrut, Rampalli, Ottarsson & Sajdak, J. Comput. Nonlinear Dyn. 2 (2007) 73, use the
-        same for HHT on index 3. The error h^3 q'''' of velocities adds as much to positions in the
-        course of time: the period of an oscillation is wrong by 1 to 1.4 times
-        (beta + shift/2 - 1/6) (h w)^2. Modes that are not resolved contribute to the estimate with
-        their amplitude in q, and rho_inf damps them.
+        second formula. Because h q''' is a_{n+1} - a_n, it also estimates the error of a step. For
+        shift = 0, this is the estimate of Zienkiewicz & Xie, Earthq. Eng. Struct. Dyn. 20 (1991)
+        871, which Negrut, Rampalli, Ottarsson & Sajdak, J. Comput. Nonlinear Dyn. 2 (2007) 73, use
+        for HHT on index 3. Over time, the error h^3 q'''' of the velocities causes position errors
+        of similar size: the period of an oscillation is wrong by 1 to 1.4 times
+        (beta + shift/2 - 1/6) (h w)^2. Unresolved modes contribute to the estimate with their
+        amplitude in q; rho_inf damps them.
         """
         return 1.0 / 6.0 - 0.5 * self.shift - self.beta
 
@@ -58,8 +59,8 @@ class AlphaParameters(NamedTuple):
 def family_parameters(family: str, rho_inf: float) -> AlphaParameters:
     """Return the member of a family with spectral radius `rho_inf` at infinite frequency.
 
-    All three have gamma = (3 - rho_inf) / (2 (1 + rho_inf)) and beta = (gamma + 1/2)^2 / 4. They
-    differ in the averages:
+    All three families have gamma = (3 - rho_inf) / (2 (1 + rho_inf)) and
+    beta = (gamma + 1/2)^2 / 4. They differ in alpha_m and alpha_f:
 
     =================  ===============================  =============================  ===========
     family             alpha_m                          alpha_f                        order
@@ -71,7 +72,7 @@ def family_parameters(family: str, rho_inf: float) -> AlphaParameters:
 
     Chung & Hulbert, J. Appl. Mech. 60 (1993) 371; Hilber, Hughes & Taylor, Earthq. Eng. Struct.
     Dyn. 5 (1977) 283; Newmark, J. Eng. Mech. Div. ASCE 85 (1959) 67. HHT has a second eigenvalue
-    alpha_f / (1 - alpha_f) at infinity, which is the larger one below rho_inf = 1/2.
+    alpha_f / (1 - alpha_f) at infinity, which is the larger one for rho_inf < 1/2.
     """
     alpha_m = (2.0 * rho_inf - 1.0) / (rho_inf + 1.0)
     alpha_f = rho_inf / (rho_inf + 1.0)
@@ -87,18 +88,19 @@ def family_parameters(family: str, rho_inf: float) -> AlphaParameters:
 
 @dataclass(frozen=True)
 class AlphaStart:
-    """Starting values of a member of the family.
+    """Starting values of the generalized-alpha family.
 
     Attributes
     ----------
     member
-        Parameters of the member.
+        Parameters of the method.
     solver
         Solver for consistent accelerations and the normal jerk.
     index3
         True for the index-3 form, False for the stabilized index-2 form.
     cured
-        True for starting values that keep the multipliers second order; see `GeneralizedAlpha`.
+        True to correct the starting values so that multipliers are second order; see
+        `GeneralizedAlpha`.
     """
 
     member: AlphaParameters
@@ -107,10 +109,10 @@ class AlphaStart:
     cured: bool
 
     def initial_motion(self, time: Array, state: State, h: float) -> Motion:
-        """Return the motion to start from at time = (t, branch) with the step `h` [s].
+        """Return the starting values at time = (t, branch) for steps `h` [s].
 
-        Only the part of the jerk that the joints prescribe is used, and modes too stiff for the
-        step respond to a sudden load as they would after the step: both would ring otherwise.
+        To avoid spurious oscillations, only the jerk prescribed by the joints is used, and modes
+        too stiff for the step start from their response after the step.
         """
         q, v, ddq, lam = (x.copy() for x in state)
         if not self.cured:
@@ -122,9 +124,9 @@ class AlphaStart:
         if self.index3:
             position_jerk = jerk
             if self.solver.equations.nonholonomic_rows.size:
-                # Velocities that nonholonomic constraints prescribe need no correction.
+                # Velocities prescribed by nonholonomic constraints need no correction.
                 position_jerk = self.solver.evaluate_normal_jerk(
-                    time, state, interval, of_positions=True
+                    time, state, interval, holonomic_only=True
                 )
             v += h**2 * self.member.defect * position_jerk
         return Motion(q, v, ddq, ddq + self.member.shift * h * jerk, lam, h)

@@ -1,7 +1,7 @@
-"""The jerk that constraints prescribe, for corrections of the velocity inside step loops.
+"""Jerk prescribed by the constraints, which corrects velocities inside the step loops.
 
-Plain Python over arrays that `native.loops` compiles. `ConsistencySolver.evaluate_normal_jerk` is
-the same for the start of a run.
+The functions are plain Python over arrays that `native.loops` compiles. The equivalent for the
+start of a run is `ConsistencySolver.evaluate_normal_jerk`.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ def _plan_accelerations(structure: Structure) -> SumPlan:
 
 @dataclass(frozen=True)
 class JerkEquations:
-    """Equations of the normal jerk.
+    """Equations of the jerk normal to the constraint manifold.
 
     Attributes
     ----------
     equations
         Equations of motion.
     accelerations
-        Plan of g_ddot.
+        Evaluation plan of g_ddot.
     saddle, matrix
-        Plan of [[M, G^T], [G, 0]], and the matrix to factorize.
+        Evaluation plan of [[M, G^T], [G, 0]], and the matrix to factorize.
     """
 
     equations: EquationsOfMotion
@@ -57,7 +57,7 @@ class JerkEquations:
 
     @classmethod
     def from_equations(cls, equations: EquationsOfMotion) -> JerkEquations:
-        """Return the jerk equations of a mechanism, for one run."""
+        """Return the jerk equations of a mechanism for one run."""
         structure = equations.structure
         sums = plan_state_sums(structure)
         matrix = FactorizedMatrix.from_pattern(sums.saddle_pattern)
@@ -65,11 +65,11 @@ class JerkEquations:
 
     @property
     def is_native(self) -> bool:
-        """Return True if they can be evaluated in machine code."""
+        """True if the equations can be evaluated in machine code."""
         return self.accelerations.is_native and self.saddle.is_native
 
     def buffers(self, native: bool) -> JerkBuffers:
-        """Return the memory in which a loop evaluates the jerk."""
+        """Return the work arrays in which a loop evaluates the jerk."""
         n, m, p = self.equations.n, self.equations.m, self.equations.p
         return JerkBuffers(
             accelerations=self.accelerations.sum(native, p),
@@ -85,20 +85,20 @@ class JerkEquations:
 
 @dataclass(slots=True)
 class JerkBuffers:
-    """Memory in which a loop evaluates the jerk.
+    """Work arrays for the evaluation of the jerk.
 
     Attributes
     ----------
     accelerations
-        g_ddot of (q, v, a, lam).
+        Evaluation of g_ddot.
     saddle, linear, nonzeros
-        [[M, G^T], [G, 0]] of (q, v, a, lam), the solver with its factors, and its non-zeros.
+        Evaluation of [[M, G^T], [G, 0]], its linear solver, and its non-zeros.
     motion
         (q, v, a, lam).
     ahead, behind
-        g_ddot a little later and a little earlier.
+        g_ddot shortly after and shortly before.
     unknowns
-        The jerk, and the multipliers that cause it.
+        Jerk, followed by its multipliers.
     """
 
     accelerations: Sum
@@ -113,12 +113,12 @@ class JerkBuffers:
 
 @dataclass(slots=True, kw_only=True)
 class AdaptiveAlphaWorkspace(AlphaWorkspace):
-    """Memory of a run with adaptive steps.
+    """Work arrays of a run with adaptive steps.
 
     Attributes
     ----------
     jerk
-        Memory for the jerk that corrects velocities when the step changes.
+        Work arrays of the jerk that corrects velocities when the step changes.
     corrects_velocities
         1 if velocities are corrected.
     """
@@ -130,10 +130,10 @@ class AdaptiveAlphaWorkspace(AlphaWorkspace):
 def evaluate_normal_jerk(
     jerk: JerkBuffers, t: float, branch: float, at: Motion, interval: float
 ) -> int:
-    """Evaluate P q''' of position constraints into `jerk.unknowns`; return the code.
+    """Evaluate P q''' for position constraints into `jerk.unknowns`; return the code.
 
-    d(g_ddot)/dt at constant acceleration is the difference of g_ddot over twice the `interval` [s].
-    See `ConsistencySolver.evaluate_normal_jerk`.
+    d(g_ddot)/dt at constant acceleration is approximated by a central difference over +-`interval`
+    [s]. See `ConsistencySolver.evaluate_normal_jerk`.
     """
     n = at.q.size
     _evaluate_constraint_accelerations(jerk, t, branch, at, interval, jerk.ahead)

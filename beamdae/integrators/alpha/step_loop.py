@@ -1,6 +1,6 @@
-"""Step loops of the generalized-alpha family, with fixed and with adaptive steps.
+"""Step loops of the generalized-alpha family, with fixed and adaptive steps.
 
-Plain Python over arrays that `native.loops` compiles; without machine code it runs as it is.
+The functions are plain Python over arrays; `native.loops` compiles them if possible.
 """
 
 from __future__ import annotations
@@ -39,26 +39,26 @@ from beamdae.native.return_codes import (
 
 Array = np.ndarray
 
-# Code of a loop that needs the starting values of an interval; see `family.AlphaStart`.
+# Return code that requests the starting values of an interval; see `family.AlphaStart`.
 FIRST_STEP = 10
-# Code of a loop that cannot continue, besides those of `return_codes`.
+# Return code in addition to `native.return_codes`: singular equations of the jerk.
 STEP_NOT_CHANGED = -6
 
-# Relative difference of steps that are taken as equal.
+# Relative difference below which two steps are equal.
 _SAME_STEP = 1e-9
 
-# A step grows if this many steps allow it, by _MIN_GROWTH to _MAX_GROWTH: new factors cost more
-# than a few steps, and the jerk of a vibration passes zero.
+# The step grows by _MIN_GROWTH to _MAX_GROWTH if this many steps allow it: new factors cost more
+# than a few steps, and the estimate vanishes briefly when the jerk of a vibration crosses zero.
 _STEPS_BEFORE_GROWTH = 8
 _MIN_GROWTH = 1.2
 _MAX_GROWTH = 2.0
-# Bounds on the factor by which a step with too large an error shrinks.
+# Bounds on the reduction of a step whose error is too large.
 _WEAKEST_SHRINKAGE = 0.9
 _STRONGEST_SHRINKAGE = 0.2
-# Factor after a failure of Newton's iteration, where the error is unknown.
+# Reduction after a failure of Newton's iteration, when the error is unknown.
 _FAILURE_FACTOR = 0.5
 _SAFETY = 0.8
-# Least error of a step, relative to its tolerance, for the prediction of the next step.
+# Lower bound on the relative error that predicts the next step.
 _MIN_ERROR = 1e-9
 
 
@@ -111,7 +111,7 @@ def take_adaptive_steps(run: AdaptiveAlphaWorkspace) -> int:
         run.rejections += 1
         _reject_step(run, h)
         _copy_motion(run.current, run.accepted_motion)
-        # Written so that a step that is not a number stops the run, too.
+        # Negated, so that NaN also stops the run.
         if not run.next_step >= run.min_step:
             return code
         run.current.h = 0.0
@@ -130,16 +130,16 @@ def set_step(run: AlphaWorkspace, h: float) -> None:
 
 
 def _change_step(run: AdaptiveAlphaWorkspace, h: float) -> int:
-    """Convert the motion to the step length `h` [s] such that second order is kept.
+    """Convert the motion to the step length `h` [s], preserving second order.
 
-    a_n = q''_n + shift h_n q''' + O(h^2) belongs to the step h_n that led to it: for h it is
-    q''_n + (h / h_n) (a_n - q''_n). On index 3 positions are on the constraints after every step,
-    although each lacks defect h^3 q''', because velocities are off by h_n^2 defect P q''' (P as in
-    `ConsistencySolver.evaluate_normal_jerk`): that is made h^2 defect P q'''. Without the first
-    conversion, steps that change all the time are of first order; without the second, multipliers
-    are after every change. Cf. Arnold, Hante & Koebis, PAMM 14 (2014) 27. Bruls & Arnold, J.
-    Comput. Nonlinear Dyn. 3 (2008) 041007, let the parameters depend on the ratio of the steps
-    instead.
+    a_n = q''_n + shift h_n q''' + O(h^2) depends on the last step h_n; for a step h it becomes
+    q''_n + (h / h_n) (a_n - q''_n). On index 3, the velocities contain the error h_n^2 defect P
+    q''', which compensates the local error defect h^3 q''' so that positions satisfy the
+    constraints (P as in `ConsistencySolver.evaluate_normal_jerk`). This velocity error is converted
+    to h^2 defect P q'''. Without the first conversion, the method would be of first order if the
+    step changes all the time; without the second, multipliers would be of first order after every
+    change. Cf. Arnold, Hante & Koebis, PAMM 14 (2014) 27. Bruls & Arnold, J. Comput. Nonlinear Dyn.
+    3 (2008) 041007, instead make the parameters depend on the step ratio.
     """
     accepted_motion, current, h_n = run.accepted_motion, run.current, run.accepted_motion.h
     _copy_motion(current, accepted_motion)
@@ -159,13 +159,13 @@ def _change_step(run: AdaptiveAlphaWorkspace, h: float) -> int:
 
 
 def _acceleration_change(run: AlphaWorkspace) -> float:
-    """Largest change of the algorithmic acceleration, relative to the scales [1/s^2]."""
+    """Return the largest change of the algorithmic acceleration relative to the scales [1/s^2]."""
     combine(run.a_predicted, (1.0, -1.0), (run.current.a, run.a_n))
     return max_norm(run.a_predicted, run.weights)
 
 
 def _accept_step(run: AlphaWorkspace, h: float) -> None:
-    """Count an accepted step, and let the step grow if several allow it."""
+    """Count an accepted step; increase the step if several accepted steps allow it."""
     run.steps_checked += 1
     run.max_error = max(run.max_error, run.error)
     if run.steps_checked < _STEPS_BEFORE_GROWTH:
@@ -177,7 +177,7 @@ def _accept_step(run: AlphaWorkspace, h: float) -> None:
 
 
 def _reject_step(run: AlphaWorkspace, h: float) -> None:
-    """Shrink the step after an error that is too large or unknown."""
+    """Reduce the step after an error that is too large or unknown."""
     shrinkage = _FAILURE_FACTOR
     if math.isfinite(run.error):
         shrinkage = max(min(_step_factor(run.error), _WEAKEST_SHRINKAGE), _STRONGEST_SHRINKAGE)
@@ -186,7 +186,7 @@ def _reject_step(run: AlphaWorkspace, h: float) -> None:
 
 
 def _step_factor(error: float) -> float:
-    """Factor by which a step may change, if its relative error grows with h^3."""
+    """Return the factor by which a step may change; its relative error grows with h^3."""
     return _SAFETY * max(error, _MIN_ERROR) ** (-1.0 / 3.0)
 
 
@@ -213,7 +213,8 @@ def _advance_step(run: AlphaWorkspace, t: float) -> int:
     """Advance the current motion to time `t` [s]; a failure leaves it unchanged."""
     current, at, x, c = run.current, run.prediction, run.x, run.prediction.coefficients
     n, end, h, beta = current.q.size, current.q.size + current.lam.size, current.h, run.beta
-    # Predictor: q'' and the multipliers are extrapolated; increments are counted from there.
+    # Predictor: q'' and the multipliers are extrapolated; increments are relative to this
+    # prediction.
     factor = 1.0 / (1.0 - run.alpha_m)
     extrapolation = (1.0 + run.step_ratio, -run.step_ratio)
     combine(at.a, extrapolation, (current.ddq, run.ddq_n))
@@ -249,9 +250,9 @@ def _advance_step(run: AlphaWorkspace, t: float) -> int:
 def _solve_step(run: AlphaWorkspace, t: float) -> int:
     """Solve the step equations for x by Newton's iteration.
 
-    Tried with the factors at hand, with new ones, and with new ones from uniform motion: under a
-    violent load the accelerations of light, stiff coordinates are huge for an instant, and uniform
-    motion is the better first iterate.
+    Up to three attempts are made: with the existing factors, with new factors, and with new factors
+    starting from uniform motion. Uniform motion is the better first iterate under a violent load,
+    when the accelerations of light, stiff coordinates are huge for an instant.
     """
     x, n, current = run.x, run.current.q.size, run.current
     combine(run.first_iterate, (1.0,), (x,))
@@ -279,7 +280,7 @@ def _solve_step(run: AlphaWorkspace, t: float) -> int:
 def _factorize_step_matrix(run: AlphaWorkspace, t: float) -> int:
     evaluate_step_matrix(run.form, t, run.branch, run.prediction, run.x, run.nonzeros)
     code = factorize(run.linear, run.nonzeros)
-    # With other pivots the matrix is evaluated again.
+    # With new pivots, the matrix is evaluated again.
     if code != NEW_PIVOTS:
         run.jacobians += 1
     run.rate = 0.0 if code == DONE else math.inf

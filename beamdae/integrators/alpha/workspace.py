@@ -1,4 +1,4 @@
-"""Memory of the loops of the generalized-alpha family."""
+"""Work arrays of the step loops of the generalized-alpha family."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = np.ndarray
 class Motion:
     """State after a step of length `h` [s].
 
-    `ddq` is the acceleration q'' of the bodies, `a` the algorithmic acceleration.
+    `ddq` is the true acceleration q'', `a` the algorithmic acceleration.
     """
 
     q: Array
@@ -30,45 +30,46 @@ class Motion:
 
 @dataclass(slots=True)
 class AlphaWorkspace:
-    """Memory of a run.
+    """Work arrays of a generalized-alpha run.
 
     Attributes
     ----------
     form, linear
-        Equations of a step, and the solver with the factors of their matrix.
+        Equations of a step, and the linear solver of their matrix.
     alpha_m, alpha_f, gamma, beta, defect
-        Parameters of the member of the family; see `family.AlphaParameters`.
+        Parameters of the method; see `family.AlphaParameters`.
     current
-        The motion, converted to the length of the step to take.
+        Current motion, converted to the length of the next step.
     accepted_motion
         Motion after the last accepted step.
     prediction, a_predicted
-        Predicted state of the step, and its algorithmic acceleration.
+        Predicted state at the end of the step, and predicted algorithmic acceleration.
     ddq_n, a_n, lam_n
         Values at the start of the step.
     step_ratio
-        Length of the step over that of the one before; 0 without one before.
+        Ratio of the step to the previous step; 0 in the first step.
     x, first_iterate, change, nonzeros
-        Unknowns, their first iterate, their change, and the non-zeros of the matrix.
+        Unknowns, their first iterate, their correction, and the non-zeros of the matrix.
     weights
-        One over the scales of the coordinates.
+        Reciprocal scales of the coordinates.
     rows, filled, most
-        (t, q, v, ddq, lam) of the steps taken, the number of rows filled, and of rows requested.
+        Rows (t, q, v, ddq, lam) of the steps taken, number of filled rows, and number of requested
+        rows.
     newton_tolerance, min_correction_limit
-        Limit of the error of increments: relative to the largest one, and its least value.
+        Newton tolerance of increments relative to the largest increment, and its absolute minimum.
     correction_limit, rate
-        Limit of the current step, and the rate of convergence of the last iteration.
+        Newton tolerance in the current step, and last rate of convergence.
     t, branch, start_time, end
-        Time reached, a time inside the interval, and its start and end [s].
+        Current time, a time inside the interval, and start and end of the interval [s].
     step_count, total_steps
-        Number of equal steps taken and to take in the interval.
+        Number of completed steps, and total number of equal steps in the interval.
     tolerance
-        Adaptive steps: tolerance of the error of a step.
+        Adaptive steps: local error tolerance.
     next_step, max_step, min_step
-        Adaptive steps: the step to try and its bounds [s].
+        Adaptive steps: next step to try and its bounds [s].
     steps_checked, max_error, error
-        Adaptive steps: number of accepted steps of this length that were checked, the largest of
-        their errors, and the error of the last step, relative to the tolerance.
+        Adaptive steps: number of accepted steps since growth was last considered, their largest
+        error, and the error of the last step, relative to the tolerance.
     """
 
     form: StepBuffers

@@ -1,4 +1,4 @@
-"""Event detection: sign changes of event quantities, located on the dense output."""
+"""Event detection by sign changes of event quantities, located on the dense output."""
 
 from __future__ import annotations
 
@@ -16,40 +16,43 @@ from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
 
-# Steps taken between two checks where an event may end them: the steps beyond it are wasted.
+# Steps between two checks for events that may end a segment; steps beyond the event are wasted.
 STEPS_PER_EVENT_CHECK = 16
 
-# Fractions of a step at which quantities are sampled: two crossings closer to each other than a
-# quarter of a step may be missed.
+# Fractions of a step at which quantities are sampled: two crossings less than a quarter of a step
+# apart may be missed.
 _SAMPLES = np.array([0.25, 0.5, 0.75, 1.0])
-# A quantity is on its value if it is nearer than this, relative to its largest magnitude so far.
+# A quantity is at its threshold within this distance, relative to its largest magnitude so far.
 _VALUE_ROUNDING = 1e-13
-# Tolerance of the time of an event, relative to the time or to the step.
+# Tolerance of the time of an event, relative to the time and to the step.
 _TIME_ROUNDING = 4.0 * float(np.finfo(float).eps)
 _BRENT_RTOL = 1e-15
-# A quantity that starts on its value has left it at this multiple of its initial distance, ...
+# A quantity that starts at its threshold has left it beyond this multiple of its initial distance,
+# ...
 _LEAVING_FACTOR = 4.0
-# ... and at this share of its size: joints that keep it there do so to the tolerance of the run.
+# ... and beyond this fraction of its size, because joints may fix it there to the tolerance of the
+# run.
 _CONSTRAINED_SHARE = 1e-6
 # Distance, relative to the scales of the coordinates, over which the direction of departure after
-# an impact is probed, ...
+# an impact is tested, ...
 _PROBE_DISTANCE = 1e-6
-# ... and the least rate at which they are taken to change [1/s].
+# ... and lower bound on the rate of the coordinates in this test [1/s].
 _MIN_RATE = 1e-3
 
 
 @dataclass
 class EventSide:
-    """The side of its value on which an event quantity is.
+    """Side of its threshold on which an event quantity lies.
 
     Attributes
     ----------
     sign
-        1 above, -1 below, 0 if unknown.
+        1 above the threshold, -1 below, 0 if unknown.
     largest
-        Largest magnitude so far, or the natural size of the quantity: rounding is relative to it.
+        Largest magnitude so far, or the natural size of the quantity; rounding errors are relative
+        to it.
     near
-        Within this distance of the value the sign is 0, until the quantity has left it once.
+        The sign is 0 within this distance of the threshold until the quantity has left it once.
     """
 
     sign: float = 0.0
@@ -57,7 +60,7 @@ class EventSide:
     near: float = 0.0
 
     def signs(self, differences: Array) -> Array:
-        """Return the signs of further differences to the value; 0 where they are not finite."""
+        """Return the signs of quantity minus threshold; 0 within rounding and if not finite."""
         finite = np.nan_to_num(differences, nan=0.0)
         self.largest = max(self.largest, float(np.max(np.abs(finite), initial=0.0)))
         away = np.abs(finite) > max(_VALUE_ROUNDING * self.largest, self.near)
@@ -66,23 +69,23 @@ class EventSide:
         return np.where(away, np.sign(finite), 0.0)
 
     def begin_near(self, difference: float) -> None:
-        """Start on the value, up to rounding and to changes made by a consistent start."""
+        """Start at the threshold, within rounding and changes made by a consistent start."""
         self.near = max(_LEAVING_FACTOR * abs(difference), _CONSTRAINED_SHARE * self.largest)
 
     def begin_from(self, sign: float, difference: float) -> None:
-        """Start on the side where an earlier run ended, possibly on the value up to rounding."""
+        """Start on the side on which an earlier run ended, possibly at the threshold."""
         self.sign = sign
         if abs(difference) <= _CONSTRAINED_SHARE * self.largest:
             self.begin_on(sign, difference)
 
     def begin_on(self, sign: float, difference: float) -> None:
-        """Start on the value, up to rounding, on a known side, which may be left at once."""
+        """Start at the threshold within rounding, on a known side; it may be left immediately."""
         self.sign, self.near = sign, _LEAVING_FACTOR * abs(difference)
 
 
 @dataclass(frozen=True)
 class _Crossing:
-    """A quantity passes its value, possibly in a direction that is not an event."""
+    """Crossing of a threshold, possibly in a direction that does not count as an event."""
 
     t: float
     term: EventTerm
@@ -100,20 +103,20 @@ class _Crossing:
 
 @dataclass
 class EventDetector:
-    """Detection of the events of a run.
+    """Detector of the events of a run.
 
     Attributes
     ----------
     equations
-        Equations of all parts; their events are detected.
+        Equations of all parts, which define the events.
     records
-        The events that happened, in the order of time.
+        Events so far, in order of time.
     """
 
     equations: EquationsOfMotion
     records: list[EventRecord] = field(default_factory=list)
     _sides: dict[str, EventSide] = field(default_factory=dict)
-    # Names of the events that cross their values where the steps end.
+    # Names of the events whose quantities cross their thresholds at the end of the segment.
     _at_end: set[str] = field(default_factory=set)
 
     @property
@@ -123,24 +126,24 @@ class EventDetector:
 
     @property
     def signs(self) -> dict[str, int]:
-        """Sign of each event quantity relative to its value, as far as steps were checked."""
+        """Sign of each event quantity minus its threshold after the last check."""
         return {name: int(side.sign) for name, side in self._sides.items()}
 
     @property
     def last_event(self) -> EventTerm:
-        """The event that happened last."""
+        """Most recent event."""
         name = self.records[-1].name
         return next(term for term in self.equations.events if term.name == name)
 
     def has_due_event(self, segment: RunSegment) -> bool:
-        """Return True, and record it, if an event is due at the start of the first segment."""
+        """Return True, and record the event, if one is due at the start of the first segment."""
         start = segment.interval(self.equations.m)
         due = [term for term in self.equations.events if term.due]
         for term in due:
             self._side(term, self._start_difference(term, start))
             self._at_end.add(term.name)
         if due:
-            # Further due events follow one after the other: they keep the signs from before.
+            # Further due events keep their earlier signs, so that they follow one by one.
             term, state = due[0], State(*(x[0] for x in start.rows))
             self._sides[term.name].sign = float(term.due)
             direction = UP if term.due > 0 else DOWN
@@ -153,7 +156,7 @@ class EventDetector:
     def record_switch(
         self, segment: RunSegment, impulses: dict[str, float], energy_lost: float
     ) -> None:
-        """Complete the record of the last event, and restart the signs at the new segment."""
+        """Complete the record of the last event, and reset the signs for the new segment."""
         self.records[-1] = replace(
             self.records[-1], impulses=impulses, energy_lost=energy_lost, done=True
         )
@@ -169,11 +172,11 @@ class EventDetector:
             else:
                 side.begin_near(difference)
         if self.last_event.direction == 0 and not was_impact:
-            # Either direction of departure counts: the quantity was on its value.
+            # The quantity may leave its threshold in either direction.
             self._sides[self.last_event.name].sign = 0.0
 
     def _departure_sign(self, term: EventTerm, start: Interval) -> float:
-        """Sign towards which the velocities carry a quantity off its value, 0 if it stays."""
+        """Return the sign of the departure of a quantity from its threshold, 0 if it stays."""
         q, v, a, lam = start.rows
         rates = np.abs(v[0]) / self.equations.position_scales
         ahead = _PROBE_DISTANCE / max(float(np.max(rates, initial=0.0)), _MIN_RATE)
@@ -186,7 +189,7 @@ class EventDetector:
         return float(np.sign(change)) if abs(change) > negligible else 0.0
 
     def find_terminal_event(self, segment: RunSegment, first: int) -> EventTerm | None:
-        """Check the rows from `first` on; return the event that ends the segment, if any.
+        """Check the rows from `first` on; return the event that ends the segment, or None.
 
         The segment is truncated at the time of that event. Events before it are recorded.
         """
@@ -230,7 +233,7 @@ class EventDetector:
             if crossing.t == end:
                 self._at_end.add(name)
             if terminal is not None and crossing.ends_segment:
-                # A simultaneous event follows after the actions of the first one.
+                # A simultaneous event is processed after the actions of the first event.
                 side.sign = -sign
                 continue
             side.sign = sign
@@ -252,13 +255,13 @@ class EventDetector:
         return terminal
 
     def _side(self, term: EventTerm, difference: float) -> EventSide:
-        """Return the side of a quantity, set up by its initial difference on the first call."""
+        """Return the side of a quantity, initialized on the first call from its difference."""
         if term.name not in self._sides:
             observable, equations = term.observable, self.equations
             unit = observable.columns[term.column].unit
             size = {"rad": 1.0, "m": equations.length}.get(unit, 0.0)
             side = self._sides[term.name] = EventSide(largest=max(abs(term.crosses), size))
-            if term.begins_there:
+            if term.occurred_at_start:
                 side.begin_near(difference)
                 side.sign = float(term.side)
             elif term.due:
@@ -268,7 +271,7 @@ class EventDetector:
         return self._sides[term.name]
 
     def _differences(self, term: EventTerm, t: Array, branch: float, state: State) -> Array:
-        """Quantity minus its value, at each time."""
+        """Return the quantity minus its threshold at each time."""
         times = np.column_stack([t, np.full(len(t), branch)])
         return term.evaluate_difference(self.equations.p, times, state.q, state.v, state.lam)
 
@@ -284,7 +287,7 @@ class EventDetector:
 
 
 def _sample_times(steps: Array) -> Array:
-    """Return ascending times: the ends of the steps and the samples inside them."""
+    """Return the ends of the steps and the sampling times between them, ascending."""
     inside = steps[:-1, None] + np.diff(steps)[:, None] * _SAMPLES
     inside[:, -1] = steps[1:]
     return np.concatenate([steps[:1], inside.ravel()])
@@ -297,7 +300,7 @@ def _locate_crossings(
     sign_before: float,
     difference_at: Callable[[float], float],
 ) -> list[tuple[float, str]]:
-    """Return the time [s] and direction of every change of sign."""
+    """Return the time [s] and direction of every sign change."""
     located = []
     for k in np.flatnonzero(signs):
         sign = float(signs[k])
@@ -311,11 +314,11 @@ def _locate_crossings(
 def _locate_crossing(
     t: Array, differences: Array, k: int, sign: float, difference_at: Callable[[float], float]
 ) -> float:
-    """Return the time [s] of the change of sign detected at sample `k`, by Brent's method."""
+    """Return the time [s] of the sign change detected at sample `k`, by Brent's method."""
     if k == 0:
         return float(t[0])
     begin, end = float(t[k - 1]), float(t[k])
-    # The quantity was on its value already, or jumped.
+    # The quantity was already at its threshold, or jumped.
     if not differences[k - 1] * sign < 0.0:
         return begin
     if difference_at(begin) * sign >= 0.0 or difference_at(end) * sign <= 0.0:

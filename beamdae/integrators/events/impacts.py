@@ -18,7 +18,7 @@ Array = np.ndarray
 def solve_impulses(
     names: tuple[str, ...], mass: sp.csc_array, gradient: sp.csc_array, rate_changes: Array
 ) -> tuple[Array, Mapping[str, float]]:
-    """Return the velocity change that changes the constraint rates, and its impulses by name.
+    """Return the velocity jump for given changes of constraint rates, and impulses by name.
 
     Solves M (v+ - v-) = -G^T P, G (v+ - v-) = `rate_changes` for v+ - v-, (n,), and P, (m,).
     """
@@ -33,14 +33,14 @@ def solve_impulses(
 def apply_impact(
     impact: ImpactEquations, time: Array, state: State
 ) -> tuple[Array, Mapping[str, float]]:
-    """Return the velocities after an impact at time = (t, branch), and its impulses by multiplier.
+    """Return the velocities after an impact at time = (t, branch), and impulses by multiplier.
 
-    Closed gaps that already open are left out: contacts only push.
+    Closed gaps that are already opening are excluded, because contacts can only push.
 
     Raises
     ------
     BeamdaeError
-        If the active joints leave the impacting bodies no motion.
+        If the active joints are dependent on each other at the impact.
     """
     equations, solver = impact.equations, ConsistencySolver(impact.equations)
     names = equations.lam_names

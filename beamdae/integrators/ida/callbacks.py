@@ -1,10 +1,10 @@
-"""Residual and Jacobian callbacks of IDA, and the loop over its steps.
+"""Residual and Jacobian callbacks of IDA, and its step loop.
 
-Plain Python over arrays that `native.loops` compiles.
+The functions are plain Python over arrays that `native.loops` compiles.
 
-IDA's linear solver is replaced by ours without a Krylov iteration around it: IDA gets the residual
-premultiplied by the inverse of the Jacobian of its last setup, and the identity as Jacobian. Its
-own (diagonal) solver then only scales by 2 / (1 + c / c_setup).
+beamdae's linear solver replaces IDA's without a Krylov iteration: IDA receives the residual
+premultiplied by the inverse of the Jacobian from its last setup, and the identity as Jacobian.
+IDA's (diagonal) solver then only scales by 2 / (1 + c / c_setup).
 """
 
 from __future__ import annotations
@@ -39,42 +39,42 @@ from beamdae.sundials.solver import ONE_STEP
 
 Array = np.ndarray
 
-# Code of `take_ida_steps` for a step that does not advance time; negative codes are IDA's.
+# Return code of `take_ida_steps` for a step that does not advance time; IDA's codes are negative.
 NO_ADVANCE = 10
-# What a callback returns to have IDA try a shorter step, or give up.
+# Return codes of callbacks that make IDA try a shorter step, or give up.
 RECOVERABLE_FAILURE = 1
 UNRECOVERABLE_FAILURE = -1
 
-# Steps whose lengths differ by less than this share are equal.
+# Relative difference below which two steps are equal.
 _STEP_ROUNDING = 1e-6
 
 
 @dataclass(slots=True)
 class NewtonState:
-    """Linear algebra of IDA's Newton iteration.
+    """Equations and linear algebra of IDA's Newton iteration.
 
     Attributes
     ----------
     form
-        Equations to solve.
+        Residual and Jacobian of the first-order form.
     linear
-        Solver with the factors of their Jacobian.
+        Linear solver with the factors of the Jacobian.
     raw_residual
-        The last residual, before it is multiplied.
+        Last residual before premultiplication.
     nonzeros
         Non-zeros of the Jacobian.
     kinematic
         Scaling of the kinematic rows.
     share
-        Share of each Newton correction that is made; see `stepper`.
+        Fraction of each Newton correction that is applied; see `stepper`.
     branch
-        A time inside the smooth interval [s].
+        Time inside the smooth interval [s].
     has_factors
         1 if the Jacobian has been factorized.
     renew_address
-        Address of a C function that finds other pivots and returns 1 if the search was possible.
+        Address of a C function that sets new pivots and returns 1 on success.
     residuals, jacobians
-        Numbers of evaluations.
+        Numbers of evaluations of the residual and the Jacobian.
     """
 
     form: FirstOrderBuffers
@@ -92,7 +92,7 @@ class NewtonState:
 
 @dataclass(slots=True)
 class SundialsFunctions:
-    """Addresses of functions of SUNDIALS."""
+    """Addresses of SUNDIALS functions."""
 
     IDASolve: int
     IDASetStopTime: int
@@ -104,36 +104,36 @@ class SundialsFunctions:
 
 @dataclass(slots=True)
 class IdaWorkspace:
-    """Memory of a run of IDA.
+    """Work arrays of an IDA run.
 
     Attributes
     ----------
     newton, sundials
-        The linear algebra, and the functions to call.
+        Newton iteration, and SUNDIALS functions.
     has_impulses
-        1 if the multipliers are derivatives of unknowns; see `Formulation.impulses`.
+        1 if the unknowns are time integrals of multipliers; see `Formulation.impulses`.
     rows
-        (t, q, v, a, lam) of the steps taken.
+        Rows (t, q, v, a, lam) of the steps taken.
     orders
-        Number of steps by order.
+        Number of steps of each order.
     limiting_counts
-        Number of steps by the unknown whose error was the largest.
+        Number of steps in which each unknown had the largest error.
     weights
-        Weights of the errors for that count.
+        Error weights that determine the largest error.
     t, y, yp, order, errors
         Arrays in which IDA returns its results.
     t_address, order_address
-        Addresses of these numbers.
+        Addresses of `t` and `order`.
     y_vector, yp_vector, errors_vector
-        Addresses of SUNDIALS' vectors of these arrays.
+        Addresses of the SUNDIALS vectors of these arrays.
     memory
         Address of IDA's memory.
     residual_vector
-        The vector for which the last residual was requested.
+        Vector that received the last residual.
     end
         End of the smooth interval [s].
     filled, most
-        Number of rows filled, and how many are requested.
+        Number of filled rows, and number of requested rows.
     """
 
     newton: NewtonState
@@ -161,7 +161,7 @@ class IdaWorkspace:
 
 
 def evaluate_preconditioned(newton: NewtonState, t: float, y: Array, yp: Array, out: Array) -> None:
-    """Evaluate the residual, multiplied by the inverse of the last Jacobian."""
+    """Evaluate the residual premultiplied by the inverse of the last Jacobian."""
     evaluate_residual(newton.form, t, newton.branch, y, yp, newton.raw_residual)
     scale_residual(newton.kinematic, y, yp, newton.raw_residual)
     newton.residuals += 1
@@ -175,8 +175,8 @@ def factorize_jacobian(
 ) -> int:
     """Factorize dR/dy + c dR/dy' and return the code for IDA.
 
-    IDA has just evaluated the residual at the same point in `out`; it is multiplied again with the
-    new factors.
+    IDA has just evaluated the residual at the same point into `out`; it is premultiplied again with
+    the new factors.
     """
     evaluate_jacobian(newton.form, t, newton.branch, c, y, yp, newton.nonzeros)
     scale_jacobian(newton.kinematic, c, newton.nonzeros)
@@ -184,7 +184,7 @@ def factorize_jacobian(
     newton.has_factors = 0
     code = factorize(newton.linear, newton.nonzeros)
     while code == NEW_PIVOTS:
-        # Python finds them without returning to IDA: steps do not depend on the pivots.
+        # New pivots are set without returning to IDA, so that steps do not depend on the pivots.
         if call_for_int(newton.renew_address, ()) == 0:
             return UNRECOVERABLE_FAILURE
         code = factorize(newton.linear, newton.nonzeros)
@@ -198,7 +198,7 @@ def factorize_jacobian(
 
 
 def residual_callback(run: IdaWorkspace, t: float, y: int, yp: int, out: int) -> int:
-    """Evaluate the residual for IDA, which passes addresses of its vectors."""
+    """Evaluate the residual for IDA; `y`, `yp` and `out` are addresses of its vectors."""
     run.residual_vector = out
     y_array, yp_array = _vector_array(run, y), _vector_array(run, yp)
     evaluate_preconditioned(run.newton, t, y_array, yp_array, _vector_array(run, out))
@@ -217,7 +217,7 @@ def jacobian_callback(
     work_2: int,
     work_3: int,
 ) -> int:
-    """Factorize the Jacobian for IDA and return the identity to it in `matrix`."""
+    """Factorize the Jacobian for IDA, and write the identity into `matrix`."""
     out = _vector_array(run, run.residual_vector)
     code = factorize_jacobian(run.newton, t, c, _vector_array(run, y), _vector_array(run, yp), out)
     if code == DONE:
@@ -231,7 +231,7 @@ def _vector_array(run: IdaWorkspace, vector: int) -> Array:
 
 
 def take_ida_steps(run: IdaWorkspace) -> int:
-    """Take steps until the interval ends, the rows are full, or IDA fails; return the code."""
+    """Take steps until the interval ends, the rows are full or IDA fails; return the code."""
     while run.t[0] < run.end:
         if run.filled == run.most:
             return FULL
@@ -250,11 +250,12 @@ def take_ida_steps(run: IdaWorkspace) -> int:
 
 
 def next_stop_time(before: float, t: float, end: float) -> float:
-    """Return the time [s] at which the step after one from `before` to `t` ends at the latest.
+    """Return the time [s] at which the next step, after a step from `before` to `t`, must stop.
 
-    If another step of the same length left a shorter one, the rest is split into two equal steps.
-    Multipliers of index 2 and 3 have the errors of velocities and positions divided by the step:
-    after a very short last step they were off by a fifth of their size.
+    If another step of the same length would leave a shorter last step, the remaining time is split
+    into two equal steps: on index 2 and 3, errors of multipliers are errors of velocities or
+    positions divided by the step. After a very short last step, multipliers were wrong by a fifth
+    of their size.
     """
     step, remaining = t - before, end - t
     if (1.0 + _STEP_ROUNDING) * step < remaining < 2.0 * step:
@@ -263,7 +264,7 @@ def next_stop_time(before: float, t: float, end: float) -> float:
 
 
 def _record_order_and_error(run: IdaWorkspace) -> None:
-    """Count the order of the last step, and the unknown with its largest error."""
+    """Count the order of the last step and the unknown with the largest error."""
     call_for_int(run.sundials.IDAGetLastOrder, (run.memory, run.order_address))
     run.orders[run.order[0]] += 1
     call_for_int(run.sundials.IDAGetEstLocalErrors, (run.memory, run.errors_vector))

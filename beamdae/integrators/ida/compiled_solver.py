@@ -1,4 +1,4 @@
-"""IDA by its C interface, with its callbacks and its step loop in machine code."""
+"""Interface to IDA through its C library, with callbacks and step loop in machine code."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ from beamdae.sundials.solver import IdaSolver
 Array = np.ndarray
 
 _MAX_ORDER = 5
-# Number of unknowns listed in the report "limited_by".
+# Maximum number of unknowns listed in "limited_by" of the step report.
 _LISTED_UNKNOWNS = 3
-# Callbacks with the types of their arguments; see `CompiledLoop`.
+# Callbacks with the types of their arguments (see `CompiledLoop`).
 _RESIDUAL = (residual_callback, "dppp@")
 _JACOBIAN = (jacobian_callback, "ddpppp@ppp")
 _RENEW_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int)
-# Failures that IDA counts from zero after every start.
+# Counters that IDA resets at every start.
 _FAILURE_COUNTS = ("error_test_failures", "failed_solves", "newton_failures")
 
 
 class CompiledIda:
-    """IDA, many steps at a time.
+    """IDA with compiled callbacks and several steps per call.
 
     Attributes
     ----------
     name
         Value of "ida" in `Solution.integrator`.
     code
-        Code of the last steps: DONE, FULL, NO_ADVANCE, or a negative one of IDA. Only after the
-        first two are there more steps.
+        Return code of the last call: DONE, FULL, NO_ADVANCE or a negative code of IDA. After
+        NO_ADVANCE and negative codes, no further steps are possible.
     """
 
     name = "shared libraries"
@@ -61,21 +61,22 @@ class CompiledIda:
         options: dict[str, Any],
         iteration: dict[str, Any],
     ) -> None:
-        """Compile the callbacks, and create IDA.
+        """Compile the callbacks and create the IDA solver.
 
         Parameters
         ----------
         form, matrix
-            Equations, and the matrix that is factorized for them.
+            Equations, and the matrix to factorize.
         options
             Keywords of `IdaSolver`.
         iteration
-            Keywords of `NewtonState`: the scaling of kinematic rows and the share of corrections.
+            Keywords of `NewtonState`: the scaling of kinematic rows and the fraction of
+            corrections.
 
         Raises
         ------
         MachineCodeError, UnavailableError
-            If there is no machine code, or no library.
+            If machine code or the shared library is not available.
         """
         functions = load_library().addresses
         self._form = form
@@ -126,7 +127,7 @@ class CompiledIda:
     def start(
         self, span: tuple[float, float], branch: float, y: Array, yp: Array, first_step: float
     ) -> None:
-        """Restart IDA for a span (start, end) [s] with a first step of this length [s]."""
+        """Restart IDA for the time span (start, end) [s] with the first step [s]."""
         self._earlier_failures = self._count_failures()
         self._newton.branch, self._newton.has_factors = branch, 0
         self._run.t[0], self._run.end = span
@@ -135,10 +136,10 @@ class CompiledIda:
         self.code = DONE
 
     def advance(self, most: int) -> Array:
-        """Return rows (t, q, v, a, lam) of up to `most` more steps, none after a failure."""
+        """Take up to `most` steps; return their rows (t, q, v, a, lam), none after a failure."""
         run = self._run
         run.most, run.filled = min(most, STEPS_PER_CHECK), 0
-        # The steps before a failure are returned first: the failure is reported on the next call.
+        # Steps before a failure are returned first; the next call returns no rows.
         if self.code in (DONE, FULL):
             self.code = self._loop()
             if self._problems:
@@ -147,7 +148,7 @@ class CompiledIda:
 
     @property
     def last_point(self) -> tuple[Array, Array, Array]:
-        """(y, y', R) of the last evaluation."""
+        """(y, y', R) at the last evaluation."""
         return self._run.y, self._run.yp, self._newton.raw_residual
 
     def _count_failures(self) -> Counter[str]:
@@ -157,7 +158,7 @@ class CompiledIda:
 
     @property
     def counts(self) -> Statistics:
-        """Calls, factorizations and failures so far."""
+        """Numbers of calls, factorizations and failures so far."""
         newton, failures = self._newton, self._count_failures()
         return Statistics(
             rejected_steps=failures["error_test_failures"] + failures["failed_solves"],
@@ -170,7 +171,7 @@ class CompiledIda:
 
     @property
     def step_report(self) -> dict[str, Any]:
-        """Failures of the error test, orders of the steps, and the unknowns that limit them."""
+        """Error test failures, number of steps per order, and unknowns that limit the step size."""
         orders, limiting = self._run.orders, self._run.limiting_counts
         names, total = self._form.names, max(int(limiting.sum()), 1)
         descending = np.argsort(-limiting, kind="stable")
@@ -188,17 +189,17 @@ def _pivot_renewal(
     matrix: FactorizedMatrix,
     problems: list[BaseException],
 ) -> Generator[int, None, None]:
-    """Find other pivots on each request; yield 1, or 0 after a problem, which is stored.
+    """Set new pivots on each request; yield 1, or 0 after an exception, which is stored.
 
-    The request comes from IDA's Jacobian inside the loop, where nothing can be raised. A generator
-    waits inside its `try`: Python raises an interrupt as soon as it is entered, which is before the
-    first line of a function.
+    The request comes from the Jacobian callback inside the compiled loop, where no exception may be
+    raised. A generator is used because it waits inside its `try` block: Python raises a pending
+    interrupt on entry, which for a function would be before its first line.
     """
     success = 1
     while True:
         try:
             yield success
-            # The loop is running: its current numbers are in the table.
+            # The loop is running, so its current values are in the table.
             loop.unload()
             matrix.renew_pivots(linear)
             loop.bind()

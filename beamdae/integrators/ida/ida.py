@@ -1,4 +1,4 @@
-"""`Ida`: variable-order, variable-step BDF by IDA of SUNDIALS."""
+"""`Ida`: variable-order, variable-step BDF by SUNDIALS IDA."""
 
 from __future__ import annotations
 
@@ -26,49 +26,50 @@ class Ida(AdaptiveIntegrator):
 
     R(t, y, y') = 0 with y = (q, v, multipliers) and sum_i alpha_{n,i} y_{n-i} + h_n y'_n = 0, i = 0
     to k: fixed-leading-coefficient BDF of order k = 1 to 5. Newton's iteration starts from the
-    polynomial through the last k + 1 values; its difference to the solution estimates the local
-    error. IDA selects step and order. Brenan, Campbell & Petzold, Numerical Solution of
-    Initial-Value Problems in Differential-Algebraic Equations, SIAM 1996; Hindmarsh et al., ACM
-    Trans. Math. Softw. 31 (2005) 363, doi:10.1145/1089014.1089020.
+    extrapolation of the polynomial through the last k + 1 values; the difference from the solution
+    estimates the local error. IDA selects step and order. Brenan, Campbell & Petzold, Numerical
+    Solution of Initial-Value Problems in Differential-Algebraic Equations, SIAM 1996; Hindmarsh et
+    al., ACM Trans. Math. Softw. 31 (2005) 363, doi:10.1145/1089014.1089020.
 
-    Departures from IDA's defaults: the consistent start is ours, which has accelerations and names
-    dependent constraints; the order is limited to 2 where BDF of orders 3 to 5 is unstable; error
-    weights come from the scales of the mechanism; and the residual is premultiplied by the inverse
-    of its last Jacobian (`callbacks`), so that factorization and solution are beamdae's own.
+    Departures from IDA's defaults: beamdae computes the consistent start, including accelerations,
+    and names dependent constraints; the order is limited to 2 where BDF of orders 3 to 5 is
+    unstable; error weights come from the scales of the mechanism; and the residual is premultiplied
+    by the inverse of its last Jacobian (`callbacks`), so that beamdae factorizes and solves the
+    linear systems.
 
     The entry "ida" of `Solution.integrator` is "shared libraries" if IDA runs in machine code, and
-    "scikit-sundae" if it runs by the class of that package. The latter takes the same steps up to
-    rounding, except with friction and nonholonomic constraints, where its error test includes their
-    reactions. Machine code also reports "orders" (steps by order), "error_test_failures" and
-    "limited_by": the unknowns that most often had the largest error of a step, with the share of
-    such steps.
+    "scikit-sundae" if it runs through that package. The latter takes the same steps up to rounding,
+    except with friction and nonholonomic constraints, where its error test includes their
+    reactions. Machine code also reports "orders" (number of steps per order), "error_test_failures"
+    and "limited_by": the unknowns that most often had the largest error of a step, with the
+    fraction of such steps.
 
     Parameters
     ----------
     rtol
-        Relative tolerance; absolute ones follow from the scales of the mechanism.
+        Relative tolerance; absolute tolerances follow from the scales of the mechanism.
     formulation
-        "stabilized-index1" (default) or "ggl". "index2", "index1" and "index3" are for comparisons:
-        with the first two, positions drift off the constraints, in singular positions to another
-        branch (a parallelogram on its second pass; see `Solution.warnings`). With "index3" errors
-        far exceed rtol: on a rigid slider-crank, positions were off by 20 to 170 rtol, velocities
-        by 160 to 1400.
+        "stabilized-index1" (default) or "ggl". "index2", "index1" and "index3" are for comparisons.
+        With the first two, positions drift off the constraints and may jump to another branch at
+        singular positions (such as a parallelogram on its second pass; see `Solution.warnings`).
+        With "index3", errors far exceed rtol: for a rigid slider-crank, errors were 20 to 170 rtol
+        in positions and 160 to 1400 rtol in velocities.
     error_control
         Components in the error test: "positions", "velocities" (and positions) or "all" (and
-        multipliers). "auto" decides by the stiffness of the mechanism.
+        multipliers). "auto" chooses by the stiffness of the mechanism.
     max_order
         Highest order, 1 to 5. "auto" is 2 if fast modes are undamped or lightly damped, 5
         otherwise.
     max_step
-        Longest step [s]. Default: a twentieth of the run, at most a quarter of the time scale of
+        Longest step [s]. Defaults to a twentieth of the run, at most a quarter of the time scale of
         the laws.
     linear_solver
         "dense", "sparse", or "auto" by size.
     max_steps
-        Maximum number of steps. Default: no limit, but a run stops if its steps become too short to
-        reach the end; see `limits.StallDetector`.
+        Maximum number of steps. Defaults to no limit; the run still stops if its steps become too
+        short to reach the end (`limits.StallDetector`).
     time_limit
-        Maximum wall time [s]. Default: no limit.
+        Maximum wall time [s]. Defaults to no limit.
     """
 
     rtol: float = 1e-5
@@ -90,13 +91,13 @@ class Ida(AdaptiveIntegrator):
     def integrate(
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
-        """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
-        # A pilot run at an unstable order set by the user would measure spurious vibrations.
+        """Integrate over the output times; see `Integrator.integrate`."""
+        # With an unstable order set by the user, the pilot run would measure spurious vibrations.
         pilot = replace(self, rtol=PILOT_RTOL, max_order="auto")
         return drive(self, equations, times, self.method_on, progress, pilot.method_on)
 
     def method_on(self, plan: RunPlan) -> IdaStepper:
-        """Return the method that takes the steps of a run."""
+        """Return the stepper for a plan."""
         return IdaStepper(
             self.rtol,
             self.formulation,

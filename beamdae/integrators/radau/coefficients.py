@@ -1,9 +1,9 @@
-"""Coefficients of three-stage Radau IIA of order 5, and the basis that decouples its stages.
+"""Coefficients of three-stage Radau IIA (order 5), and the basis that decouples its stages.
 
-The inverse of A has a real eigenvalue gamma and a pair alpha +- i beta. In W, with Y - y = T W and
-h Y' = A^-1 T W, Newton's equations for the stages decouple into real ones with the matrix
-R_y + (gamma/h) R_y', and complex ones with alpha + i beta in place of gamma.
-Hairer & Wanner, Solving ODEs II, 1996, section IV.8.
+The inverse of A has a real eigenvalue gamma and a pair alpha +- i beta. In terms of W, with Y - y =
+T W and h Y' = A^-1 T W, Newton's equations for the stages decouple into real ones with the matrix
+R_y + (gamma/h) R_y', and complex ones with alpha + i beta in place of gamma. Hairer & Wanner,
+Solving ODEs II, 1996, section IV.8.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 Array = np.ndarray
 
-# Nodes c, and A of the collocation: exact for polynomials of degree 2.
+# Nodes c and collocation matrix A, exact for polynomials of degree 2.
 C = np.array([4.0 - np.sqrt(6.0), 4.0 + np.sqrt(6.0), 10.0]) / 10.0
 _EXPONENTS = np.array([1.0, 2.0, 3.0])
 _POWERS = C[:, None] ** _EXPONENTS
@@ -34,9 +34,10 @@ T_INVERSE = np.linalg.inv(T)
 TO_COMPLEX = T_INVERSE[1] + 1j * T_INVERSE[2]
 # h Y' = RATES W.
 RATES = np.linalg.solve(A, T)
-# W of stages with a constant y', over h y'.
+# W / (h y') for stages with a constant y'.
 UNIFORM = T_INVERSE @ C
-# POLYNOMIAL W are the coefficients of the polynomial through the stages, without its constant.
+# POLYNOMIAL W contains the coefficients of the collocation polynomial, except the constant.
 POLYNOMIAL = np.linalg.solve(_POWERS, T)
-# h sum_i (b^_i - b_i) Y'_i of the method of order 3 that gives y'_n the weight 1 / gamma.
+# EMBEDDED W = h sum_i (b^_i - b_i) Y'_i for the third-order method with the weight 1 / gamma of
+# y'_n.
 EMBEDDED = np.linalg.solve((_POWERS / C[:, None]).T, [-1.0 / REAL_EIGENVALUE, 0.0, 0.0]) @ RATES

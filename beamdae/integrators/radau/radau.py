@@ -22,13 +22,12 @@ Array = np.ndarray
 class Radau(AdaptiveIntegrator):
     """Three-stage Radau IIA of order 5, variable step, on the stabilized index-1 form.
 
-    Y_i = y_n + h sum_j a_ij Y'_j with R(t_n + c_i h, Y_i, Y'_i) = 0, c = ((4 - sqrt 6)/10,
-    (4 + sqrt 6)/10, 1), and y_{n+1} = Y_3: collocation by polynomials of degree 3. It is L-stable
-    at its full order, so that modes too fast for the step are damped, not resolved, and constraints
-    hold at every step. Positions and velocities are of order 5, multipliers and, in constrained
-    directions, accelerations of order 3 (Hairer, Lubich & Roche, Lecture Notes in Mathematics 1409,
-    1989, for index 2, whose stages these are). RADAU5: Hairer & Wanner, Solving ODEs II, 1996,
-    section IV.8.
+    Y_i = y_n + h sum_j a_ij Y'_j with R(t_n + c_i h, Y_i, Y'_i) = 0, c = ((4 - sqrt 6)/10, (4 +
+    sqrt 6)/10, 1), and y_{n+1} = Y_3: collocation by polynomials of degree 3. It is L-stable: modes
+    too fast for the step are damped, not resolved, and constraints hold at every step. Positions
+    and velocities are of order 5, multipliers and, in constrained directions, accelerations of
+    order 3 (Hairer, Lubich & Roche, Lecture Notes in Mathematics 1409, 1989, for index 2, which has
+    the same stages). RADAU5: Hairer & Wanner, Solving ODEs II, 1996, section IV.8.
 
     Departures from RADAU5: the error estimate includes constraints (`stages.estimate_error`), a
     failure of Newton's iteration limits the steps that follow (`workspace.StepSizeState`), and
@@ -37,20 +36,20 @@ class Radau(AdaptiveIntegrator):
     Parameters
     ----------
     rtol
-        Relative tolerance; absolute ones follow from the scales of the mechanism.
+        Relative tolerance; absolute tolerances follow from the scales of the mechanism.
     error_control
-        Components in the error test: "positions" or "velocities" (and positions). "auto" decides by
+        Components in the error test: "positions" or "velocities" (and positions). "auto" chooses by
         the stiffness of the mechanism. Multipliers are not tested.
     max_step
-        Longest step [s]. Default: a twentieth of the run, at most a quarter of the time scale of
+        Longest step [s]. Defaults to a twentieth of the run, at most a quarter of the time scale of
         the laws.
     linear_solver
         "dense", "sparse", or "auto" by size.
     max_steps
-        Maximum number of steps. Default: no limit, but a run stops if its steps become too short to
-        reach the end; see `limits.StallDetector`.
+        Maximum number of steps. Defaults to no limit; the run still stops if its steps become too
+        short to reach the end (`limits.StallDetector`).
     time_limit
-        Maximum wall time [s]. Default: no limit.
+        Maximum wall time [s]. Defaults to no limit.
     """
 
     rtol: float = 1e-5
@@ -70,10 +69,10 @@ class Radau(AdaptiveIntegrator):
     def integrate(
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
-        """Integrate from times[0] to times[-1]; see `Integrator.integrate`."""
+        """Integrate over the output times; see `Integrator.integrate`."""
         pilot = replace(self, rtol=PILOT_RTOL)
         return drive(self, equations, times, self.method_on, progress, pilot.method_on)
 
     def method_on(self, plan: RunPlan) -> RadauStepper:
-        """Return the method that takes the steps of a run."""
+        """Return the stepper for a plan."""
         return RadauStepper(self.rtol, self.error_control, self.max_step, self.linear_solver, plan)

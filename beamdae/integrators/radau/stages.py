@@ -1,8 +1,8 @@
 """Stages of three-stage Radau IIA: simplified Newton iteration and error estimate.
 
 A step h from (t, y) solves R(t + c_i h, Y_i, Y'_i) = 0 with Y_i = y + h sum_j a_ij Y'_j and ends at
-Y_3; see `coefficients`. Plain Python over arrays that `native.loops` compiles; without machine code
-it runs as it is.
+Y_3; see `coefficients`. The functions are plain Python over arrays; `native.loops` compiles them if
+possible.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ from beamdae.native.return_codes import DONE, NEW_PIVOTS, NOT_CONVERGED, NOT_FIN
 Array = np.ndarray
 
 MAX_ITERATIONS = 10
-# Rate of convergence assumed in the first iteration; the second one measures it.
+# Rate of convergence assumed in the first iteration; later iterations measure it.
 FIRST_RATE = 0.99
-# Growth of the second correction below which the iteration continues: a linear step stretches a
-# beam that rotates, and the second correction undoes that.
+# The iteration continues if the second correction grows by less than this factor: the first, linear
+# correction stretches a rotating beam, and the second correction removes the stretch.
 _MAX_SECOND_GROWTH = 2.0
 
 
 def solve_stages(run: RadauWorkspace, h: float, renew: bool) -> int:
-    """Solve for the stages of a step `h` [s], with new factors or those at hand."""
+    """Solve for the stages of a step `h` [s]; `renew` requests new factors."""
     _predict_stages(run, h)
     set_stages(run, h)
     velocities = run.iteration_weights[run.form.n :]
@@ -60,7 +60,7 @@ def solve_stages(run: RadauWorkspace, h: float, renew: bool) -> int:
 
 
 def _predict_stages(run: RadauWorkspace, h: float) -> None:
-    """Predict W from the collocation polynomial of the last step, or from a constant y'."""
+    """Predict W from the last collocation polynomial, or with constant y' in a first step."""
     w, last_w, extrapolation = run.w, run.last_w, run.extrapolation
     if run.step_size.last_step == 0.0:
         for i in range(3):
@@ -82,7 +82,7 @@ def _predict_stages(run: RadauWorkspace, h: float) -> None:
 
 
 def set_stages(run: RadauWorkspace, h: float) -> None:
-    """Evaluate Y and Y' of W."""
+    """Compute the stages Y and Y' from W."""
     w = run.w
     for i in range(3):
         combine(run.stages[i], (1.0, T[i, 0], T[i, 1], T[i, 2]), (run.y, w[0], w[1], w[2]))
@@ -91,7 +91,7 @@ def set_stages(run: RadauWorkspace, h: float) -> None:
 
 
 def _factorize_matrices(run: RadauWorkspace, h: float) -> int:
-    """Factorize both matrices at the second stage, the one nearest to all three."""
+    """Factorize both matrices at the second stage, which lies between the other two."""
     form, t, y, yp = run.form, run.t + C[1] * h, run.stages[1], run.rates[1]
     jacobians = (_state_jacobian(run), _rate_jacobian(run))
     run.factors_step = 0.0
@@ -158,14 +158,14 @@ def _iterate_newton(run: RadauWorkspace, h: float) -> int:
 
 
 def estimate_error(run: RadauWorkspace, h: float) -> None:
-    """Estimate the error by an embedded method of order 3, without its stiff part.
+    """Estimate the error by an embedded third-order method, filtered to remove its stiff part.
 
-    With y^ = y_n + h (y'_n / gamma + sum_i b^_i Y'_i) and e = y^ - y_{n+1}, the filter
-    (R_y + (gamma/h) R_y') x = (gamma/h) R_y' e passes slow components and damps fast ones. For
-    R = M y' - f(y) this is the estimate of RADAU5. Constraints do not contain y', and their rows of
-    R_y' e are zero: there the right-hand side is R_y e, the error of the prescribed motion, which
-    is the only error in a mechanism driven throughout. Multipliers enter R by their derivatives, in
-    the same columns of both matrices: their errors stay in their own components.
+    With y^ = y_n + h (y'_n / gamma + sum_i b^_i Y'_i) and e = y^ - y_{n+1}, the filter (R_y +
+    (gamma/h) R_y') x = (gamma/h) R_y' e passes slow components and damps fast ones. For R = M y' -
+    f(y) this is the estimate of RADAU5. Constraints do not contain y', so their rows of R_y' e are
+    zero. In these rows, the right-hand side is R_y e: the error of the prescribed motion, which is
+    the only error if all motions are prescribed. Multipliers enter R only as derivatives of
+    unknowns, so that their errors do not affect other components.
     """
     w, error, difference, n = run.w, run.error, run.difference, run.form.n
     factors = (h / REAL_EIGENVALUE, EMBEDDED[0], EMBEDDED[1], EMBEDDED[2])

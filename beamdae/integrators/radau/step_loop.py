@@ -1,6 +1,6 @@
 """Step loop of three-stage Radau IIA: error test and step size control.
 
-Plain Python over arrays that `native.loops` compiles; without machine code it runs as it is.
+The functions are plain Python over arrays; `native.loops` compiles them if possible.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from beamdae.integrators.radau.workspace import TOO_SMALL, RadauWorkspace
 from beamdae.native.loop_functions import combine, max_norm
 from beamdae.native.return_codes import DONE, ERROR_TOO_LARGE, FULL, NEW_PIVOTS
 
-# One over the order of the error of a step of the embedded method, which is of order 3.
+# The local error of the embedded third-order method is of order 4.
 _ERROR_EXPONENT = 1.0 / 4.0
 _SAFETY = 0.9
-# Bounds on the factor between two steps.
+# Bounds on the ratio of successive steps.
 _MIN_FACTOR = 0.2
 _MAX_FACTOR = 4.0
-# Least error, relative to the tolerance, for the prediction of the next step.
+# Lower bound on the relative error that predicts the next step.
 _MIN_ERROR = 1e-2
-# A step that would grow by less than this keeps its length, and with it the factors, if Newton's
-# iteration converges faster than _KEEP_RATE with them.
+# The step, and with it the factors, is kept if it would grow by less than this factor and Newton's
+# iteration converges faster than _KEEP_RATE.
 _KEPT_GROWTH = 1.2
 _KEEP_RATE = 0.05
-# Factor of a step after a failure of Newton's iteration.
+# Reduction of the step after a failure of Newton's iteration.
 _FAILURE_FACTOR = 0.5
-# Factor by which the limit it set grows again while the iteration is faster than _SLOW_RATE.
+# Growth factor of the resulting step limit while the iteration converges faster than _SLOW_RATE.
 _RECOVERY_FACTOR = 1.1
 _SLOW_RATE = 0.2
 
@@ -44,7 +44,7 @@ def take_radau_steps(run: RadauWorkspace) -> int:
             return FULL
         remaining = run.end - run.t
         h = clip_step(size.next_step, remaining)
-        # After states that are not finite the step is not a number.
+        # The step is NaN after states that are not finite.
         if size.next_step != size.next_step or h < min(size.smallest, remaining):
             return run.failure_code
         renew = not _can_reuse_factors(run, h)
@@ -76,18 +76,18 @@ def take_radau_steps(run: RadauWorkspace) -> int:
 
 
 def _can_reuse_factors(run: RadauWorkspace, h: float) -> bool:
-    """Return True if factors of this step exist and the iteration converged fast with them."""
+    """Return True if the factors are for this step and gave fast convergence."""
     return h == run.factors_step and run.rate <= _KEEP_RATE
 
 
 def _step_factor(run: RadauWorkspace, error: float) -> float:
-    """Factor by which the error lets the step change, smaller after a slow iteration."""
+    """Return the step ratio that the error allows, reduced after a slow iteration."""
     most = 2 * MAX_ITERATIONS
     return _SAFETY * (most + 1) / (most + run.iterations) / error**_ERROR_EXPONENT
 
 
 def _accept_step(run: RadauWorkspace, h: float, error: float) -> None:
-    """Choose the step after an accepted step `h` [s]."""
+    """Set the next step after an accepted step `h` [s]."""
     size = run.step_size
     error = max(error, _MIN_ERROR)
     factor = _step_factor(run, error)
@@ -104,14 +104,14 @@ def _accept_step(run: RadauWorkspace, h: float, error: float) -> None:
 
 
 def _store_step(run: RadauWorkspace, h: float, last: bool) -> None:
-    """Store the stages of an accepted step as rows; the next step starts at the last one."""
+    """Store the stages of an accepted step as rows; the last stage starts the next step."""
     set_stages(run, h)
     n = run.form.n
     for i in range(3):
         row, y, yp = run.rows[run.filled + i], run.stages[i], run.rates[i]
         row[0] = run.t + C[i] * h
         combine(row[1 : 1 + 2 * n], (1.0,), (y[: 2 * n],))
-        # Multipliers are derivatives of unknowns, and follow the accelerations in y'.
+        # The multipliers are derivatives of unknowns and follow the accelerations in y'.
         accelerations_and_multipliers = yp[n : n + row.size - 1 - 2 * n]
         combine(row[1 + 2 * n :], (1.0,), (accelerations_and_multipliers,))
         combine(run.last_w[i], (1.0,), (run.w[i],))

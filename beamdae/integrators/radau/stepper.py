@@ -1,4 +1,4 @@
-"""The method of `Radau`: error weights and restarts around its compiled step loop."""
+"""Stepper of `Radau`: error weights and restarts around the compiled step loop."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ Array = np.ndarray
 
 _FORM = "stabilized-index1"
 _ORDER = 5
-# Shortest step, relative to the times of an interval: shorter ones are lost in rounding.
+# Shortest step, relative to the times of an interval; shorter steps are lost in rounding.
 _MIN_STEP_SHARE = 1e-12
-# A step of Radau costs as much as ten of Ida's.
+# A step of Radau costs as much as ten steps of Ida.
 _STEPS_PER_CHECK = 8
 _STAGES = 3
 _FAILURES = {
@@ -47,20 +47,20 @@ _FAILURES = {
     TOO_SMALL: "the step is too small to advance time; check laws and start values",
 }
 
-# Local tolerance: factor times rtol to the power. With these the largest error of a run stays below
-# 100 rtol, with damping below 30 rtol.
+# Local tolerance = factor * rtol^exponent, calibrated so that the largest error of a run stays
+# below 100 rtol, or below 30 rtol with damping.
 _TOLERANCE_FACTOR = 0.15
 _TOLERANCE_EXPONENT = 0.9
-# Largest error of Newton's iteration, relative to the local tolerance, ...
+# Largest Newton error relative to the local tolerance, ...
 _MAX_ITERATION_FRACTION = 0.03
-# ... and this times its root for tight tolerances, because the error of order 6 falls faster than
-# the estimate of order 4 that is tested.
+# ... also limited to this factor times the square root of the local tolerance, because the true
+# error (order 6) decreases faster than its estimate (order 4).
 _ITERATION_FRACTION_OF_ROOT = 3.0
 
 
 @dataclass(frozen=True)
 class StepTolerance:
-    """Tolerances of a step for positions and velocities.
+    """Tolerances of positions and velocities in one step.
 
     Attributes
     ----------
@@ -80,29 +80,29 @@ class StepTolerance:
     def from_rtol(cls, rtol: float, scales: MotionScales, velocities: bool) -> StepTolerance:
         """Return the tolerance that keeps the error of a run near `rtol`.
 
-        The estimate falls with the fourth power of the step and the error of a run with the fifth,
-        which suggests an exponent of 4/5, and a lower one where fast modes are undamped. 0.9 suits
-        both in the cases of validation/tolerances.
+        The estimate decreases with the fourth power of the step, the error of a run with the fifth.
+        This suggests an exponent of 4/5, or less if fast modes are undamped. In the cases of
+        validation/tolerances, 0.9 suits both.
         """
         return cls(_TOLERANCE_FACTOR * rtol**_TOLERANCE_EXPONENT, scales, velocities)
 
     @cached_property
     def weights(self) -> Array:
-        """One over the tolerances of (q, v), (2 n,)."""
+        """Reciprocal tolerances of (q, v), (2 n,)."""
         positions = self.scales.tolerances(self.local)
         return 1.0 / np.concatenate([positions, self.scales.rate * positions])
 
     @property
     def test_weights(self) -> Array:
-        """One over the tolerances of the components in the error test."""
+        """Reciprocal tolerances of the components in the error test."""
         return self.weights if self.velocities else self.weights[: len(self.scales.size)]
 
     @property
     def iteration_weights(self) -> tuple[Array, Array]:
-        """One over the errors of Newton's iteration in q, and in v for long steps.
+        """Reciprocal tolerances of Newton's iteration for q, and for v in long steps.
 
-        Velocities count whether tested or not: the next step starts from them, and over short steps
-        positions do not show their errors.
+        Velocities are included even if the error test excludes them: the next step starts from
+        them, and in short steps positions do not reveal their errors.
         """
         fraction = min(_MAX_ITERATION_FRACTION, _ITERATION_FRACTION_OF_ROOT * np.sqrt(self.local))
         positions, velocities = np.split(self.weights / fraction, 2)
@@ -110,12 +110,12 @@ class StepTolerance:
 
     @property
     def rounding_weights(self) -> Array:
-        """One over the rounding errors of q."""
+        """Reciprocal rounding errors of q."""
         return 1.0 / (POSITION_ROUNDING * self.scales.size)
 
 
 class RadauStepper:
-    """Steps of Radau IIA, up to 8 at a time, with a row for each of the three stages."""
+    """Method of Radau IIA: up to 8 steps per call, with one row per stage."""
 
     rows_per_step: ClassVar[int] = _STAGES
     steps_per_check: ClassVar[int] = _STEPS_PER_CHECK
@@ -163,7 +163,7 @@ class RadauStepper:
 
     @property
     def resolved_options(self) -> dict[str, Any]:
-        """Error control and tolerance of the run."""
+        """Error control and local tolerance of the run."""
         return {
             "error_control": self._control.policy,
             "auto": self._control.reason,
@@ -173,9 +173,9 @@ class RadauStepper:
 
     @property
     def counts(self) -> Statistics:
-        """Calls, factorizations and failures so far.
+        """Numbers of calls, factorizations and failures so far.
 
-        Residuals are counted by stage, factorizations as real and complex ones.
+        Residuals are counted per stage; real and complex factorizations count separately.
         """
         run = self._run
         return Statistics(
@@ -188,7 +188,7 @@ class RadauStepper:
         )
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
-        """Begin a smooth interval [s] at a consistent state, without factors or a last step."""
+        """Begin a smooth interval [s] at a consistent state; earlier factors are discarded."""
         run, size = self._run, self._run.step_size
         run.t, run.end, run.branch = start, end, branch
         run.y[:], run.yp[:] = self._form.pack(state)
@@ -199,7 +199,7 @@ class RadauStepper:
         size.last_step, size.last_error, size.is_retry = 0.0, 0.0, 0
 
     def advance(self, most: int) -> Array:
-        """Return rows (t, q, v, a, lam) of the stages of one to `most` more steps.
+        """Take 1 to `most` steps; return rows (t, q, v, a, lam) of all their stages.
 
         Raises
         ------
@@ -208,7 +208,7 @@ class RadauStepper:
         """
         run = self._run
         run.most, run.filled = min(most, _STEPS_PER_CHECK), 0
-        # The steps before a failure are returned first: the loop fails again on the next call.
+        # Steps before a failure are returned first; the loop fails again on the next call.
         code = self._step_loop()
         if run.filled == 0:
             raise StepError(_FAILURES[code], run.stage_residuals[-1])
@@ -223,7 +223,7 @@ def _make_workspace(
     tolerance: StepTolerance,
     longest: float,
 ) -> RadauWorkspace:
-    """Return the memory of the loop; `real` and `complex_` are a solver with its non-zeros."""
+    """Return the work arrays; `real` and `complex_` are pairs (solver, non-zeros)."""
     n, m, size = form.equations.n, form.equations.m, form.size
     positions, velocities = tolerance.iteration_weights
     return RadauWorkspace(

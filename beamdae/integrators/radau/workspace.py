@@ -1,4 +1,4 @@
-"""Memory of the step loop of Radau."""
+"""Work arrays of the Radau step loop."""
 
 from __future__ import annotations
 
@@ -11,31 +11,32 @@ from beamdae.equations.formulations.first_order import FirstOrderBuffers
 
 Array = np.ndarray
 
-# Code of a step that fails, besides those of `return_codes`: the step became too small.
+# Return code in addition to `native.return_codes`: the step became too small.
 TOO_SMALL = -5
 
 
 @dataclass(slots=True)
 class StepSizeState:
-    """Step size control: predicted from the last two errors, limited by Newton's iteration.
+    """State of the step size control, which uses the last two errors and Newton failures.
 
     h_{n+1} = 0.9 h_n e_n^(-1/4) min(1, (h_n / h_{n-1}) (e_{n-1} / e_n)^(1/4)); Gustafsson, ACM
     Trans. Math. Softw. 20 (1994) 496. Slender beams need little force to bend and much to stretch:
     Newton's iteration fails if a step rotates an element by more than its slenderness, often long
-    before the error test does. Such a step is halved, and its length is regained by small factors.
+    before the error test does. Such a step is halved; the limit then grows again by small factors.
 
     Attributes
     ----------
     longest, smallest
-        Bounds of a step [s].
+        Bounds on the step [s].
     next_step
-        Step to try [s].
+        Next step to try [s].
     newton_limit
-        Longest step for Newton's iteration, as far as known [s].
+        Longest step for which Newton's iteration is expected to converge [s].
     last_step, last_error
-        Last accepted step [s], 0 without one, and its error relative to the tolerance.
+        Last accepted step [s], 0 at the start of an interval, and its error relative to the
+        tolerance.
     is_retry
-        1 if the step under way was rejected before.
+        1 if the previous attempt at this step was rejected.
     """
 
     longest: float
@@ -49,50 +50,52 @@ class StepSizeState:
 
 @dataclass(slots=True)
 class RadauWorkspace:
-    """Memory of a run.
+    """Work arrays of a Radau run.
 
     Attributes
     ----------
     form
-        Equations.
+        Residual and Jacobian of the first-order form.
     real_solver, complex_solver
-        Solvers with the factors of the real and of the complex matrix.
+        Linear solvers of the real and the complex Newton equations.
     step_size
-        Step size control.
+        State of the step size control.
     y, yp
         State at the start of the step.
     last_w, w
-        W of the last step and of the one under way; see `coefficients`.
+        W of the last step and of the current step; see `coefficients`.
     stages, rates, stage_residuals
-        Y, Y' and the residual of the stages.
+        Y, Y' and residuals of the stages.
     real_change, complex_change, complex_real, complex_imaginary
-        Right-hand sides and solutions of Newton's equations, and the parts of the complex one.
+        Right-hand sides and solutions of Newton's equations, and the real and imaginary parts of
+        the complex solution.
     extrapolation
-        Matrix by which W is predicted from that of the last step.
+        Matrix that predicts W from `last_w`.
     jacobian
-        Non-zeros of R_y, followed by those of R_y', at the last factorization.
+        Non-zeros of R_y, then of R_y', at the last factorization.
     real_nonzeros, complex_nonzeros
-        Non-zeros of the matrices.
+        Non-zeros of the real and the complex matrix.
     entry_rows, entry_columns
-        Rows and columns of these non-zeros.
+        Row and column indices of these non-zeros.
     error, difference
-        Error estimate, and the difference to the embedded solution.
+        Error estimate, and difference between the embedded solution and the step.
     test_weights
-        Weights of those of (q, v) that are in the error test.
+        Weights of the components of (q, v) in the error test.
     iteration_weights
-        Weights of (q, v) for Newton's iteration in the step under way.
+        Weights of (q, v) for Newton's iteration in the current step.
     velocity_weights, velocity_rounding_weights
-        Weights of v in long steps, and of v times the step in short ones, from rounding of q.
+        Weights of v in long steps; in short steps, weights of the step times v from the rounding
+        error of q.
     rows, filled, most
-        (t, q, v, a, lam) of the stages, the number of rows filled, and of steps requested.
+        Rows (t, q, v, a, lam) of the stages, number of filled rows, and number of requested steps.
     t, branch, end
-        Time reached, a time inside the interval, and its end [s].
+        Current time, a time inside the interval, and the end of the interval [s].
     factors_step
-        Step of the factors [s], 0 without factors.
+        Step for which the factors were computed [s], 0 without factors.
     iterations, rate
-        Iterations of the last step, and the rate of convergence of the last one.
+        Number of Newton iterations in the last step, and their last rate of convergence.
     failure_code
-        Code of the last rejection.
+        Return code of the last rejected step.
     """
 
     form: FirstOrderBuffers
