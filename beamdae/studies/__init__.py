@@ -1,8 +1,7 @@
-"""Studies: many cases in parallel, stored on disk, measured against references of two methods.
+"""Studies: parallel runs of many cases, with stored results and errors against a reference.
 
-May import: checks, report, verification, simulation and everything below.
-Next: a column of the case table in `run_values`, a figure in `study_pictures`, an executor in
-`execution`.
+May import: checks, report, verification, simulation and everything below. To extend: add a column
+of the case table to `run_values`, a figure to `study_pictures`, or an executor to `execution`.
 """
 
 from beamdae.studies.case import Case, default_integrators, grid

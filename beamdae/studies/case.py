@@ -204,7 +204,7 @@ def format_parameter(value: Any) -> str:
     """Format a parameter value for labels; long or ambiguous text becomes the type and a hash."""
     try:
         text = str(value)
-    except Exception: # huge integers, or an error in __str__
+    except Exception:  # huge integers, or an error in __str__
         text = ""
     is_scalar = value is None or isinstance(value, (bool, int, float, str))
     # NumPy abbreviates long arrays, and addresses differ between processes.

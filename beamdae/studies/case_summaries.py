@@ -1,4 +1,4 @@
-"""Summary of a study by group: fastest integrators, observed orders, crossovers."""
+"""Summary of a study by group: fastest integrators, observed orders and crossovers."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ _CROSSOVER_LEVELS = 200  # errors, equally spaced in the logarithm, at which ser
 
 
 def summarize_cases(cases: pd.DataFrame) -> pd.DataFrame:
-    """Return the fastest integrator for each accuracy, observed orders and crossovers by group.
+    """Return the fastest integrator per error level, observed orders and crossovers by group.
 
-    An error that the reference cannot resolve counts as its upper bound, ten times the uncertainty
-    of the reference. Cases without an error are left out.
+    An error that the reference cannot resolve is replaced by its upper bound, ten times the
+    uncertainty of the reference. Cases without an error are omitted.
 
-    A case is called faster than another only if its median wall time is below the shortest wall
-    time of the other. The shortest of a single run is estimated as its wall time / 1.2. The column
-    "as fast" lists the cases that the fastest one is not called faster than.
+    Case A counts as faster than case B only if the median wall time of A is below the shortest wall
+    time of B. The shortest wall time of a case with a single run is estimated as its wall time /
+    1.2. The column "as fast" lists the cases that are not slower than the fastest case by this
+    criterion.
     """
     lines: list[dict[str, Any]] = []
     if ERROR_COLUMN in cases:
@@ -43,7 +44,7 @@ def summarize_cases(cases: pd.DataFrame) -> pd.DataFrame:
 
 
 def summarize_mesh_study(cases: pd.DataFrame, over: str) -> pd.DataFrame:
-    """Return the observed orders of the error over the refined parameter by group."""
+    """Return the observed orders of convergence between successive meshes, by group."""
     lines = []
     for group, rows in cases[cases["status"] == "ok"].groupby("group", sort=False):
         resolved = rows.dropna(subset=[ERROR_COLUMN]).sort_values(over)
@@ -101,7 +102,7 @@ def _find_fastest(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _fit_orders(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Fit log(error) over log(step) or log(rtol) to all runs of a series by least squares."""
+    """Fit log(error) against log(step) or log(rtol) for each series by least squares."""
     lines = []
     for series, runs in rows.groupby("series", sort=False):
         error = runs[ERROR_COLUMN].to_numpy()
@@ -116,9 +117,9 @@ def _fit_orders(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _find_crossovers(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the errors below which another series is the fastest.
+    """Return the error levels below which a different series becomes the fastest.
 
-    Between its runs, a series is interpolated in the logarithms of error and wall time.
+    Between the runs of a series, log(wall time) is interpolated linearly in log(error).
     """
     errors, costs, shortest = {}, {}, {}
     for series, runs in rows.groupby("series", sort=False):
@@ -151,9 +152,10 @@ def _find_crossovers(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _interpolate_cost(levels: np.ndarray, error: np.ndarray, cost: np.ndarray) -> np.ndarray:
-    """Return the cost at each level of a series with increasing error.
+    """Interpolate the cost of a series, sorted by increasing error, at the error levels.
 
-    Levels below the smallest error cost infinity; those above the largest cost the cheapest run.
+    The cost is infinite below the smallest error, and equal to the lowest cost above the largest
+    error.
     """
     interpolated = np.interp(levels, error, np.minimum.accumulate(cost))
     return np.where(levels < error[0], np.inf, interpolated)
@@ -162,8 +164,9 @@ def _interpolate_cost(levels: np.ndarray, error: np.ndarray, cost: np.ndarray) -
 def _find_overtakings(cost: np.ndarray, shortest: np.ndarray) -> list[tuple[int, int, int]]:
     """Return (slower row, faster row, first level) for each change of the fastest series.
 
-    Rows are series and columns are levels of decreasing error. A series is overtaken where the cost
-    of another one is below its shortest cost, not where it only ends.
+    Rows are series and columns are levels of decreasing error. A series is overtaken if the cost of
+    another series falls below its shortest cost, but not if it merely has no runs with smaller
+    errors.
     """
     overtakings = []
     current = int(np.argmin(cost[:, 0]))

@@ -20,7 +20,7 @@ from beamdae.studies.run_values import (
 from beamdae.studies.tasks import Outcome
 
 ERROR_COLUMN = "error [-]"
-# Settings that integrators are refined by.
+# Integrator settings that control the accuracy.
 ACCURACY_COLUMNS = ("rtol", "step")
 _PARAMETER_PREFIX = "parameter: "
 _MAX_INTEGER = 2**63  # larger integers do not fit into the columns of tables
@@ -53,13 +53,13 @@ def tabulate_case(
 
 
 def _error_columns(outcome: Outcome, reference: Reference) -> dict[str, Any]:
-    """Return errors relative to amplitudes: over all columns, of each column, and of reactions."""
+    """Return the overall error, the reaction error and errors by column, relative to amplitudes."""
     columns: dict[str, Any] = dict.fromkeys(
         [ERROR_COLUMN, "below resolution", "reaction error [-]"], np.nan
     )
     columns["below resolution"] = False
     columns["reference uncertainty [-]"] = reference.uncertainty
-    # A run without a step has only its start, which has no error.
+    # Without a step, the run contains only the initial state, which has no error.
     table = outcome.table
     if reference.table is None or table is None or not outcome.values.get("steps"):
         return columns
@@ -88,10 +88,10 @@ def _format_cell(value: Any) -> Any:
 
 
 def assemble_case_table(rows: list[dict[str, Any]]) -> pd.DataFrame:
-    """Return the table of these rows; missing counts are <NA>.
+    """Return the case table built from `rows`; missing counts are <NA>.
 
-    Parameters are between the columns "model" and "group". A parameter with the name of another
-    column is called "parameter NAME".
+    Parameter columns are inserted between "model" and "group". If a parameter has the name of
+    another column, its column is called "parameter NAME".
     """
     table = pd.DataFrame(rows)
     columns = [str(c) for c in table]
@@ -102,7 +102,7 @@ def assemble_case_table(rows: list[dict[str, Any]]) -> pd.DataFrame:
     headers = {c: f"parameter {name}" if name in others else name for c, name in names.items()}
     table = table.rename(columns=headers)
     if "below resolution" in table:
-        # Missing in groups without errors.
+        # Groups without errors lack this column.
         table["below resolution"] = table["below resolution"].eq(True)
     return table.astype(
         {c: "Int64" for c in map(str, table) if c in COUNT_COLUMNS or is_event_count(c)}

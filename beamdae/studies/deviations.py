@@ -11,7 +11,7 @@ import pandas as pd
 from beamdae.errors import BeamdaeError, require_iterable, short_repr, suggest
 from beamdae.results.columns import Header, observed_columns, select_columns
 
-RELATIVE_TIME_TOLERANCE = 1e-12 # output times within it are considered equal
+RELATIVE_TIME_TOLERANCE = 1e-12  # output times within it are considered equal
 # Relative to the largest motion in the same unit; points at joints move by less.
 _MIN_RELATIVE_MOTION = 1e-6
 _POSITION_UNITS = ("m", "rad")

@@ -34,7 +34,7 @@ from beamdae.studies.store.file_reads import (
 from beamdae.studies.store.trajectory_csv import format_trajectory
 from beamdae.studies.tasks import Limits, Outcome, Task, describe_exception
 
-_MIN_PROGRESS = 1e-5 # advance of the simulated time per `Limits.patience`, relative to the end time
+_MIN_PROGRESS = 1e-5  # simulated time per `Limits.patience`, relative to the end time
 
 
 def run_task(serialized: bytes) -> Outcome:
@@ -58,7 +58,7 @@ def run_task(serialized: bytes) -> Outcome:
                 outcome = Outcome.failed(
                     "out of memory: the run exceeds the memory limit or the memory of the machine"
                 )
-            except BaseException as problem: # An exception of a model ends only its case.
+            except BaseException as problem:  # An exception of a model ends only its case.
                 outcome = Outcome.failed(describe_exception(problem))
             outcome = replace(outcome, read=digest_reads(reads, home))
     finally:

@@ -1,4 +1,4 @@
-"""Deferred interrupts: Ctrl-C and SIGTERM are recorded while work must not be lost."""
+"""Context manager that defers Ctrl-C and SIGTERM while results must not be lost."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ class DeferredInterrupts:
     Attributes
     ----------
     received
-        Whether there was an interrupt.
+        True once an interrupt has arrived.
     immediate
-        Whether the next interrupt is raised at once. The block sets it while nothing can be lost;
-        the first interrupt that is raised resets it.
+        If True, the next interrupt is raised immediately and resets this flag. Set it while nothing
+        can be lost.
     """
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class DeferredInterrupts:
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
             for number in _SIGNALS:
-                # Signals that are ignored, or end the process, keep their behavior.
+                # Signals that are ignored, or that end the process by default, are left unchanged.
                 if callable(signal.getsignal(number)):
                     self._previous_handlers[number] = signal.signal(number, self._receive)
         return self

@@ -17,11 +17,12 @@ from beamdae.studies.execution.worker_processes import WorkerError, WorkerProces
 from beamdae.studies.store.file_reads import clear_module_reads
 from beamdae.studies.tasks import Outcome, SerializedModels, Task, describe_exception
 
-_KILL_DELAY = 60.0 # time after the time limit of a task until its process is killed [s]
-_MAX_ATTEMPTS = 2 # per task, if its process dies _MAX_WORKERS_PER_CORE = 16 # more are of no use,
-even where some of them wait _POLL_INTERVAL = 0.1 # time between checks of interrupts and deadlines
-[s] _CONNECT_TIMEOUT = 10.0 # maximum time for a Dask scheduler to answer [s] _MAX_ADDRESS_LETTERS =
-80
+_KILL_DELAY = 60.0  # time after the time limit of a task until its process is killed [s]
+_MAX_ATTEMPTS = 2  # per task, if its process dies
+_MAX_WORKERS_PER_CORE = 16  # more bring no benefit, even if some processes wait
+_POLL_INTERVAL = 0.1  # time between checks of interrupts and deadlines [s]
+_CONNECT_TIMEOUT = 10.0  # maximum time for a Dask scheduler to answer [s]
+_MAX_ADDRESS_LETTERS = 80
 
 
 class TaskResult(NamedTuple):
@@ -126,7 +127,7 @@ class LocalPool:
             task = attempt.task
             try:
                 serialized = task.serialize(models)
-            except Exception as problem: # Pickling objects of a model can raise any error.
+            except Exception as problem:  # Pickling objects of a model can raise any error.
                 reason = f"the task cannot be serialized: {describe_exception(problem)}"
                 yield TaskResult(task, Outcome.failed(reason), storable=False)
                 continue

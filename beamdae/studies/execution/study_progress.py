@@ -11,16 +11,16 @@ import numpy as np
 
 from beamdae.studies.tasks import Outcome, Task
 
-# Steps of a run by tolerance before any is done, steps = 300 (1e-3 / rtol)^0.25: in the table of
-# runs in the README they grow by 1.5 to 2.1 per decade, for undamped beams by more.
+# Expected number of steps: 300 (1e-3 / rtol)^0.25. In the table of runs in the README, the number
+# grows by a factor of 1.5 to 2.1 per decade of rtol; for undamped beams, it grows faster.
 _DEFAULT_STEPS = 300.0
 _DEFAULT_RTOL = 1e-3
 _STEPS_EXPONENT = 0.25
-# Weights of the cost of finished runs of another kind, relative to one of the same kind.
+# Weights of finished runs with another series, method or group, relative to a matching run.
 _OTHER_SERIES_WEIGHT = 0.2
 _OTHER_METHOD_WEIGHT = 0.02
 _OTHER_GROUP_WEIGHT = 0.1
-_OVERTIME_RATIO = 0.5  # remaining time of a run that is late, relative to its expected time
+_OVERTIME_RATIO = 0.5  # remaining time of an overdue run, relative to its expected time
 
 
 @dataclass(frozen=True)
@@ -34,15 +34,16 @@ class StudyProgress:
     done
         Number of runs that have ended or were stored before.
     failed
-        Number of runs among them that failed.
+        Number of ended runs that failed.
     stored
-        Number of runs found in the results folder.
+        Number of runs whose outcome was already stored in the results folder.
     running
-        Number of runs under way.
+        Number of runs in progress.
     last_label
         Label of the run that ended last.
     remaining_time
-        Estimate of the remaining time [s] at the end of that run; None if nothing is known yet.
+        Estimated remaining time [s] at the end of the last run; None if no estimate is available
+        yet.
     """
 
     total: int
@@ -98,12 +99,12 @@ class ProgressCounter:
 
 
 class TimeEstimator:
-    """Estimates the remaining time of a list of tasks that are started in their order.
+    """Estimates the remaining time of tasks that are started in the order of a list.
 
-    The logarithm of the cost of a run is taken as that of its number of steps (for a tolerance, a
-    power of it) plus the mean deviation of the finished runs from that. Finished runs of the same
-    integrator, and of the same model and parameters, have the largest weights. The time to transfer
-    and store a run is added.
+    The cost of a run is assumed to be proportional to the expected number of steps, which is a
+    power of the tolerance if the step is adaptive. The factor is a weighted geometric mean over the
+    finished runs; runs with the same integrator, or with the same model and parameters, have the
+    largest weights. The time to transfer and store a run is added.
     """
 
     def __init__(self, tasks: Sequence[Task], workers: int) -> None:
@@ -120,17 +121,17 @@ class TimeEstimator:
         ]
         self._series_weights = np.array(weights)
         np.fill_diagonal(self._series_weights, 1.0)
-        # Deviations of the logarithmic cost of finished runs, by series and group.
+        # Sums and counts of log(duration / expected steps) of finished runs, by series and group.
         self._sums = np.zeros((len(series), len(groups)))
         self._counts = np.zeros((len(series), len(groups)))
         self._is_missing = np.ones(len(tasks), bool)
         self._start_times = np.full(len(tasks), np.nan)
-        # Time of finished runs in this process beyond their recorded one: transfer, storage and
-        # load by other programs [s].
+        # Elapsed minus recorded time of finished runs [s]: transfer, storage and load by other
+        # programs.
         self._overheads: list[float] = []
 
     def start_running_tasks(self) -> None:
-        """Start the clocks of the tasks under way: the first missing ones, one per worker."""
+        """Start the clocks of the running tasks: the first unfinished tasks, one per worker."""
         running = np.flatnonzero(self._is_missing)[: self._workers]
         started = running[np.isnan(self._start_times[running])]
         self._start_times[started] = clock.monotonic()
@@ -151,7 +152,7 @@ class TimeEstimator:
 
     @property
     def remaining_time(self) -> float | None:
-        """Remaining time [s]; None if no run is known yet."""
+        """Estimated remaining time [s]; None if no finished run has a recorded duration."""
         if not self._is_missing.any():
             return 0.0
         if not self._counts.any():
@@ -170,13 +171,13 @@ class TimeEstimator:
 
 
 def _weight_groups(values: np.ndarray) -> np.ndarray:
-    """Return the values of each group plus a share of those of all other groups."""
+    """Add a fraction of the values of all other groups to the values of each group."""
     total = values.sum(axis=1, keepdims=True)
     return _OTHER_GROUP_WEIGHT * total + (1.0 - _OTHER_GROUP_WEIGHT) * values
 
 
 def _number_names(names: Sequence[str]) -> tuple[list[str], np.ndarray]:
-    """Return the distinct names, and the index of each name among them."""
+    """Return the distinct names, and for each entry of `names` the index of its distinct name."""
     index = {name: k for k, name in enumerate(dict.fromkeys(names))}
     return list(index), np.array([index[name] for name in names], int)
 
@@ -197,7 +198,7 @@ def _max_duration(task: Task) -> float:
 
 
 def _run_duration(task: Task, outcome: Outcome) -> float | None:
-    """Return the duration that an outcome records [s]; None if it records none."""
+    """Return the recorded duration of a run [s], or None if the outcome contains no duration."""
     times = [outcome.values.get(f"{phase} time [s]") for phase in ("setup", "wall", "measuring")]
     if not all(isinstance(x, float) and math.isfinite(x) for x in times):
         return None

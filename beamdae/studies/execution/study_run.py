@@ -34,21 +34,21 @@ from beamdae.studies.store.store import Store
 from beamdae.studies.tasks import NOT_RUN, Outcome, Task
 from beamdae.studies.unique_names import create_file_names
 
-_MAX_NOTES = 20  # on damaged files; further ones are counted
+_MAX_NOTES = 20  # notes on damaged files; further notes are only counted
 
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """Tasks of a study, with fingerprints that are computed once.
+    """Tasks of a study; their fingerprints are computed only once.
 
     Attributes
     ----------
     task_by_case
-        Task of each case, by the identity of the case.
+        Task of each case, by the `id` of the case.
     group_by_case
-        Group of each case, likewise.
+        Group of each case, by the `id` of the case.
     methods
-        Tasks of the two reference methods of each group whose errors are computed.
+        For each group whose errors are computed, the tasks of the two reference methods.
     tasks
         All tasks without duplicates.
     """
@@ -61,7 +61,7 @@ class StudyPlan:
 
     @classmethod
     def of(cls, study: Study) -> StudyPlan:
-        """Return the plan of a study with its models in their present state."""
+        """Return the plan of a study with the current state of its models."""
         digests: DigestCache = {}
         task_by_case = {id(case): study.task(case, digests=digests) for case in study.cases}
         groups = group_cases(study, task_by_case, digests)
@@ -99,19 +99,19 @@ class StudyResults:
     table
         One row per case, failures included.
     summary
-        Summary of the rows, by group.
+        Summary of the table by group; see `case_summaries`.
     references
-        References by group, for the groups whose errors are computed.
+        References by group; only groups whose errors are computed have a reference.
     outcomes
-        Outcomes by the key of their task.
+        Outcomes by the key of the task.
     frames
         Shapes of the bodies over time, by `Case.mechanism_fingerprint`.
     interrupted
-        Whether the study was interrupted; running it again resumes it.
+        True if the study was interrupted; running it again resumes it.
     notes
-        Sentences on stored results that were damaged.
+        Messages about damaged stored results.
     task_by_case
-        Task of each case when the study was run, by the identity of the case.
+        Task of each case when the study was run, by the `id` of the case.
     """
 
     study: Study
@@ -130,22 +130,22 @@ class StudyResults:
         return self.outcomes.get(self._find_task(case).key, NOT_RUN)
 
     def frames_of(self, case: Case) -> dict[str, Any] | None:
-        """Return the shapes of the bodies over time, from any run of the same mechanism."""
+        """Return the shapes of the bodies over time, recorded by any run of the same mechanism."""
         return self.frames.get(self._find_task(case).mechanism_fingerprint)
 
     def _find_task(self, case: Case) -> Task:
-        # By identity: objects that a model refers to may have changed since.
+        # By identity, because objects that the model refers to may have changed since the run.
         return self.task_by_case.get(id(case)) or self.study.task(case)
 
     @property
     def tables(self) -> dict[str, pd.DataFrame]:
-        """Tables by file name; without errors there is no summary."""
+        """Tables by file name; the summary is omitted if no errors are computed."""
         with_errors = self.study.computes_errors(len(self.study.cases))
         return {"cases.csv": self.table} | ({"summary.csv": self.summary} if with_errors else {})
 
     @property
     def failed(self) -> bool:
-        """Whether no case succeeded, or a group has no reference."""
+        """True if no case succeeded, or if a group lacks its reference."""
         any_success = (self.table["status"] == "ok").any()
         return not any_success or any(r.table is None for r in self.references.values())
 
@@ -177,10 +177,10 @@ def run_study(
 ) -> StudyResults:
     """Run the cases of a study and their references, and write its tables to `folder`.
 
-    Finished runs are stored there under a hash of all they depend on, and are not repeated. An
-    interrupt (Ctrl-C) ends the current runs, and the tables are written from the outcomes so far.
-    While files are read or written, and after the first interrupt, interrupts wait until the
-    tables are written.
+    Finished runs are stored in `folder` under a hash of everything they depend on, and are not
+    repeated. An interrupt (Ctrl-C) ends the current runs, and the tables contain the outcomes so
+    far. Interrupts that arrive while files are read or written, or after the first interrupt, are
+    deferred until the tables are written.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def run_study(
     Warns
     -----
     BeamdaeWarning
-        If stored results are damaged; they are run again.
+        If stored results are damaged; these runs are repeated.
     """
     with DeferredInterrupts() as interrupts:
         plan = StudyPlan.of(study)
@@ -208,7 +208,7 @@ def run_study(
 def _load_stored_outcomes(
     plan: StudyPlan, store: Store, interrupts: DeferredInterrupts
 ) -> tuple[tuple[str, ...], dict[str, Outcome]]:
-    """Return sentences on damaged files, and the usable outcomes by key."""
+    """Return messages about damaged files, and the usable outcomes by key."""
     outcomes: dict[str, Outcome] = {}
     notes: list[str] = []
     for task in plan.tasks:
@@ -233,7 +233,7 @@ def _run_missing_tasks(
     progress: Callable[[StudyProgress], None] | None,
     interrupts: DeferredInterrupts,
 ) -> bool:
-    """Run the tasks without an outcome and add theirs; return whether this was interrupted."""
+    """Run the tasks without an outcome, add their outcomes, and return True if interrupted."""
     missing = [task for task in plan.tasks if task.key not in outcomes]
     counter = ProgressCounter(plan.tasks, outcomes, executor.workers, progress)
     counter.report("")
@@ -241,7 +241,7 @@ def _run_missing_tasks(
         return True
     try:
         interrupts.immediate = True
-        # Also if nothing is missing: an executor releases its resources when it is exhausted.
+        # Needed even if nothing is missing: an executor releases its resources when exhausted.
         with closing(executor.run_tasks(missing)) as results:
             for task, outcome, storable in results:
                 _require_columns(plan, task, outcome)
@@ -259,9 +259,9 @@ def _run_missing_tasks(
 
 
 def _require_columns(plan: StudyPlan, task: Task, outcome: Outcome) -> None:
-    """Reject columns of the study that the first model does not observe, after its first run.
+    """Raise an error if the first model does not observe the columns of the study.
 
-    The model is not built here to find out: it runs in the processes of its tasks only.
+    This is checked after the first run, because models are built only in the processes of tasks.
     """
     study = plan.study
     table = outcome.table if study.columns and task.case.model is study.cases[0].model else None
@@ -275,7 +275,7 @@ def _evaluate_outcomes(
     outcomes: dict[str, Outcome],
     notes: tuple[str, ...],
 ) -> StudyResults:
-    """Return the results of the outcomes so far: references, tables and frames."""
+    """Compute references, tables and frames from the outcomes so far."""
     study = plan.study
     references = {
         group: build_reference(study, methods, outcomes)

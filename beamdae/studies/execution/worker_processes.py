@@ -18,24 +18,24 @@ from typing import Any, Generic, TypeVar
 from beamdae.studies.execution.case_run import run_task
 from beamdae.studies.tasks import Outcome
 
-_EXIT_CODE_TIMEOUT = 1.0  # for a process that closed its connection to end [s]
+_EXIT_CODE_TIMEOUT = 1.0  # maximum time for a process to end after closing its connection [s]
 
 Label = TypeVar("Label")
 
 
 class WorkerError(Exception):
-    """A worker process ended before its task; the message says how."""
+    """Raised if a worker process ends before its task; the message states how it ended."""
 
 
 class WorkerProcess(Generic[Label]):
-    """A process that runs tasks, and the task it is running.
+    """Process that runs one task at a time.
 
     Attributes
     ----------
     current
-        Label of the task that is running; None if the process is idle.
+        Label of the running task; None if the process is idle.
     deadline
-        Time at which the task must have ended [s of `time.monotonic`]; None: no limit.
+        Value of `time.monotonic` [s] by which the task must end; None means no limit.
     """
 
     def __init__(self) -> None:
@@ -50,16 +50,16 @@ class WorkerProcess(Generic[Label]):
         self.deadline: float | None = None
 
     def start_task(self, label: Label, serialized: bytes, time_limit: float | None) -> None:
-        """Send a task, known to the caller as `label`, with its time limit [s]."""
+        """Start a serialized task, identified by `label`, with a time limit [s]."""
         self.current = label
         self.deadline = None if time_limit is None else clock.monotonic() + time_limit
-        # A process that has died is noticed when its outcome is received.
+        # If the process has died, `receive_outcome` raises the error.
         with suppress(OSError):
             self._connection.send_bytes(serialized)
 
     @property
     def is_late(self) -> bool:
-        """Whether the task has exceeded its deadline."""
+        """True if the task has exceeded its deadline."""
         return self.deadline is not None and clock.monotonic() > self.deadline
 
     def receive_outcome(self) -> Outcome:
@@ -71,7 +71,7 @@ class WorkerProcess(Generic[Label]):
             If the process ended without an outcome.
         """
         if not self._process.is_alive():
-            # Processes it started may hold the other end of the connection open.
+            # Child processes may keep the other end of the connection open.
             self._kill_group()
         try:
             outcome = pickle.loads(self._connection.recv_bytes())
@@ -113,11 +113,11 @@ def wait_for_workers(
 
 @contextmanager
 def _block_interrupts() -> Iterator[None]:
-    """Block Ctrl-C for processes started inside, also before their first line runs."""
+    """Block Ctrl-C in processes started in this block, even before they run their first line."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    # Python starts the tracker with the first process, which would unblock the signal.
+    # Otherwise, Python starts the tracker with the first process and unblocks the signal.
     resource_tracker.ensure_running()
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -139,7 +139,7 @@ def _hide_main_module() -> Iterator[None]:
 
 def _describe_exit(code: int | None) -> str:
     if code is None:
-        return "closed its connection"
+        return "closed the connection"
     if code >= 0:
         return f"ended with exit code {code}"
     try:
@@ -149,7 +149,7 @@ def _describe_exit(code: int | None) -> str:
 
 
 def _serve_tasks(connection: Connection) -> None:
-    """Run tasks from the connection until it is closed; the main function of a worker process."""
+    """Main function of a worker process: run tasks from the connection until it is closed."""
     _isolate_process()
     pid = os.getpid()
     while True:
@@ -160,9 +160,9 @@ def _serve_tasks(connection: Connection) -> None:
         try:
             outcome = run_task(serialized)
         except KeyboardInterrupt:
-            # Not Ctrl-C: the process ignores it.
+            # Raised by the model: the process ignores Ctrl-C.
             outcome = Outcome.failed("the model raised KeyboardInterrupt")
-        except BaseException as problem:  # Nothing may end the process.
+        except BaseException as problem:  # No exception may end the process.
             outcome = Outcome.failed(f"the task cannot be run: {type(problem).__name__}")
         if os.getpid() != pid:
             # The model has forked, and this is the child.
@@ -174,7 +174,7 @@ def _serve_tasks(connection: Connection) -> None:
 
 
 def _isolate_process() -> None:
-    """Make the process a group leader that ignores Ctrl-C and writes nothing to the terminal."""
+    """Make this process a group leader, ignore Ctrl-C, and discard output to the terminal."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "setsid"):
         with suppress(OSError):
@@ -184,13 +184,13 @@ def _isolate_process() -> None:
         os.dup2(null, descriptor)
     os.close(null)
     for stream in (sys.stdout, sys.stderr):
-        # Characters that cannot be encoded must not end a model.
+        # A character that cannot be encoded must not end a run.
         if stream is not None and hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
 
 
 def _exit_group() -> None:
-    """End this process at once, with all processes it started."""
+    """End this process and all processes it started immediately."""
     if hasattr(os, "killpg") and os.getpgrp() == os.getpid():
         os.killpg(0, signal.SIGKILL)
     os._exit(0)
