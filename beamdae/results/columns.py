@@ -50,7 +50,7 @@ def merge_columns(observed: Mapping[str, Any], coordinates: Any) -> dict[str, An
 def select_columns(
     headers: Iterable[str], name: Any, of: str = "Solution", observed: Iterable[str] = ()
 ) -> list[str]:
-    """Return the headers that a name selects.
+    """Return the headers selected by a name.
 
     Parameters
     ----------

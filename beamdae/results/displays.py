@@ -20,7 +20,7 @@ _NOTEBOOK_RESOLUTION = 110  # resolution of a figure in a notebook [dots per inc
 
 @dataclass(frozen=True)
 class Plot:
-    """A figure that a notebook displays.
+    """Matplotlib figure that notebooks display and that can be written to a file.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Plot:
 
 @dataclass(frozen=True)
 class Animation:
-    """An animation that a notebook displays.
+    """Animation that notebooks display.
 
     Attributes
     ----------

@@ -33,7 +33,7 @@ KIND = "point"
 
 
 class CriticalPoint(NamedTuple):
-    """A point of a path at which the tangent stiffness is singular.
+    """Point of an equilibrium path at which the tangent stiffness is singular.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class CriticalPoint(NamedTuple):
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """Path of equilibria of a mechanism, from no load to the full loads.
+    """Path of equilibria of a mechanism with varying load factors.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Equilibrium:
     t
         Time at which the loads are evaluated [s].
     status
-        Kind and reason of the end of the path: "ok" if it reached its last target, otherwise
+        Termination status and its reason: "ok" if the path reached its last target, otherwise
         "limited" or "failed".
     loads
         Names of the scaled loads, one tuple per stage.

@@ -11,7 +11,7 @@ Kind = Literal["ok", "limited", "interrupted", "failed"]
 
 @dataclass(frozen=True)
 class Status:
-    """Status of a run: the kind of its end, and the reason.
+    """Termination status of a run or an analysis.
 
     Attributes
     ----------
@@ -68,8 +68,9 @@ class Statistics:
         Number of LU factorizations and of linear solves.
     newton_failures
         Number of Newton iterations that did not converge, whether with the current Jacobian or with
-        the Jacobian of an earlier step, which is then updated. scikit-sundae does not report this
-        number; for its integrators it is the number of Jacobian updates within steps.
+        the Jacobian of an earlier step, which is then updated. If the integrator uses
+        scikit-sundae, which does not report this number, it is the number of Jacobian updates
+        within steps.
     setup_time, wall_time
         Time for building and compiling the equations, and for the integration alone [s].
     """

@@ -36,7 +36,7 @@ class PeriodicMotion:
         Perturbations in modes that the steps do not resolve decay numerically, whether or not the
         modes are damped.
     multiplier_error
-        Change of the largest multiplier when the perturbation steps are halved.
+        Change of the largest multiplier when the steps of the variational equations are halved.
     off
         Difference between the states at the start and the end of the period, relative to the range
         of the coordinates [-].

@@ -18,7 +18,7 @@ _MAX_ENTRIES = 16  # longer lists, such as measured points, are replaced by thei
 
 
 def describe_provenance(equations: EquationsOfMotion) -> dict[str, Any]:
-    """Return hash, gravity and parts of the equations as JSON-compatible values."""
+    """Return the hash of the equations and the gravity and parts of their mechanism, for JSON."""
     description: dict[str, Any] = {"identity": hash_model(equations)}
     mechanism = equations.mechanism
     if mechanism is not None:
@@ -53,7 +53,7 @@ def _describe_fields(instance: Any, described: set[int]) -> dict[str, Any]:
 
 
 def _describe_value(value: Any, described: set[int]) -> Any:
-    """Return a JSON-compatible description of a value, or None if the value has none."""
+    """Return a JSON-compatible description of a value, or None if it cannot be described."""
     if isinstance(value, (bool, int, float, str)):
         return value
     if isinstance(value, (np.ndarray, np.generic)):

@@ -37,7 +37,7 @@ _MAX_CHECKED_ROWS = 10_000
 
 @dataclass(frozen=True, repr=False)
 class RunData:
-    """Data of a run; see `Solution`, which adds tables, files and figures, for the attributes."""
+    """Data of a run; `Solution` documents the attributes and adds tables, files and figures."""
 
     equations: EquationsOfMotion
     trajectory: Trajectory = field(repr=False)

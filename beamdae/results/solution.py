@@ -54,7 +54,7 @@ class Solution(RunData, TimeSeries):
     lam
         Lagrange multipliers of the constraints (joint reactions) at the output times (k, m).
     status
-        Kind of the end of the run ("ok", "limited", "interrupted" or "failed") and its reason.
+        Termination status ("ok", "limited", "interrupted" or "failed") and its reason.
     statistics
         Numbers of steps, evaluations and factorizations, and computing times [s].
     integrator
@@ -277,8 +277,9 @@ class Solution(RunData, TimeSeries):
     def followed_by(self, later: Solution) -> Solution:
         """Return this run and a later run that resumed from its end as one solution.
 
-        Integrator, model and status are taken from the later run. If this run failed, the combined
-        status is "failed", unless the run failed while executing an event.
+        Integrator, model and status are taken from the later run. If the later run succeeded but
+        this run failed, the combined status is "failed", unless this run failed while executing an
+        event.
 
         Raises
         ------

@@ -122,7 +122,7 @@ class Interval:
         return to_steps[_preceding_node(self.t, t)] + self._integrate_within_step(rates, t)
 
     def _integrate_within_step(self, rates: Array, t: Array) -> Array:
-        """Integrate rates from the start of the step that contains each time."""
+        """Integrate rates to each time from the start of the step that contains it."""
         step = _preceding_node(self.t, t)
         node, start = step * self.nodes_per_step, self.t[step]
         half = 0.5 * (t - start)
@@ -172,7 +172,7 @@ def _with_branch(t: Array, branch: float | Array) -> Array:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """All accepted steps of a run as consecutive intervals."""
+    """Accepted steps of a run, as consecutive intervals."""
 
     intervals: tuple[Interval, ...]
 

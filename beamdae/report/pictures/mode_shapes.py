@@ -98,7 +98,7 @@ def _require_drawable(name: str, modes: Any) -> Mechanism:
 
 
 def draw_modes(modes: Modes) -> Plot:
-    """Draw up to twelve mode shapes together with the undisplaced mechanism.
+    """Draw up to twelve mode shapes, superimposed on the state about which they vibrate.
 
     Displacements are linearized about the state of the modes and scaled to be visible.
 

@@ -144,7 +144,7 @@ def _draw_slot(part: Any, builder: SceneBuilder, offset: float) -> None:
 def find_travel(
     a: Attachment, b: Attachment, direction: Any, builder: SceneBuilder, margin: float = 0.0
 ) -> tuple[float, float]:
-    """Return the range of b along a direction fixed to the body of a, plus an overhang [m]."""
+    """Return the travel of b along a direction in the axes of a, plus an overhang [m]."""
     position = builder.relative_position(builder.add_attachment(a), builder.add_attachment(b))
     x = position @ unit_vector(direction)
     overhang = _GUIDE_OVERHANG * builder.size + margin
@@ -174,7 +174,7 @@ def draw_distance(part: Distance, builder: SceneBuilder) -> None:
 
 
 def draw_driver(part: Driver, builder: SceneBuilder) -> None:
-    """Draw an arrow around the joint."""
+    """Draw an arc-shaped arrow around the joint."""
     draw_supports(part, builder)
     row = builder.add_attachment(part.b)
     angle = np.linspace(-0.25 * math.pi, 1.05 * math.pi, 24)

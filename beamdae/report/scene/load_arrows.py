@@ -112,7 +112,10 @@ def draw_moving_force(part: MovingForce, builder: SceneBuilder) -> None:
 
 
 def _draw_force_arrow(builder: SceneBuilder, row: int, load: Array, length: float = 1.0) -> int:
-    """Draw the arrow of a force (frames, 2) that ends at a pose; return the pose of its tail."""
+    """Draw the arrow of a force (frames, 2), which ends at the pose with index `row`.
+
+    Returns the index of the pose at its tail.
+    """
     tail = builder.pose(row).copy()
     tail[:, :2] -= length * _FORCE_LENGTH * builder.size * _relative_to_largest(load)
     tail[:, 2] = np.arctan2(load[:, 1], load[:, 0])

@@ -1,4 +1,4 @@
-"""Table of the drawing functions by the symbol names used in `Part.symbol`."""
+"""Drawing functions of all symbols, by the symbol names used in `Part.symbol`."""
 
 from __future__ import annotations
 

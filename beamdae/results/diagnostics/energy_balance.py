@@ -29,13 +29,14 @@ class Quality:
     Attributes
     ----------
     max_residual
-        Largest |F + G^T lam| relative to the largest constraint, applied or elastic force [-].
+        Largest residual |F + G^T lam|, relative to the largest constraint, applied or elastic force
+        [-].
     max_position_drift, max_velocity_drift
-        Largest |g| [m or rad] and |g_dot| [m/s or rad/s].
+        Largest constraint violations |g| [m or rad] and |g_dot| [m/s or rad/s].
     energy_imbalance
-        Largest |energy - work of loads - work of drivers + dissipated - start| relative to the
-        largest energy exchanged [-]. For systems at rest, the reference is 1e-8 times the largest
-        force times the length of the mechanism.
+        Largest |energy - work of loads - work of drivers + dissipated energy - initial energy|
+        relative to the largest energy exchanged [-]. For systems at rest, the reference is 1e-8
+        times the largest force times the length of the mechanism.
     """
 
     max_residual: float

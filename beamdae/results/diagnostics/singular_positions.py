@@ -50,7 +50,7 @@ class SingularPosition:
     t
         Time at which the run passed the position [s].
     joints
-        Joints whose reactions balance each other, so that they are not unique.
+        Joints whose reactions balance each other, so that the reactions are not unique.
     jump
         True if the velocity jumped, which means that the run continued on a different branch.
     """
@@ -63,12 +63,12 @@ class SingularPosition:
 def find_singular_positions(
     equations: EquationsOfMotion, trajectory: Trajectory
 ) -> tuple[SingularPosition, ...]:
-    """Find the positions of a run at which the smallest singular value of G is nearly zero.
+    """Find the positions of a run at which the constraint Jacobian G is nearly singular.
 
-    The run is sampled at up to 400 times, and minima are refined. Loops that are closed by the
-    elasticity of a beam do not lose rank. If events switch parts, each segment of the run is
-    sampled with its active joints. If redundant constraints are removed, G contains only the
-    independent constraints.
+    The smallest singular value of G is sampled at up to 400 times, and its minima are refined. Loops
+    that are closed by the elasticity of a beam do not lose rank. If events switch parts, each
+    segment of the run is sampled with its active joints. If redundant constraints are removed, G
+    contains only the independent constraints.
     """
 
     def active_equations(interval: Interval) -> EquationsOfMotion:

@@ -98,8 +98,8 @@ class SectionForces:
         The estimate covers the errors of the mesh, the integrator and the moderate-rotation
         assumption of a floating frame. It does not cover errors of the overall motion, for example
         due to a coarse mesh, or the forces of `RayleighDamping`, which do not appear in the
-        strains. Asymptotically it is the error of the section forces from strains, of order 3; the
-        error of N, Q and M is of order 5 to 6 and much smaller. For a hub-mounted beam with 2, 4
+        strains. Asymptotically it equals the error of `strained`, of order 3; the error of N, Q and
+        M is of order 5 to 6 and much smaller. For a hub-mounted beam with 2, 4
         and 8 elements of any formulation, the error of M is 1.9e-3, 4e-5 and 7e-7 of its largest
         value, and the estimate is 1.3e-2, 1.6e-3 and 2e-4 (tests/results/test_section_forces.py).
         """

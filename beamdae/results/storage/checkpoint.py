@@ -211,7 +211,7 @@ class Checkpoint:
         events = tuple(
             replace(
                 term,
-                begins_there=term.name in self.events,
+                occurred_at_start=term.name in self.events,
                 due=DIRECTIONS.get(self.due.get(term.name, ""), 0),
                 side=self.event_signs.get(term.name, 0),
             )

@@ -50,7 +50,7 @@ class SavedRun(TimeSeries):
     Attributes
     ----------
     status
-        Kind and reason of the end of the run.
+        Termination status and its reason, see `Solution`.
     statistics
         Computational cost of the run.
     """
@@ -116,7 +116,7 @@ class SavedRun(TimeSeries):
 
 
 def save_run(run: RunData, path: str | Path) -> Path:
-    """Write all data of a run to a zip archive of NumPy arrays and JSON; return its path.
+    """Write all data of a run to a zip archive of NumPy arrays and JSON and return its path.
 
     Raises
     ------
