@@ -128,7 +128,7 @@ def _run_case(
 def _sample_reference(
     solution: Solution, outcome: Outcome, columns: Sequence[str], end: float
 ) -> Reference:
-    """Evaluate the reference at the times of an outcome; after its end, at its own times."""
+    """Sample the reference at the times of an outcome, and at later times of the reference."""
     error_columns = tuple(select_error_columns(solution.observed, columns))
     table = outcome.table
     if table is not None:

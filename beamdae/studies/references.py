@@ -1,4 +1,4 @@
-"""References of studies: results of two methods that agree, and the difference between them."""
+"""Reference solutions of studies; the difference between two methods is the uncertainty."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from beamdae.studies.run_values import extrapolate_events
 from beamdae.studies.tasks import Outcome, Task
 from beamdae.studies.unique_names import number_duplicates
 
-# Different methods, so that a common error is unlikely.
+# Two different methods are unlikely to have the same error.
 DEFAULT_REFERENCES = (Radau(rtol=1e-7), GeneralizedAlpha(step=1e-4, newton_tolerance=1e-9))
-RESOLUTION_FACTOR = 10.0  # smallest error that is reported, relative to the uncertainty
-_MAX_UNCERTAINTY = 1e-2  # largest accepted difference of the methods, relative to amplitudes
+RESOLUTION_FACTOR = 10.0  # smallest error that a reference can resolve, relative to its uncertainty
+_MAX_UNCERTAINTY = 1e-2  # largest accepted difference between the methods, relative to amplitudes
 
 
 @dataclass(frozen=True)
@@ -35,13 +35,13 @@ class Reference:
     table
         Observed columns by time; None if there is no reference.
     columns
-        Columns that errors are taken over.
+        Columns used for the errors.
     uncertainty
         Largest difference between the two methods, relative to the amplitude of each column [-].
     sentence
-        Description of the reference, or the reason why there is none.
+        Description of the reference, or the reason why it is missing.
     events
-        Counts and first times of events, see `collect_event_values`.
+        Counts and first times of events; see `collect_event_values`.
     """
 
     methods: tuple[str, str]
@@ -60,11 +60,11 @@ class Reference:
 def group_cases(
     study: Study, task_by_case: Mapping[int, Task], digests: DigestCache | None = None
 ) -> dict[str, list[Case]]:
-    """Return the cases that share a reference, by the label of their group.
+    """Group the cases that share a reference, and return them by group label.
 
-    They have the same mechanism and end time; in a mesh study, the same mechanism except for the
-    refined parameter, and the same integrator. `task_by_case` maps the identity of a case to its
-    task.
+    The cases of a group have the same mechanism and end time. In a mesh study, they have the same
+    integrator, and their mechanisms differ only in the refined parameter. `task_by_case` maps the
+    `id` of a case to its task.
     """
     groups: dict[tuple[Any, ...], list[Case]] = {}
     for case in study.cases:
@@ -93,9 +93,10 @@ def _group_label(study: Study, case: Case) -> str:
 def create_reference_tasks(
     study: Study, cases: Sequence[Case], digests: DigestCache | None = None
 ) -> list[list[Task]]:
-    """Return the tasks of the two methods of a group: one run each, or two to extrapolate.
+    """Return the tasks of the two reference methods of a group.
 
-    In a mesh study the methods are the two finest meshes.
+    A method has one task, or two tasks for Richardson extrapolation. In a mesh study, the two
+    finest meshes replace the methods.
     """
     over = study.over
     if over is not None:
@@ -162,7 +163,7 @@ def _label_method(tasks: list[Task], study: Study) -> str:
 
 
 def _tabulate_method(tasks: list[Task], outcomes: Mapping[str, Outcome]) -> pd.DataFrame:
-    """Return the table of one run, or of two with steps h and h/2 extrapolated (Richardson)."""
+    """Return the table of one run, or the Richardson extrapolation of runs with h and h/2."""
     outcome_tables = [outcomes[task.key].table for task in tasks]
     tables = [table for table in outcome_tables if table is not None]
     if len(tables) == 1:

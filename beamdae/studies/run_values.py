@@ -1,4 +1,4 @@
-"""Values of one run in the case table: cost, quality, events, outputs; and its trajectory."""
+"""Values of a run for the case table (cost, quality, events, outputs), and its trajectory."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from beamdae.results.solution import Solution
 
 EVENTS_COLUMN = "events"
 WALL_TIME_COLUMN = "wall time [s]"
-# Extremes of repeated runs, whose wall time is the median.
+# Extremes of repeated runs; `WALL_TIME_COLUMN` contains the median.
 MIN_WALL_TIME_COLUMN = "wall time min [s]"
 MAX_WALL_TIME_COLUMN = "wall time max [s]"
-# Columns of the case table, with the names of these values in `Solution.summary`.
+# Columns of the case table and their keys in `Solution.summary`.
 COUNT_COLUMNS = {
     "steps": "steps",
     "rejected steps": "rejected_steps",
@@ -38,7 +38,7 @@ MEASURE_COLUMNS = {
 
 
 def collect_run_values(solution: Solution) -> dict[str, Any]:
-    """Return cost, quality and events of a run by column of the case table."""
+    """Return the cost, quality and events of a run, keyed by column of the case table."""
     summary = solution.summary()
     settings = solution.integrator
     return {
@@ -53,7 +53,7 @@ def collect_run_values(solution: Solution) -> dict[str, Any]:
 
 
 def summarize_wall_times(times: Sequence[float]) -> dict[str, float]:
-    """Return the median of the wall times [s] of equal runs; of several, the extremes as well."""
+    """Return the median wall time [s] of repeated runs, and the extremes of several runs."""
     summary = {WALL_TIME_COLUMN: float(np.median(times))}
     if len(times) > 1:
         summary |= {MIN_WALL_TIME_COLUMN: min(times), MAX_WALL_TIME_COLUMN: max(times)}
@@ -63,7 +63,7 @@ def summarize_wall_times(times: Sequence[float]) -> dict[str, float]:
 def evaluate_outputs(
     outputs: Mapping[str, Callable[[Solution], Any]], solution: Solution
 ) -> dict[str, Any]:
-    """Return the results of the output functions of a sweep by column of the case table.
+    """Return the values of the output functions of a sweep, keyed by column of the case table.
 
     Raises
     ------
@@ -89,14 +89,14 @@ def evaluate_outputs(
 
 
 def format_output_column(name: str) -> str:
-    """Return the column of the case table for an output of a sweep."""
+    """Return the name of the column in the case table for an output of a sweep."""
     return f"output {name}"
 
 
 def collect_event_values(solution: Solution, until: float = np.inf) -> dict[str, Any]:
-    """Return counts and first times [s] of the events up to a time, by column of the case table.
+    """Return the counts and first times [s] of events up to the time `until`.
 
-    Empty if the mechanism has no events.
+    The keys are columns of the case table. Without events in the mechanism, the dict is empty.
     """
     values: dict[str, Any] = {}
     for event in solution.equations.events:
@@ -114,7 +114,7 @@ def collect_event_values(solution: Solution, until: float = np.inf) -> dict[str,
 def extrapolate_events(
     coarse: Mapping[str, Any], fine: Mapping[str, Any], order: int
 ) -> dict[str, Any]:
-    """Return the events of two runs with steps h and h/2, their times extrapolated (Richardson)."""
+    """Return events with times extrapolated (Richardson) from runs with steps h and h/2."""
     values = _select_event_columns(fine)
     for column, value in values.items():
         if column in coarse and isinstance(value, float):
@@ -125,7 +125,7 @@ def extrapolate_events(
 def compute_event_errors(
     values: Mapping[str, Any], reference: Mapping[str, Any]
 ) -> dict[str, float]:
-    """Return the errors of the first times [s] of events by column of the case table."""
+    """Return the errors of the first event times [s], keyed by column of the case table."""
     times = {name: value for name, value in reference.items() if isinstance(value, float)}
     return {
         f"error of {column}": abs(values.get(column, np.nan) - value)
@@ -146,7 +146,7 @@ def describe_event_mismatch(values: Mapping[str, Any], reference: Mapping[str, A
 
 
 def is_event_count(column: str) -> bool:
-    """Return whether a column of the case table counts an event."""
+    """Return whether a column of the case table contains the number of events of a kind."""
     return column.startswith("event ") and column.endswith(", times")
 
 

@@ -27,8 +27,8 @@ from beamdae.studies.run_values import (
 from beamdae.studies.unique_names import number_duplicates
 
 _MAX_CURVES = 200  # cases with curves; pages with more take long to open
-# Extra columns may have the same names as columns of the case table.
-_EXTRA_COLUMN_PREFIX = "told "
+# Prefix of their keys, because extra columns may have the names of columns of the case table.
+_EXTRA_COLUMN_PREFIX = "extra: "
 # Columns of the case table on the page: key, label, unit, kind.
 _TABLE_COLUMNS = (
     ("label", "integrator", "", "text"),
@@ -54,14 +54,15 @@ _TABLE_COLUMNS = (
 def create_study_page(
     results: StudyResults, extra_columns: pd.DataFrame | None = None
 ) -> dict[str, Any]:
-    """Return the data of the page of a study; see `beamdae.report.page.write_page`.
+    """Return the data of the page of a study for `beamdae.report.page.page_file.write_page`.
 
     Parameters
     ----------
     results
         Results of the study.
     extra_columns
-        Columns to show in place of the parameters, one row a case (sweeps: parameters and outputs).
+        Columns shown instead of the parameters, with one row per case (in sweeps, the parameters
+        and outputs).
     """
     table = results.table
     present = [c for c in _TABLE_COLUMNS if c[0] in table]
@@ -96,12 +97,12 @@ def create_study_page(
 
 
 def extra_column_key(name: str) -> str:
-    """Return the key that an extra column has on the page."""
+    """Return the key of an extra column in the data of the page."""
     return _EXTRA_COLUMN_PREFIX + name
 
 
 def _describe_extra_column(table: pd.DataFrame, name: str) -> tuple[str, str, str, str]:
-    """Return key, label, unit and kind of a column."""
+    """Return the key, label, unit and kind of an extra column."""
     unit = Header.of(name).unit if name.endswith("]") else ""
     return extra_column_key(name), name.removesuffix(f" [{unit}]"), unit, _column_kind(table[name])
 
@@ -126,10 +127,10 @@ def _create_notes(results: StudyResults) -> list[str]:
 
 
 def _create_groups(results: StudyResults, group_without_reference: str) -> list[dict[str, Any]]:
-    """Return the groups with a reference, and one group for all cases without one."""
+    """Return the groups with a reference, and one group for all cases without a reference."""
     frames: dict[str, Any] = {}
     for case, group in zip(results.study.cases, results.table["group"], strict=True):
-        # Any run of the same mechanism serves; only references record frames.
+        # Only references record frames, which are valid for all runs of the same mechanism.
         frames[group] = frames.get(group) or results.frames_of(case)
     groups = [
         _create_group(name, reference, frames[name])
@@ -157,7 +158,7 @@ def _create_group(
             "methods": list(reference.methods),
             "uncertainty": reference.resolution if accepted else None,
             "accepted": accepted,
-            # The page adds these words itself.
+            # The page adds these words.
             "sentence": reference.sentence.removeprefix("no reference, "),
         },
         "frames": frames,
@@ -200,7 +201,7 @@ def _create_cases(
 
 
 def _rank_cases(study: Study) -> list[int]:
-    """Return the rank of each case: by series, and within a series from coarse to fine."""
+    """Rank the cases by series, and within each series from coarse to fine."""
 
     def sort_key(k: int) -> tuple[str, float]:
         case = study.cases[k]
@@ -226,7 +227,7 @@ def _as_json_value(value: Any) -> Any:
 def _create_curves(
     results: StudyResults, case: Case, row: pd.Series, max_rows: int
 ) -> dict[str, Any] | None:
-    """Return the columns of a run over time, its error and its differences to the reference."""
+    """Return the columns of a run over time, its error, and its differences from the reference."""
     table = results.outcome(case).table
     if table is None:
         return None
@@ -251,7 +252,7 @@ def _column_arrays(table: pd.DataFrame) -> dict[str, np.ndarray]:
 
 
 def _max_rows_per_case(results: StudyResults) -> int:
-    """Return the number of rows per case that keeps the page small enough."""
+    """Return the maximum number of rows per case that keeps the page small enough."""
     tables = [results.outcome(case).table for case in results.study.cases[:_MAX_CURVES]]
-    # Each column may have a second one with its difference to the reference.
+    # Each column may be accompanied by its difference from the reference, hence the factor 2.
     return compute_row_limit(sum(2 * len(table.columns) for table in tables if table is not None))

@@ -46,12 +46,12 @@ _HEADING_HEIGHT = 0.6  # inches
 # Range of values on logarithmic axes; Matplotlib overflows beyond it.
 _MIN_LOG_VALUE = 1e-300
 _MAX_LOG_VALUE = 1e300
-# Padding of a logarithmic axis on each side: a fraction of its decades, but at least a factor, and
-# so much that the axis spans half a decade.
+# Padding on each side of a logarithmic axis: a fraction of its decades, but at least a minimum
+# factor, and enough for the axis to span half a decade.
 _PADDING_FRACTION = 0.08
 _MIN_PADDING_FACTOR = 1.1
 _MIN_SPAN_FACTOR = 10.0**0.25  # from the middle of the axis to its end
-# Axes of fewer decades get plain numbers, at 1, 2, 5 or at 1, 2, 3, 5 of each decade.
+# Axes that span fewer decades get plain numbers at 1, 2, 5 or at 1, 2, 3, 5 of each decade.
 _MAX_PLAIN_DECADES = 2.5
 _MAX_DENSE_DECADES = 1.2
 _PLAIN_TICKS = (1.0, 2.0, 5.0)
@@ -67,7 +67,7 @@ Style = dict[str, Any]
 def list_plots(results: StudyResults) -> dict[str, Plot]:
     """Return the functions that draw the figures of a study, by name.
 
-    Each writes PNG and SVG files and returns their paths; none if the study lacks the data.
+    Each function writes image files and returns their paths; without data, it returns [].
     """
     if ERROR_COLUMN not in results.table:
         return {}
@@ -81,7 +81,7 @@ def list_plots(results: StudyResults) -> dict[str, Plot]:
 
 
 def _draw_comparison(results: StudyResults) -> list[Path]:
-    """Draw the columns of a few runs of one group over time, and their errors."""
+    """Plot the columns and errors of a few runs of one group over time."""
     groups = set(results.table["group"])
     if len(groups) != 1 or len(results.study.cases) > _MAX_COMPARED_RUNS:
         return []
@@ -111,7 +111,7 @@ def _observed_table(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _draw_work_precision(results: StudyResults) -> list[Path]:
-    """Draw error over wall time, one panel per group.
+    """Plot the error over the wall time, with one panel per group.
 
     Hollow markers are upper bounds of errors that the reference cannot resolve. Thin lines extend
     from the shortest to the longest wall time of repeated runs.
@@ -123,7 +123,7 @@ def _draw_work_precision(results: StudyResults) -> list[Path]:
         panel_rows = rows[rows["group"] == group]
         for series, runs in panel_rows.groupby("series", sort=False):
             style = styles[str(series), ""]
-            # Sorted by setting, not by wall time, whose scatter would cross the lines.
+            # Sort by setting: wall times scatter, so sorting by wall time would tangle the lines.
             runs = runs.sort_values(list(ACCURACY_COLUMNS), ascending=False)
             resolved, bounds = runs[~runs["is bound"]], runs[runs["is bound"]]
             axis.loglog(resolved[WALL_TIME_COLUMN], resolved["height"], **style)
@@ -155,7 +155,7 @@ def _draw_work_precision(results: StudyResults) -> list[Path]:
 
 
 def _select_rows_with_error(results: StudyResults) -> pd.DataFrame:
-    """Return rows with an error, with "height" (error or its upper bound) and "is bound"."""
+    """Return the rows that have an error, and add "height" (error or its bound) and "is bound"."""
     table = results.table
     rows = table[table["status"] == "ok"]
     is_bound = rows["below resolution"]
@@ -172,7 +172,7 @@ def _is_drawable(values: pd.Series) -> pd.Series:
 
 
 def _draw_mesh_convergence(results: StudyResults) -> list[Path]:
-    """Draw error over the refined parameter, one curve per group."""
+    """Plot the error over the refined parameter, with one curve per group."""
     table, over = results.table, str(results.study.over)
     rows = table[(table["status"] == "ok") & _is_drawable(table[ERROR_COLUMN])].sort_values(over)
     styles = _assign_styles(rows["group"], [""] * len(rows))
@@ -186,7 +186,7 @@ def _draw_mesh_convergence(results: StudyResults) -> list[Path]:
 
 
 def _draw_cost_scaling(results: StudyResults) -> list[Path]:
-    """Draw wall time over the size of the model, one panel per set of other parameters."""
+    """Plot the wall time over the model size, with one panel per set of other parameters."""
     table = results.table
     parameters = [str(c) for c in table][1 : list(table).index("group")]
     sizes = [c for c in _SIZE_PARAMETERS if c in parameters and table[c].nunique() > 1]
@@ -216,7 +216,7 @@ def _draw_cost_scaling(results: StudyResults) -> list[Path]:
 def _assign_styles(
     series: Sequence[str] | pd.Series, labels: Sequence[str] | pd.Series
 ) -> dict[tuple[str, str], Style]:
-    """Return line styles by (series, label): one color per series, one marker per label in it."""
+    """Return line styles by (series, label): a color per series, a marker per label of a series."""
     styles: dict[tuple[str, str], Style] = {}
     labels_by_series: dict[str, list[str]] = {}
     for name, label in zip(map(str, series), map(str, labels), strict=True):
@@ -225,7 +225,7 @@ def _assign_styles(
             continue
         labels_of_series.append(label)
         k = list(labels_by_series).index(name)
-        # Once all colors are used, they repeat with other markers and dashes.
+        # After the last color, colors repeat with different markers and dashes.
         cycle = k // len(pictures.COLORS)
         marker = cycle + len(labels_of_series) - 1
         styles[name, label] = {
@@ -239,7 +239,7 @@ def _assign_styles(
 
 
 def _create_panels(titles: list[str]) -> tuple[Figure, dict[str, Axes]]:
-    """Return a figure and its axes by title; it states if there are more panels than it shows."""
+    """Return a figure and its axes by title; a heading states if panels were omitted."""
     from matplotlib.figure import Figure
 
     total, titles = len(titles), titles[:_MAX_PANELS]
@@ -259,7 +259,7 @@ def _create_panels(titles: list[str]) -> tuple[Figure, dict[str, Axes]]:
 
 
 def _pad_limits(values: pd.Series) -> tuple[float, float]:
-    """Return the limits of a logarithmic axis for these values."""
+    """Return the limits of a logarithmic axis for `values`, with padding."""
     low, high = float(values.min()), float(values.max())
     factor = max(
         (high / low) ** _PADDING_FRACTION,
@@ -283,7 +283,7 @@ def _format_log_axes(
 
 
 def _set_plain_ticks(axis: Axis, low: float, high: float) -> None:
-    """Use plain numbers at simple fractions of decades if the axis spans only one or two."""
+    """Label the ticks of a logarithmic axis with plain numbers if it spans few decades."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     decades = math.log10(high / low)
@@ -295,7 +295,7 @@ def _set_plain_ticks(axis: Axis, low: float, high: float) -> None:
 
 
 def _set_size_ticks(axis: Axes, values: pd.Series) -> None:
-    """Set ticks at the values, or at some of them if there are many."""
+    """Set ticks at the distinct values, or at a subset of at most `_MAX_TICKS` values."""
     sizes = np.unique(values)
     indices = np.unique(np.linspace(0, len(sizes) - 1, _MAX_TICKS).round().astype(int))
     axis.set_xticks(sizes[indices], [f"{size:g}" for size in sizes[indices]])
@@ -303,7 +303,7 @@ def _set_size_ticks(axis: Axes, values: pd.Series) -> None:
 
 
 def _save_figure(figure: Figure, styles: dict[tuple[str, str], Style], path: Path) -> list[Path]:
-    """Write a figure as PNG and SVG; return no paths if it has no panels."""
+    """Write a figure as PNG and SVG and return the paths; skip a figure without panels."""
     if not figure.axes:
         return []
     pictures.add_legend(

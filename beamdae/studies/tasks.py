@@ -23,16 +23,16 @@ from beamdae.studies.case import Case
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a case; None: no limit.
+    """Limits of a case; None means no limit.
 
     Attributes
     ----------
     time
         Wall time of the integration [s].
     memory
-        Memory of its process [GB].
+        Memory of the process [GB].
     patience
-        Wall time in which the simulated time must advance by 1e-5 of the run [s].
+        Wall time [s] within which the simulated time must advance by 1e-5 of the end time.
     """
 
     time: float | None = None
@@ -45,7 +45,7 @@ class Limits:
                 set_fields(self, **{name: require_positive("Limits", name, getattr(self, name))})
 
 
-# Models by their identity, which lasts as long as they do, and their serialized form.
+# Models and their serialized form, by the id() of the model, which stays valid while it is stored.
 SerializedModels = dict[int, tuple[Any, bytes]]
 
 
@@ -60,15 +60,15 @@ class Task:
     t_end, output_step
         End time and time between rows [s].
     repetitions
-        Number of runs, of which the last one is recorded; wall times are those of all.
+        Number of runs. The last run is recorded, together with the wall times of all runs.
     animated
-        Whether the outcome includes the shapes of the bodies.
+        True if the outcome includes the shapes of the bodies over time.
     mechanism_fingerprint
-        `Case.mechanism_fingerprint`, or "" if it is not known.
+        `Case.mechanism_fingerprint`, or "" if it is unknown.
     name
-        Name of its files, unique in the study.
+        Name of the files of the task, unique in the study.
     outputs
-        Functions of the solution by name, whose values are recorded.
+        Functions of the solution by name; their values are recorded.
     """
 
     key: str
@@ -83,10 +83,10 @@ class Task:
     outputs: Mapping[str, Callable[[Solution], Any]] = field(default_factory=dict)
 
     def serialize(self, models: SerializedModels) -> bytes:
-        """Return the task as bytes for another process, with the source of its model.
+        """Serialize the task for another process, including the code of the model.
 
-        A model is serialized once and cached in `models`. That needs a task whose other values are
-        plain numbers and strings: other user-defined objects may share objects with the model.
+        The serialized model is cached in `models`, unless the task contains other values than plain
+        numbers and strings: user-defined objects may share objects with the model.
         """
         case = self.case
         values = (*case.parameters.values(), *vars(case.integrator).values())
@@ -103,7 +103,7 @@ class Outcome:
     Attributes
     ----------
     status
-        How the run ended.
+        Status at the end of the run, with the reason.
     values
         Cost and quality by column of the case table.
     rows
@@ -115,7 +115,7 @@ class Outcome:
     file
         Name of the stored trajectory file, or "".
     text
-        Content of that file until it is stored; formatted in the process that ran the case.
+        Content of this file until it is stored, formatted by the process that ran the case.
     """
 
     status: Status = REACHED_END
@@ -128,7 +128,7 @@ class Outcome:
 
     @property
     def table(self) -> pd.DataFrame | None:
-        """Observed columns, energies and drift by time; None if there was no consistent start."""
+        """Observed columns, energies and drift by time; None without a consistent start."""
         return self.rows() if callable(self.rows) else self.rows
 
     @classmethod
@@ -141,7 +141,7 @@ NOT_RUN = Outcome(Status("interrupted", "not run because the study was interrupt
 
 
 def describe_exception(problem: BaseException, function: str = "the model") -> str:
-    """Return an exception of a user's function as text for a status."""
+    """Describe an exception of a user function for the status of a run."""
     if isinstance(problem, SystemExit):
         code = "" if problem.code is None else short_repr(problem.code)
         return f"{function} called sys.exit({code})"
@@ -149,14 +149,15 @@ def describe_exception(problem: BaseException, function: str = "the model") -> s
 
 
 def serialize_value(value: Any) -> bytes:
-    """Return a value as bytes, with the code that is not defined in installed modules."""
+    """Serialize a value, including code that is not defined in installed modules."""
     return cloudpickle.dumps(value)
 
 
 def serialize_with_model(task: Task, model: Any, models: SerializedModels) -> bytes:
-    """Return a task without other functions than its model's as bytes; serialize the model once.
+    """Serialize a task; the model is serialized only once and cached in `models`.
 
-    Every task that is deserialized gets its own copy of the model.
+    The task must not contain functions other than those of the model. Each deserialized task gets a
+    separate copy of the model.
     """
     if id(model) not in models:
         models[id(model)] = model, serialize_value(model)
@@ -190,13 +191,14 @@ def _create_cached_function(
 
 
 def _reduce_cached_function(function: _lru_cache_wrapper[Any]) -> Any:
-    """Return the name of an importable function, else the wrapped function and its parameters."""
+    """Reduce an importable function to its name, and other functions to their definition."""
     module = sys.modules.get(function.__module__)
     if getattr(module, function.__qualname__, None) is function:
         return function.__qualname__
     return _create_cached_function, (function.__wrapped__, function.cache_parameters())
 
 
-# Neither has a pickled form: a cached property holds a lock in CPython 3.11, a function its cache.
+# Neither can be pickled: in CPython 3.11, a cached property contains a lock, and a cached function
+# contains its cache.
 copyreg.pickle(cached_property, lambda x: (_create_cached_property, (x.func, x.attrname)))
 copyreg.pickle(_lru_cache_wrapper, _reduce_cached_function)

@@ -1,4 +1,4 @@
-"""Unique labels of cases, and unique file names made of them."""
+"""Unique labels of cases, and unique file names made from them."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _INVALID_CHARACTERS = re.compile(r"[^\w=.+]+")
 
 
 def number_duplicates(names: Iterable[str]) -> list[str]:
-    """Return the names; each repeated one gets a number, as in "name (2)"."""
+    """Return the names; a number is appended to repeated names, as in "name (2)"."""
     return _number_names(names, "{} ({})", str)
 
 
 def create_file_names(cases: Iterable[tuple[str, str]]) -> list[str]:
-    """Return unique file names without suffix for pairs of group and label of a case.
+    """Return unique file names without suffix for (group, label) pairs of cases.
 
-    They differ in more than the case of letters, which some file systems ignore.
+    They never differ only in upper and lower case, which some file systems ignore.
     """
     return _number_names((_create_file_name(*names) for names in cases), "{}-{}", str.casefold)
 
@@ -29,7 +29,7 @@ def _number_names(
     names: Iterable[str], template: str, comparison_key: Callable[[str], str]
 ) -> list[str]:
     unique: dict[str, str] = {}
-    # Counting on from the last number of a name keeps the time linear in the number of names.
+    # Continuing from the last number of a name makes the time linear in the number of names.
     last_numbers: dict[str, int] = {}
     for name in names:
         number, candidate = last_numbers.get(comparison_key(name), 1), name
@@ -51,7 +51,7 @@ def _replace_invalid(text: str) -> str:
 
 
 def _shorten(text: str, max_bytes: int) -> str:
-    """Return the text, or its two ends if it is too long: names may differ at either end."""
+    """Return the text, or both ends if it is too long, because names may differ at either end."""
     encoded = text.encode()
     if len(encoded) <= max_bytes:
         return text

@@ -77,7 +77,7 @@ class StudyPlan:
 
 
 def _merge_tasks(tasks: list[Task]) -> list[Task]:
-    """Return one task per key, which records all that any of them records, with unique names."""
+    """Merge tasks with the same key; a merged task records everything its parts record."""
     merged: dict[str, Task] = {}
     for task in tasks:
         earlier = merged.setdefault(task.key, task)

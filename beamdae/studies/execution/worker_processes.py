@@ -128,7 +128,7 @@ def _block_interrupts() -> Iterator[None]:
 
 @contextmanager
 def _hide_main_module() -> Iterator[None]:
-    """Keep processes started inside from running the main program: tasks carry what they need."""
+    """Prevent processes started in this block from running the main program."""
     main = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
     try:

@@ -1,5 +1,5 @@
-"""Records of finished runs on disk, and the hashes that tell whether they are still valid.
+"""Stored results of finished runs, and the hashes that determine whether they are still valid.
 
-May import: studies.tasks, results, model_functions and everything below.
-Next: a value whose hash is missing in `fingerprints`, a field of a record in `store`.
+May import: studies.tasks, results, model_functions and everything below. To extend: to hash a new
+type of value, edit `fingerprints`; to add a field to the records, edit `store`.
 """

@@ -1,4 +1,4 @@
-"""Hashes of files that results depend on, and the distinction of user files from installed ones."""
+"""Hashes of user files and of the beamdae sources, which results depend on."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PACKAGE_FOLDER = Path(__file__).parents[2]
 _PACKAGES_WITHOUT_EFFECT = ("cli", "report")  # results do not depend on them
 _SYSTEM_FOLDERS = ("/proc", "/sys", "/dev", "/etc", "/usr/share")
 
-# Modification time [ns], size [bytes] and inode; None if there is no such file.
+# Modification time [ns], size [bytes] and inode; None if the file does not exist.
 FileSignature = tuple[int, int, int] | None
 
 
@@ -35,7 +35,7 @@ def is_installed(file: str) -> bool:
 
 @cache
 def digest_package() -> str:
-    """Return the hash of the sources of beamdae at the first call."""
+    """Return the hash of the source code of beamdae, computed at the first call."""
     digest = hashlib.sha256()
     for path in sorted(PACKAGE_FOLDER.rglob("*.py")):
         relative = path.relative_to(PACKAGE_FOLDER)
@@ -46,7 +46,7 @@ def digest_package() -> str:
 
 
 def file_signature(path: str) -> FileSignature:
-    """Return values that change whenever the file does; None if there is no such file."""
+    """Return modification time, size and inode, or None if the file does not exist."""
     try:
         status = os.stat(path)
     except (OSError, ValueError):

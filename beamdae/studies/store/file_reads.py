@@ -1,7 +1,7 @@
-"""Recorder of the files that a run reads, so that stored results expire when one of them changes.
+"""Recorder of the files that a run reads; stored results expire if one of these files changes.
 
-An audit hook of Python reports them. Libraries that open files without Python (HDF5, SQLite) are
-not seen; models declare such files with `@bd.model(data=...)`.
+A Python audit hook reports opened files. It misses files that libraries open without Python (HDF5,
+SQLite); models declare such files with `@bd.model(data=...)`.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from beamdae.studies.store.file_hashes import (
 
 _WRITE_FLAGS = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _WRITE_MODES = frozenset("wax+")
-# In place of the hash of a file that changed after it was read: equal to no hash.
+# Replaces the hash of a file that changed after it was read; differs from every hash.
 _CHANGED_WHILE_READ = "changed while it was read"
 _HOOK_FRAMES = 3  # frames between `_is_read_by_module` and the code that opens the file
 
-# Absolute names, or names that begin with "./" and are relative to the working directory.
+# Signatures by absolute name, or by name relative to the working directory with a leading "./".
 FileReads = dict[str, FileSignature]
 
 
@@ -38,7 +38,7 @@ class _FileWatcher:
     def __init__(self) -> None:
         self.is_started = False
         self.recordings: list[FileReads] = []
-        # Files read by modules, which stay loaded: all later runs of the process depend on them.
+        # Files read by modules. Modules stay loaded, so all later runs depend on these files.
         self.module_reads: FileReads = {}
         self.written: set[str] = set()
         self.folder = ""
@@ -85,7 +85,7 @@ def _source_path(compiled: str) -> str:
 
 
 def _is_read_by_module() -> bool:
-    """Return whether an imported module of the user opens the file; it may keep the content."""
+    """Return whether an imported user module opens the file; modules may cache the content."""
     frame = sys._getframe(_HOOK_FRAMES)
     while frame is not None:
         module = sys.modules.get(frame.f_globals.get("__name__", ""))
@@ -102,7 +102,7 @@ def _is_read_by_module() -> bool:
 
 @contextmanager
 def record_file_reads() -> Iterator[FileReads]:
-    """Record files read in the block by any thread, and those that imported modules have read."""
+    """Record the files that any thread reads in this block and that imported modules have read."""
     _WATCHER.start()
     reads: FileReads = {}
     _WATCHER.folder = os.getcwd()
@@ -115,7 +115,7 @@ def record_file_reads() -> Iterator[FileReads]:
 
 
 def clear_module_reads() -> None:
-    """Forget the reads of modules imported so far, on which the next run does not depend."""
+    """Forget files that modules have read so far; the next run does not depend on them."""
     _WATCHER.module_reads.clear()
     _WATCHER.written.clear()
 
@@ -123,8 +123,8 @@ def clear_module_reads() -> None:
 def digest_reads(reads: Mapping[str, FileSignature], home: Path) -> dict[str, str | None]:
     """Return the hashes of files by name; absolute names become relative to `home`.
 
-    Relative names allow a model and its files to move together. Files that this process has written
-    are left out.
+    Relative names stay valid if a model is moved together with its files. Files that this process
+    has written are omitted.
     """
     digests: dict[str, str | None] = {}
     for name, signature in sorted(reads.items()):
@@ -139,7 +139,7 @@ def digest_reads(reads: Mapping[str, FileSignature], home: Path) -> dict[str, st
 
 
 def are_unchanged(reads: Mapping[str, FileSignature]) -> bool:
-    """Return whether the files are the same as when they were read."""
+    """Return whether the files have not changed since they were read."""
     return all(file_signature(os.path.abspath(name)) == x for name, x in reads.items())
 
 
@@ -148,12 +148,12 @@ def _portable_name(name: str, home: Path) -> str:
         return name
     try:
         return f"model:{Path(os.path.relpath(name, home)).as_posix()}"
-    except ValueError:  # On another drive.
+    except ValueError:  # The file is on another drive.
         return name
 
 
 def changed_files(digests: Mapping[str, str | None], home: Path) -> list[str]:
-    """Return the paths of the files whose hash has changed; `digests` as from `digest_reads`."""
+    """Return the paths of files whose hash differs from the result of `digest_reads`."""
 
     def resolve(name: str) -> str:
         relative = name.removeprefix("model:")

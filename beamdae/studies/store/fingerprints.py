@@ -1,8 +1,8 @@
-"""Hashes of Python values that are equal in every process, for values of any kind.
+"""Hashes of arbitrary Python values that are the same in every process.
 
-A value is decomposed into parts down to scalars: a function into its code and the values the code
-refers to, a class into its members, any other object into what it is pickled as. Installed
-functions, classes and modules are identified by name and version.
+A value is decomposed recursively into scalars: a function into its code and the values that the
+code refers to, a class into its members, and any other object into the parts of its pickle.
+Installed functions, classes and modules are identified by name and version.
 """
 
 from __future__ import annotations
@@ -64,19 +64,19 @@ _GENERATED_GLOBALS = {
 }
 _GLOBAL_READS = {"LOAD_GLOBAL", "LOAD_NAME"}
 _PICKLE_PROTOCOL = 4
-# Names, which appear in error messages, and values.
+# Names of the parts, for error messages, and their values.
 Parts = Iterable[tuple[str, Any]]
 
 
 class FingerprintError(TypeError):
-    """A value that other processes cannot reproduce.
+    """Raised for a value that cannot be reproduced in another process.
 
     Attributes
     ----------
     kind
-        Name of its type.
+        Type name of the value.
     containers
-        Names of the parts that contain it, from the inside out.
+        Names of the parts that contain the value, from the innermost to the outermost.
     """
 
     def __init__(self, value: Any) -> None:
@@ -86,35 +86,35 @@ class FingerprintError(TypeError):
 
     @property
     def place(self) -> str:
-        """Names of the parts that contain the value, from the outside in."""
+        """Names of the parts that contain the value, from the outermost to the innermost."""
         return ", ".join(name for name in reversed(self.containers) if name) or "the value"
 
 
 def digest(value: Any) -> str:
-    """Return the hash of a value: the same for equal values, in every process.
+    """Return the hash of a value; equal values have the same hash in every process.
 
     Raises
     ------
     FingerprintError
-        If the value or a part of it cannot be reproduced: a lock, a generator, an open file, an
-        object that pickles an address.
+        If the value or a part of it cannot be reproduced, such as a lock, a generator, an open
+        file, or an object whose pickle contains a memory address.
     """
     return _Hasher().digest(value).hex()
 
 
 def digest_transferable(value: Any) -> str:
-    """Return the `digest` of a value that is sent to other processes.
+    """Return the `digest` of a value after checking that pickling preserves it.
 
     Raises
     ------
     FingerprintError
-        As `digest`, and if the unpickled copy of the value has another hash.
+        As for `digest`, and if an unpickled copy of the value has a different hash.
     """
     original = digest(value)
     if not isinstance(value, (bool, int, float, str, bytes, type(None), np.ndarray)):
         try:
             copy = cloudpickle.loads(cloudpickle.dumps(value))
-        except Exception as problem:  # __reduce__ of any object.
+        except Exception as problem:  # __reduce__ can raise any error.
             raise FingerprintError(value) from problem
         if digest(copy) != original:
             raise FingerprintError(value)
@@ -126,7 +126,7 @@ class _Hasher:
 
     def __init__(self) -> None:
         self._depths: dict[int, int] = {}
-        # Values are stored with their hashes, so that their identities are not used again.
+        # Storing the value keeps it alive, so that its id is not reused.
         self._digests: dict[tuple[int, bool], tuple[bytes, Any]] = {}
         self._in_module = False
 
@@ -161,7 +161,8 @@ class _Hasher:
                 digests.append(hashlib.sha256(name.encode()).digest() + self.digest(part))
             except FingerprintError as problem:
                 if self._in_module:
-                    # The model may not use this member of a module; its other members count.
+                    # The model may not need this member; the hash includes the other members of the
+                    # module.
                     digests.append(f"{name} {problem.kind}".encode())
                     continue
                 problem.containers.append(name)
@@ -172,12 +173,12 @@ class _Hasher:
 
 
 def _encode_scalar(value: Any) -> bytes | None:
-    """Return the bytes of a value without parts, or None."""
+    """Return a scalar as bytes, or None if the value has parts."""
     kind = type(value)
     if value is None or value is Ellipsis or value is NotImplemented or kind is bool:
         return repr(value).encode()
     if kind is int:
-        # Decimal digits of long integers take quadratic time.
+        # Hexadecimal, because decimal conversion of long integers takes quadratic time.
         return b"int %x" % value if value >= 0 else b"int -%x" % -value
     if kind is float:
         return b"float " + struct.pack(">d", value)
@@ -194,7 +195,7 @@ def _decompose(value: Any) -> tuple[str, Parts]:
     try:
         reducer = copyreg.dispatch_table.get(type(value))
         reduced = reducer(value) if reducer else value.__reduce_ex__(_PICKLE_PROTOCOL)
-    except Exception as problem:  # __reduce__ of any object.
+    except Exception as problem:  # __reduce__ can raise any error.
         raise FingerprintError(value) from problem
     if isinstance(reduced, str):
         return f"name {type(value).__module__}.{reduced}", ()
@@ -258,7 +259,7 @@ def _decompose_function(value: FunctionType) -> tuple[str, Parts]:
     cells = list(zip(code.co_freevars, value.__closure__ or (), strict=True))
     if is_installed(code.co_filename):
         name = f"function {_versioned_name(value.__module__)} {value.__qualname__}"
-        # Installed decorators keep functions of the user in cells; those of beamdae do not.
+        # Installed decorators store user functions in cells; decorators of beamdae do not.
         is_own = code.co_filename.startswith(str(PACKAGE_FOLDER))
         return name, wrapped if is_own else [*wrapped, *cells]
     scope = value.__globals__
@@ -276,7 +277,7 @@ def _decompose_function(value: FunctionType) -> tuple[str, Parts]:
 
 @cache
 def _global_names(code: CodeType) -> tuple[str, ...]:
-    """Return the globals that a code object and the functions in it read."""
+    """Return the names of the globals that a code object and its nested functions read."""
     names = {x.argval for x in dis.get_instructions(code) if x.opname in _GLOBAL_READS}
     names = names.union(*(_global_names(c) for c in code.co_consts if isinstance(c, CodeType)))
     return tuple(sorted(names - _GENERATED_GLOBALS))
@@ -284,7 +285,7 @@ def _global_names(code: CodeType) -> tuple[str, ...]:
 
 @cache
 def _import_names(code: CodeType) -> tuple[str, ...]:
-    """Return the modules that a code object and the functions in it import."""
+    """Return the names of the modules that a code object and its nested functions import."""
     names = {x.argval for x in dis.get_instructions(code) if x.opname == "IMPORT_NAME"}
     names = names.union(*(_import_names(c) for c in code.co_consts if isinstance(c, CodeType)))
     return tuple(sorted(names))
@@ -292,7 +293,7 @@ def _import_names(code: CodeType) -> tuple[str, ...]:
 
 @_decompose.register
 def _decompose_code(value: CodeType) -> tuple[str, Parts]:
-    # Without file name and line numbers, which do not affect results.
+    # File name and line numbers are omitted, because they do not affect results.
     names = (value.co_names, value.co_varnames, value.co_freevars, value.co_cellvars)
     counts = (value.co_argcount, value.co_posonlyargcount, value.co_kwonlyargcount, value.co_flags)
     parts = (value.co_code, value.co_exceptiontable, names, counts, *value.co_consts)

@@ -31,7 +31,7 @@ class _DamagedError(Exception):
 
 @dataclass(frozen=True)
 class Store:
-    """Outcomes on disk, by the fingerprint of their case.
+    """Outcomes on disk, by the key of the task.
 
     `folder`/outcomes contains the records and trajectories. `folder`/trajectories contains the
     trajectories under readable names, as hard links where the file system supports them.
@@ -54,8 +54,8 @@ class Store:
     def save(self, task: Task, outcome: Outcome) -> Outcome:
         """Write an outcome, and return it with the name of its trajectory file.
 
-        The record is written last, so that the files of an existing record are complete. It
-        contains checksums of the trajectory and of itself.
+        The record is written last: if it exists, the trajectory is complete. It contains checksums
+        of the trajectory and of its content.
 
         Raises
         ------
@@ -82,23 +82,23 @@ class Store:
             "limits": asdict(task.limits),
             "repetitions": task.repetitions,
         }
-        # Converts NumPy scalars to Python numbers.
+        # Convert NumPy scalars to Python numbers.
         content = json.loads(json.dumps(content, default=methodcaller("item")))
         record = {"format": _FORMAT, "sha256": _checksum(content), "outcome": content}
         write_bytes(self.record_path(task), f"{json.dumps(record)}\n".encode())
         return replace(outcome, text=b"")
 
     def load(self, task: Task) -> tuple[Outcome | None, str]:
-        """Return the stored outcome of a task, or None, and a message if its files are damaged.
+        """Return the stored outcome of a task or None, and a message about damaged files or "".
 
-        It is None without a message if no outcome is stored, if a file that the run has read has
-        changed, if the run failed under other limits, or if the task asks for more repetitions or
-        for frames that the record lacks.
+        The outcome is None without a message if no outcome is stored, if a file that the run has
+        read has changed, if the run failed under other limits, or if the task requires more
+        repetitions or frames that the record lacks.
 
         Raises
         ------
         BeamdaeError
-            If there is a folder in the place of a file.
+            If the path of a file is a folder.
         """
         for path in (self.record_path(task), self.rows_path(task), self.trajectory_path(task)):
             if path.is_dir():
@@ -164,7 +164,7 @@ class Store:
                 scratch.write_bytes(text)
 
     def remove_scratch_files(self) -> None:
-        """Remove unfinished files of processes that have ended."""
+        """Remove unfinished files left by processes that have ended."""
         for folder in (self.folder, self.folder / "outcomes", self.folder / "trajectories"):
             remove_stale_scratch_files(folder)
 

@@ -1,4 +1,4 @@
-"""Trajectories of runs as CSV: written and parsed without loss of a bit."""
+"""CSV format of trajectories, written and parsed without loss of precision."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from beamdae.results.storage.files import escape_cell
 def format_trajectory(table: pd.DataFrame) -> bytes:
     """Return a table of floats as CSV.
 
-    The bytes are those of `DataFrame.to_csv`, in half the time. Headers are escaped, see
-    `escape_cell`.
+    The result is the same as from `DataFrame.to_csv`, but takes half the time. Headers are escaped;
+    see `escape_cell`.
     """
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow([table.index.name, *map(escape_cell, table)])
@@ -27,7 +27,7 @@ def format_trajectory(table: pd.DataFrame) -> bytes:
 
 
 def parse_trajectory(content: bytes, columns: Sequence[str]) -> pd.DataFrame:
-    """Return the table of `format_trajectory` with its headers before they were escaped."""
+    """Parse the result of `format_trajectory`; `columns` are the headers before escaping."""
     text = io.StringIO(content.decode(), newline="")
     index, *_ = next(csv.reader(text))
     # float() rounds correctly, unlike the default parser of pandas.

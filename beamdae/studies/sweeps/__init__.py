@@ -1,5 +1,5 @@
-"""Sweeps: one model run over values of its parameters, the table of responses, plots and page.
+"""Sweeps: runs of one model over parameter values, with a table of responses, plots and a page.
 
-May import: the other folders and modules of studies, report, and everything below.
-Next: a measure of a column in `responses.MEASURES`, a plot in `response_plots`.
+May import: the other folders and modules of studies, report, and everything below. To extend: add a
+measure of a column to `responses.MEASURES`, or a plot to `response_plots`.
 """

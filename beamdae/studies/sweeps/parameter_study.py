@@ -1,4 +1,4 @@
-"""Studies of one model over values of its parameters: validated values, cases and outputs."""
+"""Study of one model over values of its parameters, and validation of values and outputs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from beamdae.studies.tasks import Task
 
 Output = Callable[[Solution], Any]
 
-# Columns that every table of responses has.
+# Columns of every table of responses.
 STATUS = "status"
 REASON = "reason"
 TRAJECTORY = "trajectory"
@@ -42,12 +42,11 @@ class ParameterStudy(Study):
     Attributes
     ----------
     columns
-        Observed columns that are tabulated; default all.
+        Observed columns in the table. Defaults to all columns.
     outputs
-        Functions of a `Solution` by the name of their column.
+        Functions of a `Solution`, by column name.
     settings
-        Parameters of each case as they are displayed: numbers, strings, or the names of other
-        values.
+        Parameters of each case in displayed form: numbers, strings, or the names of other values.
     """
 
     references: tuple[Integrator, ...] | None = ()
@@ -60,12 +59,12 @@ class ParameterStudy(Study):
 
     @property
     def parameters(self) -> list[str]:
-        """Names of the parameters that have values."""
+        """Names of the swept parameters."""
         return list(dict.fromkeys(name for setting in self.settings for name in setting))
 
     @cached_property
     def varied(self) -> list[str]:
-        """Names of the parameters that have several values."""
+        """Names of the parameters with more than one value."""
         return [
             name
             for name in self.parameters
@@ -77,13 +76,13 @@ class ParameterStudy(Study):
         return {id(case): x for case, x in zip(self.cases, self.settings, strict=True)}
 
     def tag(self, case: Case) -> str:
-        """Return the varied parameters of a case with their values, as a label."""
+        """Return a label with the varied parameters of a case and their values."""
         setting = self._setting_by_case[id(case)]
         values = [f"{x}={format_setting(setting[x])}" for x in self.varied or setting]
         return ", ".join(values) or self.name
 
     def task(self, case: Case, reference: bool = False, digests: DigestCache | None = None) -> Task:
-        """Return the task of a case, outputs included; see `Study.task`."""
+        """Return the task of a case, including the outputs; see `Study.task`."""
         digests = {} if digests is None else digests
         task = super().task(case, reference, digests)
         if not self.outputs:
@@ -103,21 +102,22 @@ class ParameterStudy(Study):
 
 @dataclass(frozen=True)
 class ParameterValue:
-    """A value of a parameter, and how tables and labels display it."""
+    """Value of a parameter, and its form in tables and labels."""
 
     value: Any
     label: Any
 
 
 def expand_values(part: str, model: Model, over: Any) -> list[dict[str, ParameterValue]]:
-    """Return the parameters of each case, from values by parameter or a list of combinations.
+    """Return the parameters of each case.
 
-    Parameters that a combination leaves out have the model's default.
+    `over` contains values by parameter, or is a list of combinations. A parameter that a
+    combination omits has the default of the model.
 
     Raises
     ------
     BeamdaeError
-        If the model has no such parameter, or a parameter has no values or one of a wrong type.
+        If a parameter is unknown, has no values, or has a value of the wrong type.
     """
     if isinstance(over, Mapping) and over:
         return grid(**{x: _require_values(part, model, x, values) for x, values in over.items()})
@@ -146,7 +146,7 @@ def _require_values(part: str, model: Model, name: Any, values: Any) -> list[Par
 
 
 def _require_list(part: str, name: str, values: Any, allowed: str) -> list[Any]:
-    """Return the entries of an ordered iterable, and reject endless ones."""
+    """Return the entries of an ordered iterable; raise an error if there are too many."""
     unordered = isinstance(values, (str, bytes, set, frozenset))
     entries = require_iterable(part, name, None if unordered else values, allowed, MAX_CASES + 1)
     if len(entries) > MAX_CASES:
@@ -182,10 +182,10 @@ def _require_outputs(part: str, value: Any, parameters: Iterable[str]) -> dict[s
 
 
 def parameter_column(name: str) -> str:
-    """Return the column of a parameter in the table of responses."""
+    """Return the name of the column of a parameter in the table of responses."""
     return f"parameter {name}" if name in RESERVED_COLUMNS else name
 
 
 def format_setting(value: Any) -> str:
-    """Return a displayed parameter value as text, numbers with six digits."""
+    """Format a displayed parameter value; numbers have six significant digits."""
     return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""Response plots of a sweep: responses over one parameter as curves, or over two as a color map."""
+"""Plots of sweeps: responses over one parameter as curves, or over two as color maps."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 _MAX_LEGEND_CURVES = 24
-_MIN_MAP_COVERAGE = 0.5  # share of all pairs of values; fewer are drawn as dots, not as cells
+_MIN_MAP_COVERAGE = 0.5  # fraction of all pairs of values; below it, dots replace cells
 _FAILURE_STYLE: dict[str, Any] = {
     "marker": "x",
     "color": "0.2",
@@ -38,31 +38,31 @@ _FAILURE_STYLE: dict[str, Any] = {
     "ls": "none",
     "mew": 1.5,
 }
-_FAILURE_HEIGHT = 0.02  # of the marks of failed runs, as a fraction of the height of the axes
-_MAX_COLOR = 0.95  # of the color map for curves: its upper end is too bright on white
+_FAILURE_HEIGHT = 0.02  # position of the marks of failed runs, relative to the axes height
+_MAX_COLOR = 0.95  # end of the color map for curves; brighter colors are hard to see
 _MAX_TICKS = 12
 _MAX_TICK_LETTERS = 18
-_AXIS_LETTERS = 48  # tick labels that fit side by side below a panel
-_LABEL_ROTATION = 30  # of tick labels that do not [degrees]
-_RATIO_TOLERANCE = 1e-6  # relative, of values that form a geometric sequence
+_AXIS_LETTERS = 48  # letters of all tick labels that fit side by side below a panel
+_LABEL_ROTATION = 30  # rotation of tick labels that do not fit [degrees]
+_RATIO_TOLERANCE = 1e-6  # relative tolerance of the ratios of a geometric sequence
 
 
 @dataclass(frozen=True)
 class ParameterScale:
-    """A parameter on an axis: numbers at their value, other values in order of appearance.
+    """Axis of a parameter: numbers at their value, other values in order of appearance.
 
     Attributes
     ----------
     name
         Name of the parameter.
     positions
-        Position of each row of the table on the axis.
+        Position on the axis for each row of the table.
     ticks
-        Distinct positions, ascending.
+        Distinct positions in ascending order.
     labels
-        Texts at the ticks of a parameter that is not numeric; empty for numbers.
+        Tick labels of a parameter that is not numeric; empty for numbers.
     log
-        Whether the values form a geometric sequence, which gets a logarithmic axis.
+        True if the values form a geometric sequence, so that the axis is logarithmic.
     """
 
     name: str
@@ -85,7 +85,7 @@ class ParameterScale:
         return cls(name, positions, np.arange(len(labels), dtype=float), tuple(labels), False)
 
     def format_axis(self, axes: Axes, which: str) -> None:
-        """Set the label, scale and ticks of the "x" or the "y" axis."""
+        """Set the label, scale and ticks of the axis `which` ("x" or "y")."""
         axis = getattr(axes, f"{which}axis")
         axis.set_label_text(shorten_text(self.name, figures.MAX_LABEL_LETTERS))
         if self.log:
@@ -151,7 +151,7 @@ def _save_files(draw: Callable[[], Plot], path: Path) -> list[Path]:
 def plot_curves(
     study: ParameterStudy, table: pd.DataFrame, panels: Sequence[Panel], x: str | None = None
 ) -> Plot:
-    """Plot each panel over a parameter, with a curve for each choice of the other parameters."""
+    """Plot each panel over one parameter, with a curve per combination of other parameters."""
     scale = ParameterScale.of(table, choose_axis(study, table, x))
     groups = group_rows(study, scale.name)
     several = len(groups) > 1
@@ -188,7 +188,7 @@ def plot_curves(
 
 
 def _create_styles(labels: Sequence[str], graded: bool) -> dict[str, dict[str, Any]]:
-    """Return color and dashes of each curve; graded ones follow the color map in their order."""
+    """Return the style of each curve; if `graded`, the colors follow a color map in order."""
     if graded:
         from matplotlib import colormaps
 
@@ -209,7 +209,7 @@ def _draw_curve(
     column: str,
     style: dict[str, Any],
 ) -> None:
-    """Draw a curve in the order of the parameter; points of other than numbers are not joined."""
+    """Plot a curve in the order of the parameter; non-numeric parameters have markers only."""
     rows = rows[np.argsort(scale.positions[rows], kind="stable")]
     heights = _extract_numbers(table[column])[rows]
     options: dict[str, Any] = {"marker": "o", "ms": 3.5, "lw": 1.4} | style
@@ -219,13 +219,13 @@ def _draw_curve(
 
 
 def _extract_numbers(column: pd.Series) -> Array:
-    """Return the values of a column; texts and values too large for an axis become NaN."""
+    """Return a column as floats; text and values too large for an axis become NaN."""
     values = pd.to_numeric(column, "coerce").to_numpy(float)
     return figures.mask_huge_values({"": values})[""]
 
 
 def _remove_empty(table: pd.DataFrame, panels: Sequence[Panel]) -> list[Panel]:
-    """Return the panels with at least one number."""
+    """Return the panels that contain at least one number."""
     columns = {column for panel in panels for column in panel.lines.values()}
     drawable = {c: not np.isnan(_extract_numbers(table[c])).all() for c in columns}
     return [x for x in panels if any(drawable[c] for c in x.lines.values())]
@@ -252,7 +252,7 @@ def plot_maps(
     x: str | None = None,
     y: str | None = None,
 ) -> Plot:
-    """Plot each response in color over the two varied parameters."""
+    """Plot each response as a color map over the two varied parameters."""
     varied = study.varied
     if len(varied) != 2:
         names = f" ({', '.join(varied)})" if varied else ""
@@ -278,7 +278,7 @@ def plot_maps(
 
 
 def _draw_map(axis: Axes, x: ParameterScale, y: ParameterScale, heights: Array) -> None:
-    """Draw cells with contour lines, or dots if few pairs were run; failed runs are crosses."""
+    """Draw cells with contour lines, or dots if few pairs were run; crosses mark failed runs."""
     cells = np.full((len(y.ticks), len(x.ticks)), np.nan)
     rows = np.searchsorted(y.ticks, y.positions)
     columns = np.searchsorted(x.ticks, x.positions)

@@ -46,18 +46,18 @@ MEASURES: Mapping[str, Callable[[Array, Array], float]] = {
 
 
 def measure_columns(header: str) -> dict[str, str]:
-    """Return the columns of the table for an observed column, by measure."""
+    """Return the columns of the table for an observed column, keyed by measure."""
     quantity = _remove_unit(header)
     return {x: f"{quantity} {x}{header.removeprefix(quantity)}" for x in MEASURES}
 
 
 def select_headers(results: StudyResults, study: ParameterStudy) -> list[str]:
-    """Return the observed columns that are tabulated, over all runs.
+    """Return the observed columns to tabulate, collected from all runs.
 
     Raises
     ------
     BeamdaeError
-        If the study selects a column that none of its runs has.
+        If the study selects a column that no run has.
     """
     tables = [results.outcome(case).table for case in study.cases]
     headers = dict.fromkeys(c for x in tables if x is not None for c in observed_columns(x))
@@ -109,7 +109,8 @@ def _measure_run(outcome: Outcome, headers: list[str]) -> dict[str, float]:
 def select_characteristic(results: StudyResults, study: ParameterStudy) -> list[str]:
     """Return the responses shown by default.
 
-    These are the outputs, else the selected columns, else the characteristic columns of a run.
+    These are the outputs of the study. If it has no outputs, they are the selected columns; without
+    a selection, they are the characteristic columns of the first successful run.
     """
     if study.outputs:
         return list(study.outputs)
@@ -130,7 +131,7 @@ class Panel:
     title, unit
         Quantity on the vertical axis.
     lines
-        Columns of the table by measure; "" if there is only one.
+        Columns of the table, keyed by measure; a single column has the key "".
     """
 
     title: str
@@ -138,7 +139,7 @@ class Panel:
     lines: Mapping[str, str]
 
     def split(self) -> list[Panel]:
-        """Return a panel for each line."""
+        """Return one panel per line."""
         return [
             Panel(f"{self.title} {measure}".strip(), self.unit, {"": column})
             for measure, column in self.lines.items()
@@ -151,7 +152,7 @@ def select_panels(study: ParameterStudy, headers: list[str], name: Any) -> list[
     Raises
     ------
     BeamdaeError
-        If there is no response of this name.
+        If no response has this name.
     """
     outputs = {(_remove_unit(x) if bare else x): x for bare in (False, True) for x in study.outputs}
     if isinstance(name, str) and name in outputs:
@@ -185,7 +186,7 @@ def _parse_unit(header: str) -> str:
 
 
 def is_numeric_parameter(table: pd.DataFrame, name: str) -> bool:
-    """Return whether all values of a parameter are numbers; truth values are not."""
+    """Return whether all values of a parameter are numbers (booleans do not count)."""
     return all(
         isinstance(x, (int, float, np.number)) and not isinstance(x, (bool, np.bool_))
         for x in table[parameter_column(name)]
@@ -193,12 +194,14 @@ def is_numeric_parameter(table: pd.DataFrame, name: str) -> bool:
 
 
 def choose_axis(study: ParameterStudy, table: pd.DataFrame, name: Any = None) -> str:
-    """Return the parameter on the horizontal axis: `name`, or the one with most numeric values.
+    """Return the parameter of the horizontal axis.
+
+    Defaults to the numeric parameter with the most distinct values.
 
     Raises
     ------
     BeamdaeError
-        If nothing varies, or `name` does not.
+        If no parameter varies, or `name` is not a varied parameter.
     """
     varied = study.varied
     if not varied:
@@ -224,7 +227,7 @@ def choose_axis(study: ParameterStudy, table: pd.DataFrame, name: Any = None) ->
 
 
 def group_rows(study: ParameterStudy, x: str) -> dict[str, Array]:
-    """Return the rows of the table by the values of all varied parameters except `x`."""
+    """Group the rows of the table by the values of all varied parameters except `x`."""
     others = [name for name in study.varied if name != x]
     groups: dict[str, list[int]] = {}
     for row, setting in enumerate(study.settings):

@@ -54,12 +54,11 @@ class Sweep(ParameterStudy):
     Attributes
     ----------
     columns
-        Observed columns that are tabulated; default all.
+        Observed columns in the table. Defaults to all columns.
     outputs
-        Functions of a `Solution` by the name of their column.
+        Functions of a `Solution`, by column name.
     settings
-        Parameters of each case as they are displayed: numbers, strings, or the names of other
-        values.
+        Parameters of each case in displayed form: numbers, strings, or the names of other values.
     """
 
     def run(
@@ -69,7 +68,7 @@ class Sweep(ParameterStudy):
         scheduler: str | None = None,
         progress: Callable[[StudyProgress], None] | None = None,
     ) -> SweepResults:
-        """Run all cases that are not in `folder` yet; see `bd.sweep`."""
+        """Run all cases that are not yet stored in `folder`; see `bd.sweep`."""
         serial = scheduler is None and as_real(jobs) == 1.0
         executor = SerialPool() if serial else create_executor(self.name, "jobs", jobs, scheduler)
         report_progress = _guard_progress(self.name, progress)
@@ -146,7 +145,7 @@ def create_sweep(
     )
 
 
-# Values by parameter, or combinations of them.
+# Values by parameter, or a list of combinations.
 Over = Mapping[str, Iterable[Any]] | Iterable[Mapping[str, Any]]
 
 
@@ -199,11 +198,11 @@ def sweep(
 ) -> Any:
     """Run a model over values of its parameters; without `over`, return a decorator.
 
-    The table has one row per run, with the end value, maximum, minimum and root mean square over
-    time of observed columns, and the values of functions of the solution. A failed run is a row
-    with its reason. With `over` the sweep runs immediately. Without it, `sweep` decorates a
-    function without arguments that returns the values; call the decorated sweep, or run it with
-    `beamdae sweep FILE.py`.
+    The table has one row per run, with the final value, maximum, minimum and root mean square over
+    time of the observed columns, and the values of functions of the solution. The row of a failed
+    run contains the reason. With `over`, the sweep runs immediately. Without `over`, `sweep`
+    decorates a function without arguments that returns the values; call the decorated sweep, or run
+    it with `beamdae sweep FILE.py`.
 
     Parameters
     ----------
@@ -211,31 +210,33 @@ def sweep(
         A model function, see `bd.model`, or any function with keyword defaults that builds a
         mechanism (which needs `t_end`).
     over
-        Values by parameter, of which all combinations are run: `{"elements": [4, 8]}`. Values that
-        are not numbers can be named by a dict, `{"section": {"thin": thin, "thick": thick}}`.
-        Alternatively a list of combinations, each a dict of parameters, see `bd.grid`.
+        Values by parameter name; all combinations are run: `{"elements": [4, 8]}`. A dict can name
+        values that are not numbers: `{"section": {"thin": thin, "thick": thick}}`. Alternatively, a
+        list of combinations, each of which is a dict of parameters; see `bd.grid`.
     of
         Observed columns to tabulate, by header with or without unit ("tip.y") or by observable
-        ("tip"); default all.
+        ("tip"). Defaults to all columns.
     outputs
-        Functions of a `Solution` that return a number, a truth value, a string or None, by the
-        name of their column, for example `{"peak [m]": lambda run: run["tip.y"].abs().max()}`.
+        Functions of a `Solution` that return a number, a bool, a string or None, by column name,
+        for example `{"peak [m]": lambda run: run["tip.y"].abs().max()}`.
     integrator
-        Integrator of all runs; default `Auto()`.
+        Integrator of all runs. Defaults to `Auto()`.
     t_end, output_step
-        End time and time between rows [s]; default the model's end time, and a 400th of it.
-        Maxima and root mean squares are taken over the rows.
+        End time and time between rows [s]. The defaults are the end time of the model, and the end
+        time / 400. Maxima and root mean squares are computed from the rows.
     time_limit
-        Maximum wall time of a run [s]; default no limit.
+        Maximum wall time of a run [s]. Defaults to no limit.
     folder
-        Folder for the table and the results of all runs. Runs that are already there are not
-        repeated, so that an interrupted sweep resumes. By default nothing is stored.
+        Folder for the table and the results of all runs. Runs that are already stored there are not
+        repeated, so an interrupted sweep resumes. By default, nothing is stored.
     jobs
-        Number of processes; 1 runs in this process, None uses one process per core.
+        Number of processes. With 1, all cases run in the current process; None starts one process
+        per core.
     scheduler
-        Address of a Dask scheduler whose workers do the runs.
+        Address of a Dask scheduler whose workers run the cases.
     progress
-        Called with a `StudyProgress` (`done`, `total`, `failed`, ...) after each run.
+        Function that is called with a `StudyProgress` (`done`, `total`, `failed`, ...) after each
+        run.
 
     Returns
     -------
@@ -244,8 +245,8 @@ def sweep(
     Raises
     ------
     BeamdaeError
-        If a parameter is unknown, has no values or values of a wrong type, or a column does not
-        exist. Values that the model itself rejects are failed rows.
+        If a parameter is unknown, has no values or values of the wrong type, or a column does not
+        exist. If the model rejects a value, the row of the run contains the reason.
 
     Warns
     -----

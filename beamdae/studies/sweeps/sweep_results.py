@@ -44,14 +44,14 @@ from beamdae.studies.sweeps.responses import (
 Array = np.ndarray
 
 TABLE_FILE = "sweep.csv"
-_PARAMETER_TOLERANCE = 1e-9  # relative, of numbers by which runs are looked up
+_PARAMETER_TOLERANCE = 1e-9  # relative, for numbers that identify a run
 _MAX_NOTEBOOK_ROWS = 20
 _MAX_NOTEBOOK_COLUMNS = 16
 
 
 @dataclass(frozen=True, repr=False)
 class SweepRun(TimeSeries):
-    """Observed columns of one run of a sweep, with the methods of a `Solution`.
+    """Observed columns of one run of a sweep, with the same access as in a `Solution`.
 
     Attributes
     ----------
@@ -75,20 +75,20 @@ class SweepRun(TimeSeries):
 
     @property
     def label(self) -> str:
-        """The parameters that vary, with their values."""
+        """Label with the varied parameters and their values."""
         return self.name
 
     def all_columns(self) -> dict[str, Array]:
-        """Return the columns of `table` by header, as arrays."""
+        """Return all columns as arrays, keyed by header."""
         columns = {str(c): self.rows[c].to_numpy(float) for c in self.rows}
         return {TIME: self.rows.index.to_numpy(float), **columns}
 
     def coordinates(self) -> pd.DataFrame:
-        """Return a table without columns: sweeps do not store coordinates."""
+        """Return a table without columns, because sweeps do not store coordinates."""
         return pd.DataFrame(index=range(len(self.rows)))
 
     def at_times(self, times: Array) -> SweepRun:
-        """Return the run at some of its output times [s]."""
+        """Return the run restricted to some of the output times [s]."""
         advice = "use the same output_step in the sweep and the other run"
         rows = self.rows.iloc[self._rows_at(times, f"the run {self.name}", advice)]
         return SweepRun(self.name, self.parameters, self.status, rows, self.warnings)
@@ -100,14 +100,14 @@ class SweepRun(TimeSeries):
 
 @dataclass(frozen=True, repr=False)
 class SweepResults:
-    """Results of a sweep; a notebook displays the table.
+    """Results of a sweep; notebooks display them as a table.
 
     Attributes
     ----------
     sweep
         The `Sweep` that was run.
     results
-        Costs, quality and files of its runs, as those of studies.
+        Cost, quality and files of the runs, in the same form as for studies.
     table
         One row per case: parameters, status, outputs; "end", "max", "min" and "RMS" of observed
         columns over the run, such as "tip.y max [m]"; wall time, the reason if the run did not
@@ -120,7 +120,7 @@ class SweepResults:
 
     @property
     def interrupted(self) -> bool:
-        """Whether the sweep was interrupted; with a folder it resumes when it is run again."""
+        """True if the sweep was interrupted. If it has a folder, running it again resumes it."""
         return self.results.interrupted
 
     @cached_property
@@ -142,11 +142,11 @@ class SweepResults:
 
     @property
     def runs(self) -> list[SweepRun]:
-        """The runs that have rows, in the order of the table, for example for `bd.plot`."""
+        """Runs that have rows, in the order of the table, for example for `bd.plot`."""
         return list(self._runs_by_row.values())
 
     def run(self, **parameters: Any) -> SweepRun:
-        """Return the run with these parameters; those that are not needed may be left out.
+        """Return the run with these parameter values; as many as identify the run are sufficient.
 
         Raises
         ------
@@ -183,51 +183,52 @@ class SweepResults:
         return rows[0]
 
     def panels(self, *names: str) -> list[Panel]:
-        """Return the panels that plots show for some names; default the characteristic ones."""
+        """Return the panels of the named responses. Defaults to the characteristic responses."""
         headers = select_headers(self.results, self.sweep)
         selected = names or select_characteristic(self.results, self.sweep)
         return [panel for name in selected for panel in select_panels(self.sweep, headers, name)]
 
     @property
     def parameters(self) -> list[str]:
-        """Columns of the parameters."""
+        """Names of the parameter columns in the table."""
         return [parameter_column(name) for name in self.sweep.parameters]
 
     @cached_property
     def response_columns(self) -> list[str]:
-        """Columns of the responses that are plotted by default."""
+        """Names of the columns in the table that are plotted by default."""
         return [column for panel in self.panels() for column in panel.lines.values()]
 
     def plot(self, *names: str, x: str | None = None) -> Plot:
-        """Plot responses over a parameter, with a curve for each choice of the others.
+        """Plot responses over one parameter, with a curve per combination of other parameters.
 
         Parameters
         ----------
         names
             Outputs, observed columns ("tip.y" plots all its measures) or single measures ("tip.y
-            max"); default the outputs, or else the characteristic columns.
+            max"). Defaults to the outputs or, without outputs, to the characteristic columns.
         x
-            Parameter on the axis; default the one with most numeric values.
+            Parameter on the horizontal axis. Defaults to the numeric parameter with the most
+            values.
 
         Raises
         ------
         BeamdaeError
-            If there is no such response, or no parameter varies.
+            If a response does not exist, or no parameter varies.
         """
         return plot_curves(self.sweep, self.table, self.panels(*names), x)
 
     def map(self, *names: str, x: str | None = None, y: str | None = None) -> Plot:
-        """Plot responses in color over two parameters; see `plot`.
+        """Plot responses as color maps over two parameters; see `plot`.
 
         Raises
         ------
         BeamdaeError
-            If there is no such response, or the number of varied parameters is not two.
+            If a response does not exist, or the number of varied parameters is not two.
         """
         return plot_maps(self.sweep, self.table, self.panels(*names), x, y)
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write the table as CSV; texts that spreadsheets would run as formulas are escaped.
+        """Write the table as CSV; text that spreadsheets would evaluate as a formula is escaped.
 
         Raises
         ------
@@ -266,13 +267,13 @@ class SweepResults:
 
 
 def create_sweep_results(results: StudyResults) -> SweepResults:
-    """Return the results of a sweep from those of its study run."""
+    """Return the results of a sweep from the results of its study."""
     assert isinstance(results.study, ParameterStudy)
     return SweepResults(results.study, results, tabulate_responses(results, results.study))
 
 
 def list_warnings(swept: SweepResults) -> Iterator[str]:
-    """Yield a sentence on failed runs and one on runs with warnings, if there are any."""
+    """Yield a message about failed runs and a message about runs with warnings, if any."""
     failed = swept.table[STATUS] != "ok"
     with_warnings = (swept.table[WARNINGS] != "") & ~failed
     for selection, column, problem in (
@@ -302,9 +303,10 @@ def _is_same_value(displayed: Any, value: Any) -> bool:
 
 
 def create_sweep_page(swept: SweepResults) -> dict[str, Any]:
-    """Return the content of the page of a sweep as plain data, for `write_page`.
+    """Return the data of the HTML page of a sweep, for `write_page`.
 
-    Responses are drawn over one parameter; each choice of the others is a family of runs.
+    Responses are plotted over one parameter; each combination of the other parameters forms a
+    family of runs.
     """
     columns = [*swept.parameters, *swept.response_columns]
     content = create_study_page(swept.results, swept.table[columns])
