@@ -102,7 +102,7 @@ class EventTerm:
         1 for upward, -1 for downward crossings, 0 for both.
     do
         Action of the event.
-    begins_there
+    occurred_at_start
         True if the run resumes from a state at which this event occurred and its action was
         executed; the event is not triggered again at the start.
     due
@@ -119,7 +119,7 @@ class EventTerm:
     crosses: float
     direction: int
     do: Any
-    begins_there: bool = False
+    occurred_at_start: bool = False
     due: int = 0
     side: int = 0
 
@@ -176,9 +176,9 @@ class EquationsOfMotion:
 
         F(t, q, v, a, p) + G^T lam = 0,    0 = g(t, q, p),    G = dg/dq,
 
-    where F is inertia minus applied forces. Nonholonomic constraints replace their rows of
-    g_dot = 0 by A(t, q) v + b(t, q) = 0, and G by A. The object is immutable, so that
-    formulations, integrators and analyses can share the data derived from it.
+    where F is inertia minus applied forces. For nonholonomic constraints, A(t, q) v + b(t, q) = 0
+    replaces g_dot = 0, and A replaces G. The object is immutable, so that formulations, integrators
+    and analyses can share the data derived from it.
 
     Attributes
     ----------
@@ -280,7 +280,7 @@ class EquationsOfMotion:
 
     @cached_property
     def position_scales(self) -> Array:
-        """Natural size of each coordinate, (n,): the characteristic length, or 1 for an angle."""
+        """Scale of each coordinate, (n,): the characteristic length, or 1 for an angle."""
         angle = np.array([coordinate.unit == "rad" for coordinate in self.coordinates], bool)
         return np.where(angle, 1.0, self.length)
 

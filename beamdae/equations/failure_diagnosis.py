@@ -111,6 +111,6 @@ def _describe_fastest_coordinate(e: EquationsOfMotion, state: State) -> str:
         return ""
     worst = int(np.argmax(rates))
     return (
-        f"{e.q_names[worst]} accelerates most, by {state.a[worst]:.3g} "
-        f"{e.coordinates[worst].unit}/s^2"
+        f"{e.q_names[worst]} has the largest acceleration ({state.a[worst]:.3g} "
+        f"{e.coordinates[worst].unit}/s^2)"
     )

@@ -37,7 +37,7 @@ def time_on_branch(breakpoints: Sequence[float], t: float, end: float | None = N
     breakpoints
         Breakpoints of the equations [s].
     t
-        The time [s].
+        Time [s].
     end
         End of the motion [s]; defaults to one second after `t`.
     """

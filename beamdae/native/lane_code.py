@@ -110,7 +110,7 @@ class OperandType(NamedTuple):
     Attributes
     ----------
     number
-        The type.
+        Name of the type.
     inline
         Instructions by operation of CasADi, with the placeholders {r}, {x} and {y}.
     functions

@@ -28,7 +28,7 @@ class LinearSolver:
     plan, factors
         Pivots, and factors of the last matrix.
     needs_pivots
-        1 if the loop has returned NEW_PIVOTS for this matrix.
+        1 if the loop has returned NEW_PIVOTS for the current matrix.
     is_untried
         1 if the pivots have not been used yet.
     singular

@@ -74,7 +74,7 @@ def link_modules(texts: Iterable[str], exports: Container[str]) -> str:
     Raises
     ------
     MachineCodeError
-        If a text is not valid IR, or two of them define the same symbol.
+        If a text is not valid IR, or two texts define the same symbol.
     """
     llvm = _llvmlite().binding
     try:

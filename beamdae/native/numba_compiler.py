@@ -1,9 +1,9 @@
-"""Translation of plain Python functions to LLVM IR by numba; importing it imports numba.
+"""Translation of plain Python functions to LLVM IR by numba.
 
-This module replaces internal parts of numba (`_library_class`, `get_executable` and `nrt` of its
-target), so that numba emits only IR. pyproject.toml therefore limits numba and llvmlite
-to tested versions; with an untested version, `compile_loops` falls back to the standard behavior of
-numba.
+Importing this module imports numba. It replaces internal parts of numba (`_library_class`,
+`get_executable` and `nrt` of its target), so that numba emits only IR. pyproject.toml therefore
+limits numba and llvmlite to tested versions; with an untested version, `compile_loops` falls back
+to the standard behavior of numba.
 """
 
 from __future__ import annotations
@@ -132,16 +132,16 @@ def compile_loops(
     Parameters
     ----------
     entries
-        Symbol -> (loop, its arguments), see `loops.CompiledLoop`.
+        (loop, its arguments) by symbol, see `loops.CompiledLoop`.
     functions
         The loops and all functions they call.
     kind
-        Layout of the object they work on, see `loops`.
+        Layout of the object on which the loops work, see `loops`.
 
     Raises
     ------
     MachineCodeError
-        If this version of numba cannot compile them.
+        If this version of numba cannot compile the loops.
     """
     for function in functions:
         if function not in _registered_functions:

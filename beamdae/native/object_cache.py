@@ -149,7 +149,7 @@ def _require_private(folder: Path) -> None:
     Raises
     ------
     CacheError
-        If another user owns it, or can write to it or to a folder above it.
+        If another user owns the folder, or can write to it or to a parent folder.
     """
     user = os.geteuid()
     if folder.stat().st_uid != user:

@@ -32,7 +32,7 @@ class ObjectSource:
     Attributes
     ----------
     name
-        Prefix of its file in the cache: letters, digits and underscores.
+        Prefix of the file name in the cache: letters, digits and underscores.
     text
         Module of LLVM IR or, if `ir` is given, text that determines its output.
     symbols
@@ -63,11 +63,11 @@ class ObjectSource:
 
 
 def load_object(
-    source: ObjectSource, is_right: Callable[[LoadedObject], bool]
+    source: ObjectSource, is_correct: Callable[[LoadedObject], bool]
 ) -> LoadedObject | None:
     """Return machine code from the cache or the compiler; None if unavailable or switched off.
 
-    A new object is used and cached only if `is_right` returns True for it.
+    A new object is used and cached only if `is_correct` returns True for it.
 
     Warns
     -----
@@ -82,7 +82,7 @@ def load_object(
             return source.load(content)
         content = llvm.compile_module(source.ir() if source.ir else source.text, source.level)
         code = source.load(content)
-        if not is_right(code):
+        if not is_correct(code):
             raise MachineCodeError(f"LLVM: {source.name} returns wrong numbers")
     except MachineCodeError as problem:
         _warn_once(

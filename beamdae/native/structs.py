@@ -1,8 +1,8 @@
 """Numba types of the objects that loops work on: pointers to tables of 64-bit words.
 
 A word holds an integer, a floating point number or an address. An array takes one word for its
-address and one for each dimension; nested objects are stored inline. Importing this
-module imports numba.
+address and one for each dimension; nested objects are stored inline. Importing this module imports
+numba.
 """
 
 from __future__ import annotations

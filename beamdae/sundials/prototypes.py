@@ -1,4 +1,4 @@
-"""C prototypes of SUNDIALS 7 with double precision, 32-bit indices and without MPI."""
+"""C prototypes of SUNDIALS 7 for double precision and 32-bit indices, without MPI."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ class FormulaExpression:
     functions
         Kinds of formulas, or other functions.
     counts
-        Number of numbers of each formula; None for other functions.
+        Count of numbers of each formula; None for other functions.
     """
 
     build: Callable[..., Any]

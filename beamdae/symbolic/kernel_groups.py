@@ -37,11 +37,11 @@ class KernelGroup(NamedTuple):
     Attributes
     ----------
     kernel
-        The kernel.
+        Kernel that the statements share.
     members
-        Indices of the statements that share the kernel.
+        Indices of the statements.
     data
-        Data of their copies, one column per copy, one statement after the other.
+        Data of their copies, one column per copy, in the order of the statements.
     """
 
     kernel: Any

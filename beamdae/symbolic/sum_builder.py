@@ -23,7 +23,7 @@ _SOURCE_OF_ONE = -1
 
 @dataclass(frozen=True)
 class LocalInput:
-    """Rows of an operator as local input of all copies.
+    """Local inputs of all copies, as rows of an operator.
 
     The operator acts on the part of the vector that starts at `first`.
     """

@@ -181,7 +181,7 @@ def test_compiled_loops_compute_the_same_jerk():
     rng = np.random.default_rng(1)
     starter = ConsistencySolver(equations)
     state = starter.state(numeric.time, equations.q0, rng.normal(size=numeric.n))
-    expected = starter.evaluate_normal_jerk(numeric.time, state, 1e-4, of_positions=True)
+    expected = starter.evaluate_normal_jerk(numeric.time, state, 1e-4, holonomic_only=True)
     jerk = JerkEquations.from_equations(equations).buffers(False)
     at = Motion(state.q, state.v, state.a, state.a, state.lam)
     assert evaluate_normal_jerk(jerk, *numeric.time, at, 1e-4) == DONE

@@ -167,7 +167,7 @@ class ConstrainedSystem(HasOrigin):
         columns = [require_name(KIND, name) for name in self.names]
         columns += [x.name for x in self._observed]
         if len(set(columns)) < len(columns):
-            raise BeamdaeError(f"{KIND}: names must differ, got {', '.join(columns)}.")
+            raise BeamdaeError(f"{KIND}: names must be unique, got {', '.join(columns)}.")
         set_fields(
             self, events=tuple(require_sequence(KIND, "events", self.events, "a list of events"))
         )
@@ -231,7 +231,8 @@ class ConstrainedSystem(HasOrigin):
         """Expressions of the additional columns, by name and unit."""
         if not isinstance(self.observe, dict):
             raise BeamdaeError(
-                f"{KIND}: observe must give expressions by name, got {short_repr(self.observe)}."
+                f"{KIND}: observe must be a dict of expressions by name, got "
+                f"{short_repr(self.observe)}."
             )
         return {parse_header(header): expression for header, expression in self.observe.items()}
 
@@ -312,8 +313,8 @@ class ConstrainedSystem(HasOrigin):
         if self.lam is not None:
             if self.lam.numel() != m:
                 raise BeamdaeError(
-                    f"{KIND}: lam must have an entry for each of {m} constraints, "
-                    f"got {self.lam.numel()}."
+                    f"{KIND}: lam must have {m} entries, one per constraint, got "
+                    f"{self.lam.numel()}."
                 )
             on, joint = (*on, "lam"), _CONSTRAINTS
 

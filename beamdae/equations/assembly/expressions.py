@@ -61,8 +61,8 @@ class Expressions:
             _require_symbol(name, symbol)
         if t.numel() != 1 or q.numel() != v.numel():
             raise BeamdaeError(
-                f"{KIND}: t must be a scalar and q and v of one size, got sizes "
-                f"{t.numel()}, {q.numel()} and {v.numel()}."
+                f"{KIND}: t must be a scalar, and q and v must have equal sizes, got "
+                f"sizes {t.numel()}, {q.numel()} and {v.numel()}."
             )
         if any(not isinstance(symbol, type(t)) for symbol in symbols.values()):
             raise BeamdaeError(f"{KIND}: {_join_names(symbols)} must be all SX or all MX symbols.")
@@ -129,8 +129,9 @@ class Expressions:
             stacked = kind(_stack(expression))
         except Exception:
             raise BeamdaeError(
-                f"{KIND}: {name} must be made of numbers and {kind.__name__} expressions in "
-                f"{allowed_names}, in rows of one length, got {short_repr(expression)}."
+                f"{KIND}: {name} must consist of numbers and {kind.__name__} "
+                f"expressions in {allowed_names}, with rows of equal length, got "
+                f"{short_repr(expression)}."
             ) from None
         symbols = [*(getattr(self, symbol) for symbol in on), *self.parameters]
         allowed_keys = {_symbol_key(x) for symbol in symbols for x in ca.symvar(symbol)}
@@ -180,8 +181,8 @@ def _parse_parameters(kind: Any, parameters: Any) -> dict[Any, float | Law]:
         for symbol in parameters
     ):
         raise BeamdaeError(
-            f"{KIND}: parameters must give a number or a law of time by symbol, each such as "
-            f'{kind.__name__}.sym("m"), got {short_repr(parameters)}.'
+            f'{KIND}: parameters must map symbols such as {kind.__name__}.sym("m") to '
+            f"numbers or laws of time, got {short_repr(parameters)}."
         )
     values: dict[Any, float | Law] = {}
     for symbol, value in parameters.items():
@@ -246,7 +247,7 @@ def parse_numbers(name: str, values: Any, n: int) -> Array:
         entries = []
     if len(entries) != n or any(as_real(x) is None for x in entries):
         raise BeamdaeError(
-            f"{KIND}: {name} must have {n} entries, finite numbers, got {short_repr(values)}."
+            f"{KIND}: {name} must have {n} finite entries, got {short_repr(values)}."
         )
     return np.array([require_finite(KIND, name, x) for x in entries])
 

@@ -51,8 +51,8 @@ def require_body_fits(part: Part) -> None:
         outline = np.empty(0)
     if outline.ndim != 2 or outline.shape[1] != 2 or not np.isfinite(outline).all():
         raise BeamdaeError(
-            f"{part.name}: outline must be finite points of shape (k, 2), "
-            f"got {short_repr(part.outline)}."
+            f"{part.name}: outline must be a finite array of shape (k, 2), got "
+            f"{short_repr(part.outline)}."
         )
     for law in _require_list(part.name, "laws", part.laws, Law):
         if not np.isfinite(law.breakpoints).all():
@@ -111,7 +111,7 @@ def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[l
     )
     if not (forces or constraints or part.coordinates):
         raise BeamdaeError(
-            f"{part.name}: the part has no effect; state coordinates, forces() or constraints()."
+            f"{part.name}: the part has no effect; define coordinates, forces() or constraints()."
         )
     ranges = _require_list(
         part.name, "ranges()", call_part(part.name, "ranges()", part.ranges), RangeStatement
@@ -144,7 +144,7 @@ def call_part(part: str, what: str, function: Callable[..., Any], *arguments: An
 def select_multipliers(
     forces: Sequence[ForceStatement], rows: Mapping[str, slice]
 ) -> np.ndarray | None:
-    """Return indices of the multipliers that forces of one kernel depend on; None if none.
+    """Return indices of the multipliers on which forces of one kernel depend, or None.
 
     `rows` maps each part to the slice of its multipliers.
     """

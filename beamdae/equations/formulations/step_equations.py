@@ -236,7 +236,7 @@ def _plan_step_sums(
     )
     sums = (
         residual.vector(),
-        assemble_reactions(structure, anchor, of_positions=True).vector(),
+        assemble_reactions(structure, anchor, holonomic_only=True).vector(),
         matrix,
     )
     return pattern, sums

@@ -144,7 +144,7 @@ def _add_joint(
 def assemble_motion(structure: Structure, layout: InputLayout) -> SumBuilder:
     """Return the sum of F, g, g_dot and g_ddot.
 
-    It does not contain G and therefore stays finite where G is not.
+    The sum does not contain G and therefore stays finite at positions where G does not.
     """
     total = SumBuilder(TIME_SIZE)
     _add_forces(total, structure, layout, 0)
@@ -166,11 +166,11 @@ def assemble_accelerations(structure: Structure, layout: InputLayout) -> SumBuil
 
 
 def assemble_reactions(
-    structure: Structure, layout: InputLayout, of_positions: bool = False
+    structure: Structure, layout: InputLayout, holonomic_only: bool = False
 ) -> SumBuilder:
-    """Return the sum of G^T lam; `of_positions` restricts it to holonomic constraints."""
+    """Return the sum of G^T lam; `holonomic_only` restricts it to holonomic constraints."""
     total = SumBuilder(TIME_SIZE)
-    for joint in select_holonomic(structure) if of_positions else structure.joints:
+    for joint in select_holonomic(structure) if holonomic_only else structure.joints:
         copies = _add_joint(total, joint, layout, (), False)
         total.add_column(copies, 0, joint.operator, 0)
     return total

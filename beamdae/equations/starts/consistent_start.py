@@ -99,15 +99,13 @@ class ConsistencySolver(StateEvaluator):
         return lambda force: solver.solve(np.concatenate([force, np.zeros(e.m)]))[: e.n]
 
     def evaluate_normal_jerk(
-        self, time: Array, state: State, delta: float, of_positions: bool = False
+        self, time: Array, state: State, delta: float, holonomic_only: bool = False
     ) -> Array:
         """Return P j, the part of the jerk j that the constraints determine.
 
-        The projector is P = M^-1 G^T (G M^-1 G^T)^-1 G.
-
-        G j is the central difference of g_ddot over +-`delta` [s] along the motion at constant a,
-        so that stiff elastic forces do not enter. With `of_positions`, nonholonomic constraints do
-        not contribute.
+        The projector is P = M^-1 G^T (G M^-1 G^T)^-1 G. G j is the central difference of g_ddot
+        over +-`delta` [s] along the motion at constant a, so that stiff elastic forces do not
+        enter. With `holonomic_only`, nonholonomic constraints do not contribute.
         """
         e = self.equations
         if e.m == 0:
@@ -120,7 +118,7 @@ class ConsistencySolver(StateEvaluator):
             for d in (delta, -delta)
         ]
         rate = (accelerations[0] - accelerations[1]) / (2.0 * delta)
-        if of_positions:
+        if holonomic_only:
             rate[e.nonholonomic_rows] = 0.0
         solver, _ = self._factorize(time, q, v, _MASS_COEFFICIENTS)
         return solver.solve(np.concatenate([np.zeros(e.n), -rate]))[: e.n]
@@ -133,7 +131,8 @@ class ConsistencySolver(StateEvaluator):
         Raises
         ------
         BeamdaeError
-            If the mass matrix violates this; the message names the coordinate.
+            If the mass matrix is not symmetric or not positive semidefinite; the message names the
+            coordinate.
         """
         e, block = self.equations, self.sums.block
         nonzeros = self.saddle_matrix(np.zeros(2), e.q0, e.v0, None, _MASS_COEFFICIENTS)

@@ -17,7 +17,7 @@ from beamdae.equations.measures import balance_rows
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 
 Array = np.ndarray
-# Positions -> gaps (k,) and their derivative (k, n).
+# Function from positions to gaps (k,) and their derivative (k, n).
 ConstraintFunction = Callable[[Array], tuple[Array, Any]]
 
 _REGULARIZATION = 1e-13  # of the largest weight; makes dependent rows solvable
@@ -72,7 +72,7 @@ def minimize_strain(
     Parameters
     ----------
     evaluator
-        Evaluates the equations of motion.
+        Evaluator of the equations of motion.
     time
         (t, branch).
     begin
@@ -82,7 +82,7 @@ def minimize_strain(
     unstrained
         Positions (n,) whose elastic forces, weights and loads are subtracted.
     constraints
-        Positions -> gaps (k,) and their derivative R (k, n).
+        Function from positions to gaps (k,) and their derivative R (k, n).
     square
         T^2 [s^2], the weight of elastic forces relative to inertia.
 

@@ -49,7 +49,7 @@ def count_rigid_mobility(e: EquationsOfMotion, q: Array, constraint_rank: Constr
 
 
 def _find_parts_on_ground(e: EquationsOfMotion) -> set[int]:
-    """Return the numbers of parts that active joints of several bodies connect to the ground."""
+    """Return the indices of the parts that active joints connect directly to the ground."""
     mechanism = e.mechanism
     if mechanism is None:
         return set()

@@ -125,7 +125,7 @@ def _motion_sizes(
 
 
 def describe_largest_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
-    """Describe the largest part of a motion as a noun: "rotation of the crank"."""
+    """Describe the largest part of a motion in a phrase: "rotation of the crank"."""
     sizes = [(max(_motion_sizes(e, q, body, motion)), body) for body in collect_bodies(e)]
     largest = max(size for size, _ in sizes)
     body = next(body for size, body in sizes if size >= largest * (1.0 - _EQUAL_SIZE_TOLERANCE))
@@ -178,7 +178,7 @@ def _describe_direction(body: Body, motion: Array) -> str:
 
 @dataclass(frozen=True)
 class DisplacementMeasure:
-    """Measures displacements: the x and y of a point count as one distance.
+    """Measures displacements; x and y of a point are combined to one distance.
 
     Attributes
     ----------

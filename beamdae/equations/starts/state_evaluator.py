@@ -47,7 +47,7 @@ class ForceBlock:
     entries
         Indices of the block's entries among the non-zeros of the saddle-point matrix.
     columns
-        Column of each entry; its row is the same entry of `pattern.indices`.
+        Column of each entry; `pattern.indices` has the rows.
     mirrored
         Index of the entry mirrored about the diagonal; -1 if it is not in the pattern.
     """

@@ -1,4 +1,4 @@
-"""The generalized-alpha family: parameters of its members, and the motion they start from."""
+"""Parameters and starting values of the generalized-alpha, HHT and Newmark methods."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = np.ndarray
 
 FAMILIES = ("generalized-alpha", "hht", "newmark")
 
-# Interval over which the jerk is a difference of accelerations, relative to the step.
+# Interval of the finite difference of accelerations for the jerk, relative to the step.
 JERK_INTERVAL = 1e-2
 # `stiff_time` of the initial accelerations, relative to the step: the start ignores vibrations
 # that the step does not resolve.

@@ -27,8 +27,7 @@ _VALUE_ROUNDING = 1e-13
 # Tolerance of the time of an event, relative to the time and to the step.
 _TIME_ROUNDING = 4.0 * float(np.finfo(float).eps)
 _BRENT_RTOL = 1e-15
-# A quantity that starts at its threshold has left it beyond this multiple of its initial distance,
-# ...
+# A quantity that starts at its threshold leaves it beyond this multiple of its initial distance ...
 _LEAVING_FACTOR = 4.0
 # ... and beyond this fraction of its size, because joints may fix it there to the tolerance of the
 # run.
@@ -60,7 +59,7 @@ class EventSide:
     near: float = 0.0
 
     def signs(self, differences: Array) -> Array:
-        """Return the signs of quantity minus threshold; 0 within rounding and if not finite."""
+        """Return the signs of further differences from the threshold; 0 if zero or not finite."""
         finite = np.nan_to_num(differences, nan=0.0)
         self.largest = max(self.largest, float(np.max(np.abs(finite), initial=0.0)))
         away = np.abs(finite) > max(_VALUE_ROUNDING * self.largest, self.near)
