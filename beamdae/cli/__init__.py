@@ -1,5 +1,5 @@
-"""The command line: the application, options, output and signals that all commands share.
+"""Command-line interface: application, and shared options, output and signal handling.
 
-May import: everything; modules that are slow to import are imported inside functions.
-Next: a command is a function in a module of `commands` and one line in `app`.
+May import: everything; modules that are slow to import are imported inside functions. To extend:
+write a command in a new module of `commands` and register it in `app`.
 """

@@ -50,7 +50,7 @@ for _name, _command in _COMMANDS.items():
 
 
 def main() -> None:
-    """Run the command line and exit with its code, also after signals and stream errors."""
+    """Run the command line and exit with its exit code, even after signals and stream errors."""
     code = 0
     try:
         streams.secure_streams()
@@ -68,11 +68,11 @@ def main() -> None:
 
 
 def _configure_warnings() -> None:
-    """Limit standard error to one line per warning, whatever libraries print there."""
+    """Print one line per warning on standard error, and suppress messages of libraries."""
     # Non-finite values are reported by messages of beamdae.
     warnings.filterwarnings("ignore", category=RuntimeWarning, module="beamdae|numpy|pandas")
     warnings.formatwarning = _format_warning
-    # Without a font cache matplotlib works and logs many lines.
+    # Without a font cache, matplotlib works but logs many lines.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
         # The XDG specification ignores relative paths; matplotlib would create the folder here.
@@ -84,7 +84,7 @@ _format_warning_by_default = warnings.formatwarning
 
 
 def _format_warning(message: Any, category: type[Warning], *place: Any, **more: Any) -> str:
-    """Return a warning of beamdae as a sentence, and others with their file and line."""
+    """Format a warning: as a sentence if it is from beamdae, otherwise with file and line."""
     if issubclass(category, (BeamdaeWarning, KernelWarning)):
         return f"warning: {record_warning(str(message))}\n"
     return _format_warning_by_default(message, category, *place, **more)

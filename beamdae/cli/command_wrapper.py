@@ -41,7 +41,7 @@ _UsageError: Any = typer.BadParameter.__base__
 
 
 def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]:
-    """Return the command with --quiet and --json, ending with its exit code after any exception."""
+    """Add --quiet and --json to a command, and turn its exceptions into messages and exit codes."""
 
     @wraps(command)
     def run_and_exit(*, quiet: bool, as_json: bool, **options: Any) -> None:
@@ -57,7 +57,7 @@ def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]
             typer.echo(output.to_json(name, code))
         raise typer.Exit(code)
 
-    # Help texts are wrapped to the width of the terminal, so the line breaks of docstrings go.
+    # Help texts are wrapped to the width of the terminal, so remove line breaks of docstrings.
     paragraphs = (inspect.getdoc(command) or "").split("\n\n")
     run_and_exit.__doc__ = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
     parameters = [
@@ -84,7 +84,7 @@ def _run_to_exit_code(command: Callable[[], None]) -> int:
         return problem.exit_code
     except Exception as problem:
         if signals.is_interrupted():
-            # Other code turned the interrupt into another exception.
+            # Other code converted the interrupt to a different exception.
             return _report_interrupt("")
         if isinstance(problem, MemoryError):
             problem = BeamdaeError(_OUT_OF_MEMORY)
@@ -104,7 +104,7 @@ def _report_interrupt(place: str) -> int:
 
 
 class _PlainHelp:
-    """Help without boxes in narrow terminals, and without the word "boolean" at flags."""
+    """Help without boxes in narrow terminals, and without the word "boolean" after flags."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         columns = shutil.get_terminal_size().columns
@@ -124,14 +124,14 @@ class _PlainHelp:
 
 
 class Command(_PlainHelp, TyperCommand):
-    """A command."""
+    """Command with plain help in narrow terminals."""
 
 
 class Commands(_PlainHelp, TyperGroup):
-    """The group of all commands, which reports a wrong option in one line."""
+    """Group of all commands; it reports usage errors in one line."""
 
     def make_context(self, info_name: Any, args: list[str], *rest: Any, **more: Any) -> Any:
-        """Return the context of a command line; its `obj` is true if the line contains --json."""
+        """Return the context of a command line; its `obj` is True if --json is given."""
         as_json = "--json" in args
         with _report_usage_errors(as_json):
             context = super().make_context(info_name, args, *rest, **more)
@@ -160,7 +160,7 @@ def _report_usage_errors(as_json: bool) -> Iterator[None]:
 
 
 def _format_usage_error(problem: Any) -> str:
-    """Return the message of a usage error with the command, and the value if the parser has it."""
+    """Format a usage error with the command and, if the parser provides it, the value."""
     command = problem.ctx.command_path if problem.ctx else "beamdae"
     message = problem.format_message().rstrip(".")
     details: Any = getattr(problem.__cause__, "errors", list)()

@@ -1,4 +1,4 @@
-"""Shell completion of files, models and parameters; files are read and not executed."""
+"""Shell completion of files, models and parameters, without executing model files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _BASH_WORD_BREAKS = (":", "=")
 def complete_model_files(incomplete: str) -> list[str]:
     """Return model files, folders and examples that begin with `incomplete`.
 
-    If there is no model file, the list is empty and the shell offers its own completion.
+    Without a matching model file, the list is empty and the shell uses its default completion.
     """
     if incomplete and PREFIX.startswith(incomplete[: len(PREFIX)]):
         return [f"{PREFIX}{name}" for name in example_names()]
@@ -37,7 +37,7 @@ def complete_model_files(incomplete: str) -> list[str]:
 
 
 def complete_parameters() -> list[tuple[str, str]]:
-    """Return NAME=DEFAULT, with a help text, for each parameter of the model on the line."""
+    """Return NAME=DEFAULT and a help text for each parameter of the model on the command line."""
     words = _command_line_words()
     models = _outline_of_model_file(words).models
     return [
@@ -54,11 +54,11 @@ def complete_models() -> list[str]:
 
 
 def _command_line_words() -> list[str]:
-    """Return the words typed so far, which typer drops after an option without its value."""
+    """Return the words typed so far; typer drops them after an option without a value."""
     line = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")
     try:
         return shlex.split(line)
-    except ValueError:  # a quotation mark without its partner
+    except ValueError:  # an unmatched quotation mark
         return line.split()
 
 
@@ -71,7 +71,7 @@ def _outline_of_model_file(words: list[str]) -> Outline:
 
 
 def _as_typed(default: str) -> str:
-    """Return a default as it is typed, or an empty string if a shell would split it."""
+    """Return a default as typed in a shell, or an empty string if it requires quotes."""
     text = default.strip("'\"")
     return text if all(x.isalnum() or x in "._-+" for x in text) else ""
 

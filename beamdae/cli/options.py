@@ -1,4 +1,4 @@
-"""Options that several commands share, and the models, integrators and starts they describe."""
+"""Options shared by several commands, and the objects they specify."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ Out = Annotated[Path, typer.Option(help="Output folder.")]
 
 
 def load_configured_model(file: ModelFile, name: str | None, settings: list[str] | None) -> Model:
-    """Return a model of the file with the values of --set as its defaults."""
+    """Return a model of the file, with the values of --set as defaults."""
     model = file.model(name)
     model = replace(model, parameters=model.complete(parse_assignments(settings)))
     record_results(lambda: {"model": {"name": model.name, "parameters": model.parameters}})
@@ -134,15 +134,15 @@ def create_integrator(command: str, name: str, options: Mapping[str, Any], file:
     name
         Name of a built-in integrator, or of a class or an instance in the model file.
     options
-        Values of the settings by field name; None if an option is absent. They construct a class
-        and replace fields of an instance.
+        Settings by field name; None for an absent option. A class is constructed with these
+        settings; in an instance, they replace the fields.
     file
         The model file.
 
     Raises
     ------
     BeamdaeError
-        If the name is unknown, or the integrator has no such setting.
+        If the name is unknown, or the integrator does not have a setting.
     """
     import beamdae
     from beamdae.cli.model_files.model_file import translate_errors

@@ -23,7 +23,7 @@ from rich.console import Console
 from beamdae.errors import BeamdaeError, format_exception
 from beamdae.report.text import make_printable
 
-# Widths in columns. Without a terminal lines are not wrapped; tables need the minimum.
+# Widths in columns. Without a terminal, lines are not wrapped; tables need the minimum width.
 _UNLIMITED_WIDTH = 10_000
 _MIN_WIDTH = 20
 
@@ -39,7 +39,7 @@ class CommandOutput:
     as_json
         Print the results as one JSON document instead of tables.
     results, files, warnings, errors
-        Contents of the document.
+        Contents of the JSON document.
     """
 
     quiet: bool = False
@@ -61,7 +61,7 @@ _current_output: ContextVar[CommandOutput | None] = ContextVar("current_output",
 
 @contextmanager
 def use_output(output: CommandOutput) -> Iterator[None]:
-    """Use these output settings in the block."""
+    """Use these output settings within a `with` block."""
     token = _current_output.set(output)
     try:
         yield
@@ -87,9 +87,9 @@ def record_results(create: Callable[[], Mapping[str, Any]]) -> None:
 
 
 def create_console() -> Console:
-    """Return a console on standard output, as wide as its terminal or as COLUMNS says.
+    """Return a console on standard output, with the width of the terminal or of COLUMNS.
 
-    Text is printed as it is: units in brackets are not markup.
+    Markup is disabled, because units are written in brackets.
     """
     has_width = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
     output = current_output()
@@ -105,7 +105,7 @@ def create_console() -> Console:
 
 
 def create_progress_console() -> Console | None:
-    """Return a console on standard error, or None if that is no terminal that can show a bar."""
+    """Return a console on standard error, or None if it cannot display a progress bar."""
     console = Console(stderr=True, markup=False, highlight=False, emoji=False)
     return console if console.is_terminal and not console.is_dumb_terminal else None
 
@@ -124,7 +124,7 @@ def print_warnings(console: Console, sentences: Iterable[str]) -> None:
 
 
 def record_warning(sentence: str) -> str:
-    """Add a warning to the JSON document and return it in printable characters."""
+    """Add a warning to the JSON document, and return it with unprintable characters escaped."""
     printable = make_printable(sentence)
     current_output().warnings.append(printable)
     return printable
@@ -139,13 +139,13 @@ def print_written_files(console: Console, paths: Iterable[Path]) -> None:
 
 @dataclass
 class WrittenFiles:
-    """Paths of the files written so far, in order; `failed` is true after a failure."""
+    """Paths of the files written so far; `failed` is True if a file could not be written."""
 
     paths: list[Path] = field(default_factory=list)
     failed: bool = False
 
     def write(self, name: str, write: Callable[[], list[Path]]) -> None:
-        """Call `write` for pictures or a page; a failure prints one line and is recorded."""
+        """Write pictures or a page; if this fails, print one line and set `failed`."""
         try:
             self.paths += write()
             return

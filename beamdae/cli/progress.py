@@ -1,4 +1,4 @@
-"""Progress on standard error: a bar in a terminal, otherwise a line now and then."""
+"""Progress on standard error: a bar in a terminal, otherwise occasional lines."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 _MAX_BAR_WIDTH = 14
 _MIN_BAR_WIDTH = 3
 _MIN_LABEL_WIDTH = 8
-# Without a terminal, a run prints a line this often.
+# Interval between progress lines of a run without a terminal.
 _LINE_INTERVAL = 10.0  # s
-# Without a terminal, a study prints a line each time this fraction of its runs is done.
+# Fraction of the runs of a study between progress lines without a terminal.
 _LINE_FRACTION = 0.1
 
 
@@ -37,7 +37,7 @@ class ProgressLine:
     fraction
         Fraction done, 0 to 1.
     done
-        The same in numbers, such as "3/12".
+        Progress as text, such as "3/12".
     remaining
         Remaining time [s], or None if unknown.
     label
@@ -50,7 +50,7 @@ class ProgressLine:
     label: str
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Yield one line: the numbers unshortened, a bar, and the label in the remaining width."""
+        """Yield one line with a bar, the numbers, and the label in the remaining width."""
         from rich.progress_bar import ProgressBar
         from rich.table import Table
         from rich.text import Text
@@ -78,9 +78,9 @@ class ProgressLine:
 
 @contextmanager
 def show_run_progress(t_end: float, task: str = "") -> Iterator[Callable[[str, float], None]]:
-    """Show the progress of a run; yields a function of a label and the time reached [s].
+    """Show the progress of a run; yield a function that takes a label and the simulated time.
 
-    `task` names what runs if that is not the simulation itself.
+    `task` is the name of the computation if it is not the simulation.
     """
     timer = _RunTimer(t_end)
     with _live_display() as show:
@@ -98,7 +98,7 @@ def show_run_progress(t_end: float, task: str = "") -> Iterator[Callable[[str, f
 
 @contextmanager
 def show_study_progress() -> Iterator[Callable[[StudyProgress], None]]:
-    """Show the progress of a study; yields a function of its `StudyProgress`."""
+    """Show the progress of a study; yield a function that takes a `StudyProgress`."""
     start = monotonic()
     with _live_display() as show:
         if show is None:
@@ -116,7 +116,7 @@ def show_study_progress() -> Iterator[Callable[[StudyProgress], None]]:
 
 @contextmanager
 def _live_display() -> Iterator[Callable[[ProgressLine], None] | None]:
-    """Yield a function that updates a line in place; None without a terminal, and in --quiet."""
+    """Yield a function that updates a line in place, or None without a terminal or with --quiet."""
     console = None if is_quiet() else create_progress_console()
     if console is None:
         yield None
@@ -135,7 +135,7 @@ def _live_display() -> Iterator[Callable[[ProgressLine], None] | None]:
 
 
 class _RunTimer:
-    """Estimate of the remaining time of a run from its speed since it left its start time."""
+    """Estimates the remaining time of a run from its mean speed since the start time."""
 
     def __init__(self, t_end: float) -> None:
         self._t_end = t_end
@@ -147,7 +147,7 @@ class _RunTimer:
 
     def remaining(self, t: float) -> float | None:
         """Return the remaining time [s], or None before the first step."""
-        # Work before the first step, such as a pilot run, reports the start time.
+        # Computations before the first step, such as a pilot run, report the start time.
         if self._start is None or t <= self._start[0]:
             self._start = (t, monotonic())
             return None
@@ -165,10 +165,10 @@ def _format_counts(progress: StudyProgress) -> str:
 
 
 def estimate_remaining_time(progress: StudyProgress, start: float) -> float | None:
-    """Return the remaining time of a study [s], or None if nothing is known yet.
+    """Return the remaining time of a study [s], or None before the first run has ended.
 
-    Without an estimate of the study itself, it is the mean time per finished run since the clock
-    time `start` [s].
+    If the study provides no estimate, the mean time per finished run since the clock time `start`
+    [s] is extrapolated.
     """
     fresh = progress.done - progress.stored
     missing = progress.total - progress.done
@@ -180,7 +180,7 @@ def estimate_remaining_time(progress: StudyProgress, start: float) -> float | No
 
 
 def format_clock(seconds: float | None) -> str:
-    """Return a duration as minutes:seconds, with hours in front if there are any."""
+    """Format a duration as minutes:seconds or, from one hour on, as hours:minutes:seconds."""
     if seconds is None or not math.isfinite(seconds):
         return "-:--"
     minutes, rest = divmod(max(round(seconds), 0), 60)
@@ -189,7 +189,7 @@ def format_clock(seconds: float | None) -> str:
 
 
 class _RunLines:
-    """Printer of a line on a run every ten seconds."""
+    """Prints a line with the progress of a run every ten seconds."""
 
     def __init__(self) -> None:
         self._last = monotonic()
@@ -202,7 +202,7 @@ class _RunLines:
 
 
 class _StudyLines:
-    """Printer of a line on a study after every tenth of its runs."""
+    """Prints a line with the progress of a study after each tenth of the runs."""
 
     def __init__(self) -> None:
         self._next = 0.0

@@ -1,4 +1,4 @@
-"""Steps of `beamdae run`: integration, files and messages, each kept after an interrupt."""
+"""Steps of `beamdae run`: integration, files and messages; results survive an interrupt."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 
 @dataclass
 class Run:
-    """A run of a model and its outputs, as far as they exist after an interrupt.
+    """Run of a model and its outputs; after an interrupt, some outputs may be missing.
 
     Attributes
     ----------
     table
         Path of the table of all parts of the run; other files are named after it.
     columns
-        Columns of that table.
+        Columns of the table.
     checkpoint
         File to resume from, if one was written.
     errors
@@ -65,12 +65,12 @@ class Run:
 
     @property
     def title(self) -> str:
-        """Model and integrator."""
+        """Title with the model and the integrator."""
         return f"{self.model.name}, {self.integrator.label}"
 
     @contextmanager
     def continue_after_interrupt(self) -> Iterator[None]:
-        """End the block at an interrupt and continue after it, once files are written."""
+        """Suppress an interrupt of the `with` block if files have already been written."""
         try:
             yield
         except KeyboardInterrupt:
@@ -80,7 +80,7 @@ class Run:
 
 
 def can_resume(status: Status) -> bool:
-    """Return True if a run ended early. A run that ended in its pilot run starts again instead."""
+    """Return True if a run ended early, but not during its pilot run."""
     from beamdae.results.outcome import PILOT_RUN_SUFFIX
 
     return not status.success and PILOT_RUN_SUFFIX not in status.sentence
@@ -89,7 +89,7 @@ def can_resume(status: Status) -> bool:
 def integrate_run(
     run: Run, t_end: float | None, output_step: float | None, *start: Any
 ) -> Solution:
-    """Return the solution, also of an interrupted run; `start` as in `simulate`."""
+    """Simulate the model and return the solution, even if interrupted; see `simulate`."""
     from beamdae.simulation import simulate
 
     with show_run_progress(t_end or run.model.t_end) as show_progress, warnings.catch_warnings():
@@ -110,7 +110,7 @@ def integrate_run(
 
 
 def write_tables(run: Run, parts: RunParts, solution: Solution, checkpoint: Path | None) -> None:
-    """Write the table, and a checkpoint if it is requested or the run can resume."""
+    """Write the table, and a checkpoint if it is requested or the run can be resumed."""
     with signals.defer_interrupts():
         run.columns, files = parts.write(solution)
         run.files.paths += files
@@ -135,7 +135,7 @@ def estimate_errors(run: Run, solution: Solution, verify: bool, table: Path) -> 
             errors = verification.compare_methods(solution, progress=progress)
         else:
             errors = verification.estimate_errors(solution, progress)
-    # An interrupt ends the second run like a limit, without an exception.
+    # An interrupt ends the second run without an exception, as a limit does.
     if signals.is_interrupted():
         return
     run.errors = errors
@@ -145,7 +145,7 @@ def estimate_errors(run: Run, solution: Solution, verify: bool, table: Path) -> 
 
 
 def _errors_by_column(run: Run, solution: Solution) -> dict[str, Any]:
-    """Return the error estimates of each observed column, None where an estimate is missing."""
+    """Return the error estimates of each observed column; missing estimates are None."""
     import numpy as np
 
     rows = zip(*(np.asarray(values).tolist() for values in run.errors.values()), strict=True)
@@ -169,7 +169,7 @@ def write_page(run: Run, solution: Solution) -> None:
 
 
 def draw_run(run: Run, solution: Solution) -> None:
-    """Draw the run; the title says if it ended early."""
+    """Plot the observed columns; the title states if the run ended early."""
     from beamdae.report.pictures.time_plots import save_run_figure
 
     status = solution.status
@@ -193,7 +193,7 @@ def print_results(run: Run, solution: Solution) -> None:
     if solution.validity:
         console.print(text_tables.validity_table(solution.validity))
     print_warnings(console, [*filter(None, [run.accuracy_warning]), *solution.warnings])
-    # The reader of a pipe gets the tables before the picture is drawn.
+    # Flush, so that the reader of a pipe gets the tables before the picture is drawn.
     sys.stdout.flush()
 
 

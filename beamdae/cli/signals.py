@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: they end a command without losing what it computed."""
+"""Handling of Ctrl-C and SIGTERM: they end a command without losing its results."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import Any, NoReturn
 
-# This many signals interrupt even a block that defers them.
+# From this number on, signals also interrupt blocks that defer interrupts.
 _FORCING_COUNT = 4
-# A signal this soon after a raised interrupt belongs to it: the command is already ending.
+# A signal within this time after an interrupt is ignored: the command is already ending.
 _REPEAT_INTERVAL = 0.5  # s
 
-# Signals belong to the process, and so does this state.
+# Global state, because signals are sent to the process.
 _received_signals: list[int] = []
 _raise_times: list[float] = []
-# Number of interrupts raised at once, of each active `defer_interrupts`.
+# Argument `immediate` of each active `defer_interrupts`.
 _immediate_counts: list[int] = []
 
 
 class Interrupted(KeyboardInterrupt):
     """Interrupt that Python does not treat specially.
 
-    A plain KeyboardInterrupt that passes through `exec`, as in a dataclass, would end the process
-    by its signal, with another exit code, even where it is caught.
+    If a plain KeyboardInterrupt passes through `exec`, as in a dataclass, the signal ends the
+    process with a different exit code, even if the exception is caught.
     """
 
 
@@ -57,7 +57,7 @@ def _raise_interrupt() -> NoReturn:
 
 
 def is_interrupted() -> bool:
-    """Return True after a signal, even if other code swallowed its exception."""
+    """Return True after a signal, even if other code suppressed the exception."""
     return bool(_received_signals)
 
 
@@ -73,9 +73,9 @@ def exit_code() -> int:
 
 @contextmanager
 def defer_interrupts(immediate: int = 0) -> Iterator[None]:
-    """Finish this block before an interrupt is raised.
+    """Defer interrupts until the end of the `with` block.
 
-    The first `immediate` interrupts of the process are raised at once, and so is the fourth.
+    The first `immediate` interrupts of the process, and all from the fourth on, are not deferred.
     """
     n_before = max(len(_received_signals), immediate)
     _immediate_counts.append(immediate)

@@ -10,14 +10,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from typing import Any, TextIO
 
-# Characters that the encoding of a stream lacks are written as escapes.
+# Characters that a stream cannot encode are written as escapes.
 _ENCODING_ERRORS = "backslashreplace"
 _STDOUT, _STDERR = 1, 2  # file descriptors
 _WRITE_FAILURE = 2  # exit code
 
 
 class _FaultTolerantFile(io.FileIO):
-    """File of a stream that keeps its first write error and drops all data after it."""
+    """File of a stream that stores the first write error and discards all later data."""
 
     problem: OSError | None = None
 
@@ -40,8 +40,8 @@ class _UnclosableStream(io.TextIOWrapper):
 def secure_streams() -> None:
     """Replace standard output and error by streams whose `write` never fails.
 
-    A closed stream is opened on the null device. Otherwise the next file opened would get its
-    descriptor, and with it the output.
+    A closed stream is connected to the null device. Otherwise, the next opened file would get its
+    descriptor and receive the output.
     """
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= _STDERR:
         os.set_inheritable(descriptor, True)
@@ -61,7 +61,7 @@ def _secure_stream(stream: TextIO | None, descriptor: int) -> TextIO:
 
 @contextmanager
 def redirect_output_to_stderr() -> Iterator[None]:
-    """Send standard output to standard error, including output written by code below Python."""
+    """Redirect standard output to standard error, including the output of compiled libraries."""
     saved_descriptor = None
     sys.stdout.flush()
     with suppress(OSError):  # A replaced standard output may have no descriptor.

@@ -1,4 +1,4 @@
-"""Runs, files and messages of `beamdae compare` and `sweep`, each kept after an interrupt."""
+"""Runs, files and messages of `beamdae compare` and `sweep`; results survive an interrupt."""
 
 from __future__ import annotations
 
@@ -63,15 +63,15 @@ def apply_limits(
 
 @dataclass
 class StudyOutputs:
-    """A study and its results and files, as far as they exist after an interrupt.
+    """Study with its results and files; after an interrupt, some of them may be missing.
 
     Attributes
     ----------
     create_writers
-        Returns the functions that write files, by name: those of the table and the page, and those
-        of the pictures.
+        Function that returns two dicts of file-writing functions by name: the first for the table
+        and the page, the second for the pictures.
     parquet
-        Write the trajectories as Parquet files, too.
+        True to write the trajectories as Parquet files, too.
     n_runs
         Number of runs, references included.
     """
@@ -97,7 +97,7 @@ def run_and_write(
     Raises
     ------
     BeamdaeError
-        If the folder cannot be written, or --parquet lacks its package.
+        If the folder cannot be written, or no Parquet engine is installed for --parquet.
     """
     require_writable(outputs.folder / "outcomes")
     if outputs.parquet and not (find_spec("pyarrow") or find_spec("fastparquet")):
@@ -123,7 +123,7 @@ def run_and_write(
 
 
 def _run_study(outputs: StudyOutputs, create_executor: Callable[[], Executor]) -> None:
-    """Run the study and write its files until an interrupt, the page before the pictures."""
+    """Run the study and write its files, the page before the pictures; stop if interrupted."""
     from beamdae.studies.execution import study_run
 
     if signals.is_interrupted():
@@ -152,7 +152,7 @@ def _run_study(outputs: StudyOutputs, create_executor: Callable[[], Executor]) -
 
 
 def print_failures(results: StudyResults) -> None:
-    """Print one line for each case that started and did not reach its end time."""
+    """Print one line for each case that did not reach the end time, except after an interrupt."""
     from beamdae.report.terminal import text_tables
 
     reasons = text_tables.failure_sentences(results.table[results.table["status"] != "interrupted"])

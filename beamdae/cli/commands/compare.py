@@ -52,8 +52,8 @@ def compare_command(
     """Run a study, or one model with several integrators, and compare with a reference.
 
     Finished cases are stored in the results folder: run the same command again to resume. Exits
-    with 0 if cases succeeded and have a reference, 1 if not, 2 for a usage or model error, 130
-    after Ctrl-C, and 143 after SIGTERM.
+    with 0 on success, 1 if all cases failed or a reference or output file is missing, 2 for a usage
+    or model error, 130 after Ctrl-C, and 143 after SIGTERM.
     """
     study = _select_study(path, model_name, parse_assignments(settings))
     study = apply_limits("compare", study, time_limit, t_end, output_step)
@@ -103,7 +103,7 @@ def _select_study(path: Path, name: str | None, settings: dict[str, str]) -> Stu
 
 
 def _print_results(results: StudyResults) -> None:
-    """Print the tables of each group, and one line for each failure."""
+    """Print the tables of each group, and one line per failure."""
     from beamdae.report.terminal import text_tables
     from beamdae.report.text import make_printable
 

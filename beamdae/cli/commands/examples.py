@@ -1,4 +1,4 @@
-"""`beamdae examples` and `beamdae new`: list installed models, write a model to start from."""
+"""`beamdae examples` and `beamdae new`: list the installed models, and create a model file."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def examples_command() -> None:
 
     descriptions = {}
     for name in example_names():
-        # Parsed, not executed.
+        # The file is parsed, not executed.
         tree = ast.parse((examples_folder() / f"{name}.py").read_bytes())
         descriptions[name] = (ast.get_docstring(tree) or "").partition("\n")[0]
     record_results(lambda: {"examples": descriptions})
@@ -79,7 +79,7 @@ def new_command(
         ),
     ] = None,
 ) -> None:
-    """Write a model file to start from: a short model, or a copy of an example."""
+    """Create a model file: a short starter model, or a copy of an example."""
     name = path.stem
     is_usable = name.isidentifier() and not iskeyword(name) and name not in _STARTER_IMPORTS
     if path.suffix != ".py" or not is_usable:

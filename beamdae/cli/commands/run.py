@@ -103,8 +103,8 @@ def run_command(
     """Simulate one model and write its results as CSV, JSON, PNG and a page for the browser.
 
     A resumed run (--continue) writes its own table, NAME_part2.csv and so on. If the tables of the
-    earlier parts are in the same folder, NAME.csv covers all parts. A run that ends early names the
-    checkpoint to resume from.
+    earlier parts are in the same folder, NAME.csv covers all parts. If a run ends early, the output
+    names the checkpoint to resume from.
 
     Exits with 0 if the run reached its end time, 1 if it did not (partial results are written), 2
     for a usage or model error, 130 after Ctrl-C, and 143 after SIGTERM, which skips the PNG and the
@@ -153,7 +153,7 @@ def run_command(
 
 
 def _previous_parts(table: Path, checkpoint: Path | None) -> RunParts:
-    """Return the tables of the run that ended at the checkpoint, or none."""
+    """Return the parts of the run that ended at the checkpoint, if there is a checkpoint."""
     from beamdae.results.storage.checkpoint import Checkpoint
     from beamdae.results.storage.continued_runs import RunParts
 
@@ -163,7 +163,7 @@ def _previous_parts(table: Path, checkpoint: Path | None) -> RunParts:
 
 
 def _report_end(run: Run, status: Status) -> None:
-    """Print the written files and, for an incomplete run, the reason; exit with its code."""
+    """Print the written files and, if the run is incomplete, the reason; set the exit code."""
     print_written_files(create_console(), run.files.paths)
     if run.checkpoint is not None and run_outputs.can_resume(status):
         record_results(lambda: {"continue": run.checkpoint})

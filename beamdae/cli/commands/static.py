@@ -139,7 +139,7 @@ def _parse_targets(options: list[str] | None) -> Any:
 
 
 def _print_results(result: Equilibrium, name: str) -> None:
-    """Print the tables and warnings of a path."""
+    """Print the tables and warnings of an equilibrium path."""
     from beamdae.report.terminal import text_tables
 
     record_results(lambda: _json_results(result))
@@ -163,7 +163,7 @@ def _json_results(result: Equilibrium) -> dict[str, Any]:
 
 
 def path_facts(result: Equilibrium) -> dict[str, str]:
-    """Return the facts about a path as text, by topic."""
+    """Describe an equilibrium path by topic."""
     n_unstable = int(result.unstable[-1])
     if n_unstable == -1:
         stability = "not known"

@@ -83,9 +83,9 @@ def sweep_command(
     """Run a model over all combinations of parameter values; write a table, plots and a page.
 
     The table contains the final value, minimum, maximum and root mean square of the observed
-    columns of each run; a failed run is a row with its reason. A file with a sweep (@bd.sweep)
-    needs no --over. Finished runs are stored in the results folder: run the same command again to
-    resume. The exit codes are those of compare.
+    columns of each run; the row of a failed run contains the reason. A file with a sweep
+    (@bd.sweep) needs no --over. Finished runs are stored in the results folder: run the same
+    command again to resume. The exit codes are the same as for compare.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
@@ -139,7 +139,7 @@ def parse_values(model: Model, name: str, text: str) -> list[Any]:
     Raises
     ------
     BeamdaeError
-        If the model has no such parameter, or the text does not have one of the forms.
+        If the parameter is unknown, or the text has none of the supported forms.
     """
     if type(model.parameters.get(name)) in (int, float) and ":" in text:
         return _parse_range(model, name, text)
@@ -159,7 +159,7 @@ def _split_at_commas(text: str) -> list[str]:
 
 
 def _parse_range(model: Model, name: str, text: str) -> list[Any]:
-    """Return the values of START:STOP:COUNT, at equal distances or, with :log, at equal ratios."""
+    """Return the values of START:STOP:COUNT, equally spaced or, with :log, geometrically spaced."""
     import numpy as np
 
     from beamdae.studies.case import MAX_CASES
@@ -184,7 +184,7 @@ def _parse_range(model: Model, name: str, text: str) -> list[Any]:
 def _require_no_sweep_options(
     settings: list[str] | None, integrator: str, rtol: float | None, step: float | None
 ) -> None:
-    """Raise an error for options that a sweep in a file defines itself."""
+    """Raise an error for options that conflict with the definition of a sweep in a file."""
     method = None if integrator == "auto" else integrator
     options = {"--set": settings, "--integrator": method, "--rtol": rtol, "--step": step}
     for option, value in options.items():
@@ -231,7 +231,7 @@ def _file_writers(results: StudyResults) -> tuple[FileWriters, FileWriters]:
 
 
 def _print_results(results: StudyResults) -> None:
-    """Print the table, and one line for each failure."""
+    """Print the table, and one line per failure."""
     from beamdae.report.terminal import text_tables
     from beamdae.studies.sweeps.sweep_results import create_sweep_results
 

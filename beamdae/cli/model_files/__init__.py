@@ -1,5 +1,5 @@
 """Model files: import, error messages, installed examples, and outlines of unexecuted files.
 
-May import: studies, model_functions and everything below; no other folder of cli.
-Next: another kind of object that commands take from a model file is a property of `ModelFile`.
+May import: studies, model_functions and everything below; no other folder of cli. To extend: add a
+property to `ModelFile` for each new kind of object that commands read from model files.
 """

@@ -10,7 +10,7 @@ PREFIX = "example:"
 
 
 def examples_folder() -> Path:
-    """Return the folder of the examples: in the package, or beside it in a clone."""
+    """Return the folder of the examples, which is next to the package in a source checkout."""
     import beamdae
 
     package = Path(beamdae.__file__).parent
@@ -30,7 +30,7 @@ def resolve_path(path: Path) -> Path:
     Raises
     ------
     BeamdaeError
-        If there is no example of that name.
+        If no example has this name.
     """
     text = str(path)
     return example_file(text.removeprefix(PREFIX)) if text.startswith(PREFIX) else path
@@ -42,7 +42,7 @@ def example_file(name: str) -> Path:
     Raises
     ------
     BeamdaeError
-        If there is no example of that name.
+        If no example has this name.
     """
     names = example_names()
     if name not in names:

@@ -35,8 +35,8 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
     Raises
     ------
     BeamdaeError
-        If the import of the file fails, or if it contains no model, no model called `name`, or
-        several models without a `name` to choose from them.
+        If the import of the file fails, if the file contains no model or no model called `name`, or
+        if it contains several models and `name` is None.
 
     Examples
     --------
@@ -108,7 +108,7 @@ class ModelFile:
         Raises
         ------
         BeamdaeError
-            If there is no such model, or if several have that name.
+            If no model or several models have this name.
         """
         models = self.models
         if not models:
@@ -122,7 +122,7 @@ class ModelFile:
                 f"{self.path}: there is no model {short_repr(name)}{suggest(name, models)}; "
                 f"the models are {', '.join(models)}."
             )
-        # One model under two variables counts once.
+        # A model that is assigned to two variables counts once.
         functions = {id(model.build) for model in self._all_models() if model.name == name}
         if len(functions) > 1:
             raise BeamdaeError(
@@ -141,7 +141,7 @@ def select_name(name: str | None, names: Iterable[str], problem: str) -> str:
     Raises
     ------
     BeamdaeError
-        With the sentence `problem` if `name` is None and there are several names.
+        If `name` is None and there are several names; the message begins with `problem`.
     """
     names = list(names)
     if name is None and len(names) > 1:
@@ -151,7 +151,7 @@ def select_name(name: str | None, names: Iterable[str], problem: str) -> str:
 
 @contextmanager
 def translate_errors(call: str, path: Path) -> Iterator[None]:
-    """Raise exceptions of a model file, except Ctrl-C, as a `BeamdaeError` on the failed call."""
+    """Convert exceptions of a model file, except Ctrl-C, to a `BeamdaeError` that names `call`."""
     try:
         yield
     except (BeamdaeError, KeyboardInterrupt):
@@ -162,7 +162,7 @@ def translate_errors(call: str, path: Path) -> Iterator[None]:
 
 def _import_file(path: Path) -> ModuleType:
     code = _compile_file(path)
-    # Imported before a file beside the model, or the model itself, can hide its modules.
+    # Import first: the model file, or a file in its folder, may shadow the modules it imports.
     import beamdae.simulation  # noqa: F401
 
     name = f"beamdae_model_{path.stem}"
@@ -217,7 +217,7 @@ def _compile_file(path: Path) -> CodeType:
 
 
 def _translate_build_errors(model: Model, path: Path) -> Callable[..., Any]:
-    """Return the model function with its exceptions translated into a `BeamdaeError`."""
+    """Return the model function, wrapped to convert its exceptions to a `BeamdaeError`."""
 
     @wraps(model.build)
     def build(**values: Any) -> Any:

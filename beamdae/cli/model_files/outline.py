@@ -15,7 +15,7 @@ _DECORATORS = {"model", "study", "sweep"}
 
 @dataclass(frozen=True)
 class Outline:
-    """Models and studies that are functions of a file.
+    """Models and studies defined by functions of a file.
 
     Attributes
     ----------
@@ -35,8 +35,8 @@ class Outline:
 def read_outline(file: Path) -> Outline:
     """Return the outline of a file.
 
-    The outline of an unreadable file is empty. If the file has a syntax error, `defines` is true if
-    it mentions beamdae.
+    The outline of an unreadable file is empty. If the file has a syntax error, `defines` is True if
+    the file mentions beamdae.
     """
     try:
         source = file.read_bytes()
@@ -59,7 +59,7 @@ def read_outline(file: Path) -> Outline:
             }
 
     def resolve_name(node: ast.AST) -> str:
-        """Return the name in beamdae that a node refers to, or an empty string."""
+        """Return the name of the beamdae object that a node refers to, or an empty string."""
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
             return node.attr if node.value.id in packages else ""
         return names.get(node.id, "") if isinstance(node, ast.Name) else ""

@@ -1,4 +1,4 @@
-"""Messages for exceptions of a model file, with its line and hints at mistyped names."""
+"""Messages for exceptions of a model file, with the line and hints at mistyped names."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SUGGESTION = re.compile(r"\. Did you mean '\w+'\?$")
 
 
 def describe_error(problem: BaseException, path: Path) -> str:
-    """Return one line with type, line number in `path`, message and suggestion of an exception."""
+    """Describe an exception in one line: type, line number in `path`, message and suggestion."""
     file_names = (path, path.absolute())
     lines = [
         frame.lineno
@@ -36,7 +36,7 @@ def describe_error(problem: BaseException, path: Path) -> str:
         code = "" if problem.code is None else short_repr(problem.code)
         message = f"sys.exit({code}) was called"
     if isinstance(problem, SyntaxError):
-        # Its str() repeats the line. It may be raised in a file that this one imports.
+        # str() repeats the line number, and the error may be in an imported file.
         is_elsewhere = problem.filename is not None and Path(problem.filename) not in file_names
         place = f" of {problem.filename}" if is_elsewhere else ""
         lines, message = [problem.lineno or 1], f"{problem.msg}{place}"
@@ -46,7 +46,7 @@ def describe_error(problem: BaseException, path: Path) -> str:
 
 
 def _suggest_name(problem: BaseException) -> str:
-    """Return a hint with the closest name to the missing one, or an empty string."""
+    """Suggest the existing name closest to a missing name, or return an empty string."""
     missing, names = _missing_name(problem)
     if not missing:
         return ""
@@ -88,7 +88,7 @@ def _last_frame(problem: BaseException) -> FrameType | None:
 
 
 def _argument_names(qualified_name: str, frame: FrameType | None) -> list[str]:
-    """Return the argument names of a function that the frame, or beamdae, knows by this name."""
+    """Return the argument names of the function `qualified_name`, or [] if it is unknown."""
     first, *others = qualified_name.removesuffix(".__init__").split(".")
     function = (frame.f_globals if frame else {}).get(first) or getattr(beamdae, first, None)
     for name in others:
