@@ -61,7 +61,7 @@ def drive(
     progress: Progress | None,
     pilot_on: Callable[[RunPlan], Method] | None = None,
 ) -> Solution:
-    """Run a method over all smooth intervals and return the solution; see `Integrator.integrate`.
+    """Run a method over all smooth intervals and return the solution.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def drive(
         Function that creates the method for a plan: it compiles, and resolves settings that are
         "auto".
     progress
-        Called with the time reached [s]; see `Integrator.integrate`.
+        Function called with the time reached [s]; see `Integrator.integrate`.
     pilot_on
         Function that creates the same method with the tolerance PILOT_RTOL for the pilot run, which
         measures the amplitudes of the motion. The pilot run is skipped if the equations define
@@ -173,7 +173,7 @@ def _drive(
 
 
 class _RunInProgress:
-    """A run in progress; the steps stored so far stay valid if it is interrupted."""
+    """Run in progress; the steps stored so far remain valid if it is interrupted."""
 
     def __init__(
         self,
@@ -203,7 +203,7 @@ class _RunInProgress:
 
     @property
     def event_records(self) -> tuple[EventRecord, ...]:
-        """Records of the events that happened, in order of time."""
+        """Records of the events so far, in order of time."""
         return () if self._detector is None else tuple(self._detector.records)
 
     @property

@@ -72,8 +72,8 @@ class Integrator(ABC):
         times
             Ascending output times [s]; the run covers the range from the first to the last.
         progress
-            Called with the time reached [s]. If it returns a string, the run stops; the string
-            becomes the reason.
+            Function called with the time reached [s]. If it returns a string, the run stops; the
+            string becomes the reason.
 
         Returns
         -------
@@ -99,7 +99,7 @@ class AdaptiveIntegrator(Integrator):
 
     @property
     def order(self) -> int:
-        """1: the error of a run is proportional to rtol."""
+        """1, because the error of a run is proportional to rtol."""
         return 1
 
 

@@ -10,11 +10,10 @@ from beamdae.integrators.integrator import Progress
 
 # Runs that would need more steps are rejected.
 MAX_PLANNED_STEPS = 1e8
-# Pairs (number of past checks, maximum number of remaining checks): a run stalls if, at the average
-# step since that many checks ago, more checks remain than the maximum. With 64 steps per check, the
-# limits are 1e8 remaining steps averaged over 1e4 steps, or 1e7 averaged over 1e5 steps; impacts
-# and other short stiff phases are over by then. Methods with more expensive steps are checked more
-# often.
+# Pairs (n, m): the run stalls if, at the average pace of the last n checks, more than m checks
+# remain. With 64 steps per check, this means 1e8 remaining steps at the pace of the last 1e4 steps,
+# or 1e7 at the pace of the last 1e5 steps. These windows are longer than impacts and other short
+# stiff phases. Methods with expensive steps are checked more often.
 _STALL_WINDOWS = ((160, 1.6e6), (1600, 1.6e5))
 
 
@@ -61,8 +60,8 @@ class RunLimits:
     Attributes
     ----------
     progress
-        Called with the time reached [s]. If it returns a string, the run stops; the string becomes
-        the reason.
+        Function called with the time reached [s]. If it returns a string, the run stops; the string
+        becomes the reason.
     time_limit
         Maximum wall time since `begin` [s].
     max_steps

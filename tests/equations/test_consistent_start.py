@@ -226,9 +226,7 @@ def test_more_constraints_than_coordinates_are_named():
     mech = bd.Mechanism()
     body = pendulum("door", mech)
     mech.add(bd.Weld("lock", mech.ground.at(0.0, 2.0), body.at(0.0, 2.0)))
-    with pytest.raises(
-        bd.BeamdaeError, match=r"lock.y.*depend .*remove 2 of these"
-    ):
+    with pytest.raises(bd.BeamdaeError, match=r"lock.y.*depend .*remove 2 of these"):
         make_consistent(mech)
 
 

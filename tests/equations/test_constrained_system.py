@@ -197,9 +197,9 @@ def test_a_force_that_is_not_finite_at_the_start_is_an_error():
     ("change", "message"),
     [
         ({"q": [1, 2]}, "q must be a CasADi symbol"),
-        ({"v": ca.SX.sym("v", 3)}, "q and v of one size, got sizes 1, 2 and 3"),
-        ({"observe": ["x"]}, "observe must give expressions by name"),
-        ({"names": ("a", "a")}, "names must differ, got a, a"),
+        ({"v": ca.SX.sym("v", 3)}, "q and v must have equal sizes, got sizes 1, 2 and 3"),
+        ({"observe": ["x"]}, "observe must be a dict of expressions by name"),
+        ({"names": ("a", "a")}, "names must be unique, got a, a"),
         ({"breakpoints": (2.0, 1.0)}, "ConstrainedSystem: breakpoints must ascend"),
         ({"breakpoints": ("1",)}, "ConstrainedSystem: breakpoints must be a number, got '1'"),
         ({"time_scale": 0.0}, "ConstrainedSystem: time_scale must be positive, got 0"),
@@ -318,8 +318,8 @@ def test_rtol_is_relative_to_the_scales(integrator):
 @pytest.mark.parametrize(
     ("scales", "words"),
     [
-        ([1.0], "scales must have 2 entries"),
-        (1.0, "scales must have 2 entries"),
+        ([1.0], "scales must have 2 finite entries"),
+        (1.0, "scales must have 2 finite entries"),
         ([1.0, 0.0], "scales must be pos"),
     ],
 )

@@ -143,7 +143,7 @@ GROUND = bd.Mechanism().ground.at(0.0, 0.0)
         ),
         (
             lambda: bd.ForceLaw("f", ON, lambda a, t: 1.0),
-            r"f: a load of the law must be \(Fx, Fy\)",
+            r"f: each load returned by law must be \(Fx, Fy\)",
         ),
         (lambda: bd.ForceLaw("f", ON, lambda a, t: ("up", 0.0)), "f: law must return 2 numbers"),
         (

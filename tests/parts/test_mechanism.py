@@ -199,10 +199,13 @@ def test_characteristic_length_is_the_extent_of_the_drawing():
         (lambda: bd.PointMass("bob", -2.0, at=(0, 0)), "bob: mass must not be negative, got -2"),
         (lambda: bd.PointMass("bob", nan, at=(0, 0)), "bob: mass must be finite, got nan"),
         (lambda: bd.PointMass("bob", 0.0, at=(0, 0)), "bob: mass must be positive, got 0"),
-        (lambda: bd.PointMass("bob", 1.0), r"bob: give either on=an attachment or at=\(x, y\)"),
+        (
+            lambda: bd.PointMass("bob", 1.0),
+            r"bob: pass either on= \(an attachment\) or at=\(x, y\)",
+        ),
         (
             lambda: bd.PointMass("bob", 1.0, on=disk().at(0, 0), at=(0, 0)),
-            r"bob: give either on=an attachment or at=\(x, y\)",
+            r"bob: pass either on= \(an attachment\) or at=\(x, y\)",
         ),
         (lambda: bd.PointMass("bob", 1.0, on=disk()), "bob: on must be an attachment .*RigidBody"),
         (lambda: bd.PointMass("bob", 1.0, at=2.0), r"bob: at must be a pair \(x, y\), got 2.0"),

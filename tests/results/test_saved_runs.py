@@ -132,7 +132,7 @@ def test_damaged_files_and_runs_of_other_models_are_rejected(run, tmp_path):
     for wrong in (content[:2000], b"", b"PK", b"t,x\n1,2\n", b"\x93NUMPY"):
         path.write_bytes(wrong)
         with pytest.raises(
-            bd.BeamdaeError, match=r"a\.run: this file is not a complete saved run of version 1"
+            bd.BeamdaeError, match=r"a\.run: the file is not a complete saved run of version 1"
         ):
             bd.load(path)
     # Damages the directory of the zip archive: compression, encryption, checksum.
@@ -140,7 +140,7 @@ def test_damaged_files_and_runs_of_other_models_are_rejected(run, tmp_path):
     for place in (6, 8, 10, 16):
         path.write_bytes(content[: entry + place] + b"\x63" + content[entry + place + 1 :])
         with pytest.raises(
-            bd.BeamdaeError, match=r"a\.run: this file is not a complete saved run of version 1"
+            bd.BeamdaeError, match=r"a\.run: the file is not a complete saved run of version 1"
         ):
             bd.load(path)
     with open(path, "wb") as file:

@@ -35,7 +35,7 @@ Array = np.ndarray
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
-# State matrices are dense, so that memory grows with the square of this number.
+# State matrices are dense; memory grows with the square of the number of coordinates.
 _MAX_COORDINATES = 2000
 
 
@@ -140,7 +140,7 @@ def linearize(
     outputs: Sequence[str] | None = None,
     t: float = 0.0,
 ) -> LinearModel:
-    """Linearize a mechanism about a state into a state-space model with named inputs and outputs.
+    """Linearize a mechanism into a state-space model with named inputs and outputs.
 
     Dependent coordinates are eliminated, so there are two states for each degree of freedom;
     outputs may include reactions. The displacement and velocity of a driver that is an input

@@ -1,4 +1,4 @@
-"""Natural modes: frequencies, damping ratios, shapes and kinetic energy fractions of the parts."""
+"""Natural modes: frequencies, damping ratios, shapes and kinetic energies of the parts."""
 
 from __future__ import annotations
 

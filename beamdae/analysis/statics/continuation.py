@@ -1,4 +1,4 @@
-"""Predictor-corrector continuation of an equilibrium path, with step control and branch switching.
+"""Predictor-corrector continuation of equilibrium paths, with branch switching.
 
 Steps are controlled by load, displacement or pseudo-arc length (Keller 1977); failed steps are cut.
 """

@@ -1,4 +1,4 @@
-"""`GeneralizedAlpha`: the generalized-alpha family on the index-3 and stabilized index-2 forms."""
+"""`GeneralizedAlpha`: generalized-alpha, HHT and Newmark methods on index 3 and index 2."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ class GeneralizedAlpha(Integrator):
         "index3" (the paper's) or "stabilized-index2" (Arnold, Bruls & Cardona, Numer. Math. 129
         (2015) 149), which enforces the constraints on position and velocity level.
     start
-        "cured": starting values a0 = q''(0) + (alpha_m - alpha_f) h P q'''(0) and, on index 3, v0 +
-        h^2 (1/6 - (alpha_m - alpha_f)/2 - beta) P q'''(0), which keep the multipliers second order
-        from the first step. For "newmark", 1/2 - gamma replaces alpha_m - alpha_f. "plain": no
+        "cured": starting values a0 = q''(0) + (alpha_m - alpha_f) h P q'''(0) and, on index 3,
+        v0 + h^2 (1/6 - (alpha_m - alpha_f)/2 - beta) P q'''(0), which keep the multipliers second
+        order from the first step. For "newmark", 1/2 - gamma replaces alpha_m - alpha_f. "plain": no
         corrections.
     newton_tolerance
         Bound on the Newton error relative to the largest acceleration. With the default, the Newton

@@ -30,7 +30,7 @@ _MAX_GAP = 1e-3
 _MAX_SWITCHES = 200
 # ... within this fraction of its duration.
 _SWITCH_WINDOW = 1e-4
-# Impacts of one event accumulate if less than this fraction of the duration lies between them.
+# Impacts of one event accumulate if the time between them is less than this fraction of the run.
 _MIN_FLIGHT = 1e-9
 
 
@@ -160,12 +160,11 @@ class MethodCache:
     first: Method
     configuration: Configuration | None
     _by_inactive_parts: dict[frozenset[str], Method] = field(default_factory=dict, init=False)
-    # A configuration with frozen gaps never returns, so that only the last of its methods is kept,
-    # ...
+    # Configurations with frozen gaps never return, so that only the last method is kept ...
     _frozen: tuple[EquationsOfMotion | None, Method | None] = field(
         default=(None, None), init=False
     )
-    # ... with the counts of the earlier ones.
+    # ... with the counts of earlier methods.
     _past_counts: list[Statistics] = field(default_factory=list, init=False)
     _switch_times: list[float] = field(default_factory=list, init=False)
     _impact_times: dict[str, float] = field(default_factory=dict, init=False)
