@@ -75,8 +75,8 @@ IntegratorName = Annotated[
 RelativeTolerance = Annotated[
     float | None,
     typer.Option(
-        help="Relative tolerance. Selects adaptive steps for generalized-alpha. Defaults to that "
-        "of the integrator."
+        help="Relative tolerance. Selects adaptive steps for generalized-alpha. Defaults "
+        "to the value of the integrator."
     ),
 ]
 FixedStep = Annotated[

@@ -122,7 +122,7 @@ def write_tables(run: Run, parts: RunParts, solution: Solution, checkpoint: Path
 
 
 def estimate_errors(run: Run, solution: Solution, verify: bool, table: Path) -> None:
-    """Estimate the errors of the observed columns and write them beside the table."""
+    """Estimate the errors of the observed columns and write them next to the table."""
     from beamdae import verification
     from beamdae.results.storage.files import write_metadata
 

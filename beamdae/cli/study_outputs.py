@@ -17,7 +17,7 @@ from beamdae.cli.output import WrittenFiles, create_console, print_error, print_
 from beamdae.cli.progress import show_study_progress
 from beamdae.errors import BeamdaeError, require_positive
 
-# NumPy and CasADi are imported inside functions, so that --help answers at once.
+# NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
     from beamdae.studies import Study
     from beamdae.studies.execution.executors import Executor

@@ -1,7 +1,8 @@
 """Studies: parallel runs of many cases, with stored results and errors against a reference.
 
-May import: checks, report, verification, simulation and everything below. To extend: add a column
-of the case table to `run_values`, a figure to `study_pictures`, or an executor to `execution`.
+May import: checks, report, verification, simulation and everything below.
+To extend: add a column of the case table to `run_values`, a figure to `study_pictures`, or an
+executor to `execution`.
 """
 
 from beamdae.studies.case import Case, default_integrators, grid

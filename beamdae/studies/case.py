@@ -167,7 +167,7 @@ def _digest_parameter(model: Model, name: str, value: Any, digests: DigestCache)
         except FingerprintError as problem:
             raise BeamdaeError(
                 f"{model.name}: {name} must be {_REPRODUCIBLE_VALUES}, got {short_repr(value)} "
-                f"({problem.place} is a {problem.kind})."
+                f"({problem.location} is a {problem.kind})."
             ) from None
 
     # Only defaults are shared by many cases.
@@ -180,7 +180,7 @@ def _digest_model(model: Model) -> str:
         return digest([model.name, model.build])
     except FingerprintError as problem:
         raise BeamdaeError(
-            f"{model.name}: {problem.place} must be {_REPRODUCIBLE_VALUES}, got a "
+            f"{model.name}: {problem.location} must be {_REPRODUCIBLE_VALUES}, got a "
             f"{problem.kind}; create the object inside the function."
         ) from None
 
@@ -190,7 +190,7 @@ def _digest_integrator(kind: type[Integrator]) -> str:
         return digest(kind)
     except FingerprintError as problem:
         raise BeamdaeError(
-            f"{kind.__name__}: {problem.place} must be {_REPRODUCIBLE_VALUES}, "
+            f"{kind.__name__}: {problem.location} must be {_REPRODUCIBLE_VALUES}, "
             f"got a {problem.kind}."
         ) from None
 

@@ -42,9 +42,10 @@ class Study:
     references
         Two integrators with different methods. Defaults to `Radau(1e-7)` and
         `GeneralizedAlpha(1e-4)`. The first integrator computes the reference of each group of cases
-        that differ only in their integrator; the difference between both results is the uncertainty
-        of the reference. An integrator with a fixed step is also run with half the step, and the
-        results are extrapolated (Richardson). An empty tuple has the same effect as `errors=False`.
+        that differ only in their integrator; the difference between the two results is the
+        uncertainty of the reference. An integrator with a fixed step is also run with half the
+        step, and the results are extrapolated (Richardson). An empty tuple has the same effect as
+        `errors=False`.
     columns
         Observed columns used for the errors. Defaults to all positions and angles that move.
     t_end, output_step

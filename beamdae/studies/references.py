@@ -96,7 +96,7 @@ def create_reference_tasks(
     """Return the tasks of the two reference methods of a group.
 
     A method has one task, or two tasks for Richardson extrapolation. In a mesh study, the two
-    finest meshes replace the methods.
+    methods are the two finest meshes.
     """
     over = study.over
     if over is not None:

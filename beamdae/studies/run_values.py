@@ -96,7 +96,7 @@ def format_output_column(name: str) -> str:
 def collect_event_values(solution: Solution, until: float = np.inf) -> dict[str, Any]:
     """Return the counts and first times [s] of events up to the time `until`.
 
-    The keys are columns of the case table. Without events in the mechanism, the dict is empty.
+    The keys are columns of the case table. If the mechanism has no events, the dict is empty.
     """
     values: dict[str, Any] = {}
     for event in solution.equations.events:
@@ -146,7 +146,7 @@ def describe_event_mismatch(values: Mapping[str, Any], reference: Mapping[str, A
 
 
 def is_event_count(column: str) -> bool:
-    """Return whether a column of the case table contains the number of events of a kind."""
+    """Return whether a column of the case table contains event counts."""
     return column.startswith("event ") and column.endswith(", times")
 
 

@@ -122,7 +122,7 @@ def _create_notes(results: StudyResults) -> list[str]:
             "cases are in trajectories/."
         )
     if results.interrupted:
-        notes.append("The study was interrupted; start it again to resume.")
+        notes.append("The study was interrupted; run the study again to resume.")
     return notes
 
 

@@ -156,8 +156,8 @@ def serialize_value(value: Any) -> bytes:
 def serialize_with_model(task: Task, model: Any, models: SerializedModels) -> bytes:
     """Serialize a task; the model is serialized only once and cached in `models`.
 
-    The task must not contain functions other than those of the model. Each deserialized task gets a
-    separate copy of the model.
+    The task must not contain user functions that are not part of the model. Each deserialized task
+    gets a separate copy of the model.
     """
     if id(model) not in models:
         models[id(model)] = model, serialize_value(model)

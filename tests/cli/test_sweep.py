@@ -95,7 +95,7 @@ def test_sweep_writes_a_table_plots_and_a_page(tmp_path):
     arguments += ["--of", "bob.x", "--integrator", "generalized-alpha", "--step", "5e-3"]
     result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path)])
     assert result.exit_code == 0
-    assert "6 cases, 4 reached their end" in result.output
+    assert "6 cases, 4 reached the end time" in result.output
     assert "too fast" in result.output
     folder = tmp_path / "swing_sweep_speed_turns"
     files = {file.name for file in folder.iterdir() if file.is_file()}

@@ -64,7 +64,7 @@ def test_study_survives_a_killed_worker_and_has_the_serial_table(tmp_path, distr
             distributed.Client.current()
         over = {"mass": [1.0, -1.0, 2.0]}
         outputs = {"rows": lambda run: len(run.t)}
-        with pytest.warns(bd.BeamdaeWarning, match="1 of 3 runs did not reach their end"):
+        with pytest.warns(bd.BeamdaeWarning, match="1 of 3 runs did not reach the end time"):
             swept = bd.sweep(swing, over, outputs=outputs, scheduler=address)
     assert list(swept.table["rows"].fillna(0.0)) == [401.0, 0.0, 401.0]
     assert len(pids) == 1

@@ -51,7 +51,7 @@ def test_two_parameters_give_several_curves_and_a_map(speed_radius_sweep):
     # The model rejects the radius 0 at each speed, so that all speeds have a mark.
     assert_allclose(axes.lines[3].get_xdata(), [1.0, 2.0, 4.0])
     names = [text.get_text() for text in plot.figure.legends[0].get_texts()]
-    assert names == ["radius=0.5", "radius=0", "radius=2", "did not reach its end"]
+    assert names == ["radius=0.5", "radius=0", "radius=2", "did not reach the end time"]
     colored = speed_radius_sweep.map("tip.x max").figure.axes[0].collections[0].get_array()
     assert_allclose(np.ma.filled(colored, -1.0), [[-1.0] * 3, [0.5] * 3, [2.0] * 3], atol=1e-9)
 

@@ -276,7 +276,7 @@ def test_command_prints_the_number_of_completed_cases(tmp_path):
     arguments = ["compare", str(tmp_path / "study.py"), "--workers", "1", "--out", str(tmp_path)]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0
-    assert "2 cases, 1 reached their end" in result.output
+    assert "2 cases, 1 reached the end time" in result.output
     assert "failed: swing(mass=-1.0), " in result.output
     assert (tmp_path / "masses" / "report.html").is_file()
     table = pd.read_csv(io.BytesIO((tmp_path / "masses" / "cases.csv").read_bytes()))

@@ -31,7 +31,7 @@ def test_all_combinations_are_rows_and_failures_have_a_reason(speed_radius_sweep
     assert speed_radius_sweep.table["reason"][1] == "turning: radius must be positive, got 0.0."
     assert speed_radius_sweep.table["tip.x max [m]"][[1, 4, 7]].isna().all()
     assert repr(speed_radius_sweep) == (
-        "<SweepResults of turning_sweep over speed, radius: 9 cases, 6 reached their end>"
+        "<SweepResults of turning_sweep over speed, radius: 9 cases, 6 reached the end time>"
     )
     assert "turning_sweep over speed, radius" in speed_radius_sweep._repr_html_()
 

@@ -30,7 +30,7 @@ from beamdae.cli.study_outputs import (
 )
 from beamdae.errors import BeamdaeError, suggest
 
-# NumPy and CasADi are imported inside functions, so that --help answers at once.
+# NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
     from beamdae.cli.study_outputs import FileWriters
     from beamdae.studies import Study
@@ -113,7 +113,7 @@ def _print_results(results: StudyResults) -> None:
     ungrouped = results.table[~results.table["group"].isin(list(results.references))]
     if len(ungrouped):
         n_success = int((ungrouped["status"] == "ok").sum())
-        console.print(f"{len(ungrouped)} cases, {n_success} reached their end", style="dim")
+        console.print(f"{len(ungrouped)} cases, {n_success} reached the end time", style="dim")
     summaries = dict(iter(results.summary.groupby("group", sort=False)))
     for group, reference in islice(results.references.items(), MAX_SCREEN_ROWS):
         console.print(make_printable(f"{group}: {reference.sentence}"), style="dim", soft_wrap=True)

@@ -31,7 +31,7 @@ def draw_command(
 ) -> None:
     """Draw a model with the names of its parts, its joints, supports and loads (PNG).
 
-    Exits with 0, with 1 if drawing failed, and with 2 for a usage or model error.
+    Exits with 0 on success, 1 if drawing failed, and 2 for a usage or model error.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 

@@ -60,7 +60,7 @@ def modes_command(
 ) -> None:
     """Compute natural modes of a model; write a table (CSV) and a picture of their shapes (PNG).
 
-    Exits with 0, with 1 if a picture failed, and with 2 for a usage or model error.
+    Exits with 0 on success, 1 if a picture failed, and 2 for a usage or model error.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 

@@ -29,7 +29,7 @@ from beamdae.cli.output import create_console, print_error, print_written_files,
 from beamdae.cli.run_outputs import Run
 from beamdae.errors import BeamdaeError
 
-# NumPy and CasADi are imported inside functions, so that --help answers at once.
+# NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
     from beamdae.results.outcome import Status
     from beamdae.results.storage.continued_runs import RunParts
@@ -102,9 +102,9 @@ def run_command(
 ) -> None:
     """Simulate one model and write its results as CSV, JSON, PNG and a page for the browser.
 
-    A resumed run (--continue) writes its own table, NAME_part2.csv and so on. If the tables of the
-    earlier parts are in the same folder, NAME.csv covers all parts. If a run ends early, the output
-    names the checkpoint to resume from.
+    A resumed run (--continue) writes a separate table (NAME_part2.csv and so on). If the tables of
+    the earlier parts are in the same folder, NAME.csv covers all parts. If a run ends early, the
+    output names the checkpoint to resume from.
 
     Exits with 0 if the run reached its end time, 1 if it did not (partial results are written), 2
     for a usage or model error, 130 after Ctrl-C, and 143 after SIGTERM, which skips the PNG and the
@@ -153,7 +153,7 @@ def run_command(
 
 
 def _previous_parts(table: Path, checkpoint: Path | None) -> RunParts:
-    """Return the parts of the run that ended at the checkpoint, if there is a checkpoint."""
+    """Return the earlier parts of a run that is resumed from `checkpoint`."""
     from beamdae.results.storage.checkpoint import Checkpoint
     from beamdae.results.storage.continued_runs import RunParts
 

@@ -37,7 +37,7 @@ from beamdae.cli.study_outputs import (
 )
 from beamdae.errors import BeamdaeError, require_count, suggest
 
-# NumPy and CasADi are imported inside functions, so that --help answers at once.
+# NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
     from beamdae.cli.model_files.model_file import ModelFile
     from beamdae.cli.study_outputs import FileWriters
@@ -248,7 +248,7 @@ def _print_results(results: StudyResults) -> None:
     console = create_console()
     console.print(results.study.name, style="bold")
     n_success = int((table["status"] == "ok").sum())
-    console.print(f"{len(table)} cases, {n_success} reached their end", style="dim")
+    console.print(f"{len(table)} cases, {n_success} reached the end time", style="dim")
     if len(table) <= MAX_SCREEN_ROWS:
         console.print(text_tables.sweep_table(table, swept.parameters, swept.response_columns))
     n_warnings = int((table["warnings"] != "").sum())

@@ -61,7 +61,8 @@ class SerialPool:
 
     Attributes
     ----------
-    workers Always 1.
+    workers
+        Always 1.
     """
 
     workers = 1

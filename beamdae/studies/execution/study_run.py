@@ -77,7 +77,11 @@ class StudyPlan:
 
 
 def _merge_tasks(tasks: list[Task]) -> list[Task]:
-    """Merge tasks with the same key; a merged task records everything its parts record."""
+    """Merge tasks with the same key, and assign unique names.
+
+    A merged task has the largest number of repetitions, and is animated if any of its tasks is
+    animated.
+    """
     merged: dict[str, Task] = {}
     for task in tasks:
         earlier = merged.setdefault(task.key, task)
@@ -150,7 +154,7 @@ class StudyResults:
         return not any_success or any(r.table is None for r in self.references.values())
 
     def to_parquet(self) -> list[Path]:
-        """Write the trajectories as Parquet files beside their CSV files and return the paths.
+        """Write the trajectories as Parquet files next to their CSV files and return the paths.
 
         Raises
         ------

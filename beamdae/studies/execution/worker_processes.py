@@ -190,7 +190,7 @@ def _isolate_process() -> None:
 
 
 def _exit_group() -> None:
-    """End this process and all processes it started immediately."""
+    """End this process immediately, together with all processes it started."""
     if hasattr(os, "killpg") and os.getpgrp() == os.getpid():
         os.killpg(0, signal.SIGKILL)
     os._exit(0)

@@ -85,7 +85,7 @@ class FingerprintError(TypeError):
         self.containers: list[str] = []
 
     @property
-    def place(self) -> str:
+    def location(self) -> str:
         """Names of the parts that contain the value, from the outermost to the innermost."""
         return ", ".join(name for name in reversed(self.containers) if name) or "the value"
 

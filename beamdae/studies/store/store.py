@@ -34,7 +34,7 @@ class Store:
     """Outcomes on disk, by the key of the task.
 
     `folder`/outcomes contains the records and trajectories. `folder`/trajectories contains the
-    trajectories under readable names, as hard links where the file system supports them.
+    trajectories under readable names, as hard links if the file system supports them.
     """
 
     folder: Path
@@ -151,7 +151,7 @@ class Store:
         return content
 
     def _link_trajectory(self, task: Task, text: bytes) -> None:
-        """Link or copy the stored trajectory of a task to its readable name."""
+        """Link or copy the stored trajectory of a task to its readable file name."""
         source, path = self.rows_path(task), self.trajectory_path(task)
         with suppress(OSError):
             if path.samefile(source) or path.read_bytes() == text:

@@ -96,7 +96,7 @@ class ParameterStudy(Study):
         except FingerprintError as problem:
             raise BeamdaeError(
                 f"{self.name}: outputs must be functions that another process can "
-                f"reproduce, but {problem.place} is a {problem.kind}."
+                f"reproduce, but {problem.location} is a {problem.kind}."
             ) from None
 
 
@@ -121,7 +121,7 @@ def expand_values(part: str, model: Model, over: Any) -> list[dict[str, Paramete
     """
     if isinstance(over, Mapping) and over:
         return grid(**{x: _require_values(part, model, x, values) for x, values in over.items()})
-    allowed = "a dict of values by parameter, or a list of combinations of them"
+    allowed = "a dict of values by parameter, or a list of parameter combinations"
     listed = _require_list(part, "over", None if isinstance(over, Mapping) else over, allowed)
     if not listed or not all(isinstance(combination, Mapping) for combination in listed):
         raise BeamdaeError(f"{part}: over must be {allowed}, got {short_repr(over)}.")
@@ -138,7 +138,7 @@ def _require_values(part: str, model: Model, name: Any, values: Any) -> list[Par
     if isinstance(values, Mapping):
         checked = [_check_value(model, name, x, str(label)) for label, x in values.items()]
     else:
-        allowed = "a list of values, or a dict of them by name"
+        allowed = "a list of values, or a dict of values by name"
         checked = [_check_value(model, name, x) for x in _require_list(part, name, values, allowed)]
     if not checked:
         raise BeamdaeError(f"{part}: {name} must have at least one value, got none.")

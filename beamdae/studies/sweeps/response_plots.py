@@ -240,7 +240,7 @@ def _add_legend(figure: Figure, styles: dict[str, dict[str, Any]], any_failed: b
     if len(styles) > _MAX_LEGEND_CURVES:
         entries[f"and {len(styles) - _MAX_LEGEND_CURVES} more"] = {"ls": "none"}
     if any_failed:
-        entries["did not reach its end"] = _FAILURE_STYLE
+        entries["did not reach the end time"] = _FAILURE_STYLE
     if entries:
         figures.add_legend(figure, entries)
 

@@ -56,11 +56,11 @@ class SweepRun(TimeSeries):
     Attributes
     ----------
     name
-        Varied parameters with their values.
+        Label with the varied parameters and their values.
     parameters
         Displayed values of all swept parameters.
     status
-        How the run ended.
+        Status at the end of the run, with the reason.
     rows
         Observed columns, energies and drift by time.
     warnings
@@ -262,7 +262,7 @@ class SweepResults:
     def _summary(self) -> str:
         completed = int((self.table[STATUS] == "ok").sum())
         varied = ", ".join(self.sweep.varied) or "nothing"
-        cases = f"{len(self.table)} cases, {completed} reached their end"
+        cases = f"{len(self.table)} cases, {completed} reached the end time"
         return f"{self.sweep.name} over {varied}: {cases}"
 
 
@@ -277,7 +277,7 @@ def list_warnings(swept: SweepResults) -> Iterator[str]:
     failed = swept.table[STATUS] != "ok"
     with_warnings = (swept.table[WARNINGS] != "") & ~failed
     for selection, column, problem in (
-        (failed, REASON, "did not reach their end"),
+        (failed, REASON, "did not reach the end time"),
         (with_warnings, WARNINGS, "have warnings"),
     ):
         rows = swept.table[selection]
