@@ -99,8 +99,8 @@ def _create_path_figure(
 def _find_unstable_segments(equilibrium: Equilibrium) -> list[bool]:
     """Return True for each unstable segment between neighboring points.
 
-    A segment is unstable if one of its ends is unstable. Critical points, which are neither stable
-    nor unstable, are ignored unless both ends are critical.
+    A segment is drawn as unstable if one of its ends is not known to be stable. Critical points,
+    which are neither stable nor unstable, are ignored unless both ends are critical.
     """
     unstable = equilibrium.unstable != 0
     critical = {point.row for point in equilibrium.critical}

@@ -107,7 +107,8 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
     return facts | {
         "calls": f"{s['residual_calls']} residual, {s['jacobian_calls']} Jacobian, "
         f"{s['factorizations']} factorizations",
-        "wall time": f"{s['wall_time']} s, and {s['setup_time']} s of set-up (equations, compilation)",
+        "wall time": f"{s['wall_time']} s, and {s['setup_time']} s of set-up "
+        "(equations, compilation)",
         "drift": f"{s['max_position_drift']} in positions, {s['max_velocity_drift']} in velocities",
         "residual": f"{s['max_residual']} of the largest force",
         "energy imbalance": f"{s['energy_imbalance']} of the energy exchanged",

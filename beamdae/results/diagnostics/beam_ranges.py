@@ -62,7 +62,7 @@ class BeamRange:
         return (
             f"{self.name}: the beam bends {self.rotation:.2g} rad away from the "
             f"floating frame (deflection {self.deflection:.2g} of the length), where "
-            f"{consequence}; split it with bd.welded_beams(..., "
+            f"{consequence}; split the beam with bd.welded_beams(..., "
             f"bodies={bodies}){settings}."
         )
 

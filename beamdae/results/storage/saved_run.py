@@ -98,7 +98,7 @@ class SavedRun(TimeSeries):
             If the run has no row at one of the times.
         """
         owner = f"the saved run {self._metadata['file']}"
-        rows = self._rows_at(times, owner, "load it with its model, bd.load(path, model)")
+        rows = self._rows_at(times, owner, "load the run with bd.load(path, model)")
         columns = {header: column[rows] for header, column in self._columns.items()}
         coordinates = {header: column[rows] for header, column in self._coordinates.items()}
         return SavedRun(self.status, self.statistics, self._metadata, columns, coordinates)
