@@ -136,7 +136,7 @@ def cache_on_owner(build: Callable[Concatenate[K, P], T]) -> Callable[Concatenat
     def cached(owner: K, *args: P.args, **kwargs: P.kwargs) -> T:
         derived, key = owner._derived, (build, args, tuple(sorted(kwargs.items())))
         if key not in derived:
-            # Simultaneous threads may build it twice, but all use the first result.
+            # Concurrent threads may build the result twice, but all use the first one stored.
             derived.setdefault(key, build(owner, *args, **kwargs))
         return derived[key]
 

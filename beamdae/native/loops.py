@@ -31,7 +31,7 @@ from beamdae.native.object_code import ObjectSource, is_native_enabled, load_obj
 Array = np.ndarray
 
 _OPTIMIZATION_LEVEL = 2
-# Modules whose source determines the machine code of a loop, besides the loop.
+# Modules whose source determines the machine code of a loop, besides the loop itself.
 _RECIPE_MODULES = ("loop_functions", "overloads", "structs", "numba_compiler")
 # Implementations of the `loop_functions` whose overloads call further functions.
 _IMPLEMENTATIONS: dict[Any, Any] = {

@@ -87,7 +87,7 @@ class _IrLibrary(JITCodeLibrary):
                 yield library.get_llvm_str()
 
     def _get_module_for_linking(self) -> Any:
-        # Called by code of other packages that is compiled meanwhile and calls this function.
+        # Called if another package meanwhile compiles code that calls this function.
         return ll.parse_assembly(link_modules(self._iterate_modules(set()), ()))
 
 

@@ -112,7 +112,7 @@ def _write_cache(folder: Path, source: ObjectSource, content: bytes) -> None:
 
 
 def _warn_of_cache(problem: CacheError) -> None:
-    _warn_once(f"{problem}; each run compiles its loops again, which takes some seconds")
+    _warn_once(f"{problem}; each run compiles the loops again, which takes some seconds")
 
 
 def _warn_once(problem: str) -> None:

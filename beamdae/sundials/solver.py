@@ -22,7 +22,7 @@ _MAX_CONVERGENCE_FAILURES = 10
 _MIN_STEP = 0.0
 _MAX_STEPS_PER_CALL = 500
 
-# Codes above this one have other meanings in linear solvers than in IDASolve.
+# Codes above this value have other meanings in linear solvers than in IDASolve.
 _FIRST_COMMON_STATUS = -20
 _STATUS_DESCRIPTIONS = {
     -1: "too many steps in one call",
@@ -41,7 +41,7 @@ _STATUS_DESCRIPTIONS = {
     -17: "Newton's iteration failed",
     -20: "IDA has no memory block",
     -21: "there is not enough memory",
-    -22: "an argument is out of its range",
+    -22: "an argument is out of range",
     -23: "IDA was not initialized",
     -24: "an error weight is zero",
     -28: "a vector operation failed",

@@ -73,7 +73,7 @@ class RowFunction:
             return result
         count = min(rows, _MAX_MAPPED_ROWS)
         compiled = Compiled(self._map(count, shared))
-        # The last chunk overlaps the one before it: mapping to another size would cost more.
+        # The last chunk overlaps the previous chunk, because mapping to another size costs more.
         for first in [*range(0, rows - count, count), rows - count]:
             chunk = slice(first, first + count)
             values = (a if np.ndim(a) == 1 else np.ravel(a[chunk]) for a in arguments)

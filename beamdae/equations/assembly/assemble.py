@@ -42,7 +42,7 @@ from beamdae.symbolic.statements import (
 Array = np.ndarray
 
 _MAX_DRAWING_ERROR = 1e-2  # due to interpolated curves; relative to the mechanism
-_BYTES_PER_COORDINATE = 1e4  # least memory of a run; measured: 14 kB without any joint
+_BYTES_PER_COORDINATE = 1e4  # lower bound of the memory of a run; measured without joints: 14 kB
 
 
 def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfMotion:

@@ -172,7 +172,7 @@ def select_multipliers(
 
 def _require_list(part: str, what: str, value: Any, kind: type[T]) -> list[T]:
     """Return `value` as a list; reject anything but a list or tuple of `kind`."""
-    # Pieces and names are tuples themselves.
+    # `Piece` and `Variable` are tuples themselves.
     if not isinstance(value, (tuple, list)) or isinstance(value, (Piece, Variable)):
         raise BeamdaeError(
             f"{part}: {what} must be a list of {kind.__name__}, got {short_repr(value)}."

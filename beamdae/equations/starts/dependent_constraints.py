@@ -249,7 +249,7 @@ def find_dependent_sets(
         differences = np.abs(levels @ (weights / lengths)) * np.median(lengths[members])
         tolerance = _AGREEMENT_TOLERANCE * max(1.0, e.length)
         gap, rate = (float(x) if x > tolerance else 0.0 for x in differences)
-        # Nearby, the row may depend on more of the independent rows than here.
+        # At the nearby position, the row may depend on further independent rows.
         rank_nearby = len(select_independent_rows(nearby[[*rows.independent, row]]).independent)
         sets.append(
             DependentSet(

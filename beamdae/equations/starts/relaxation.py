@@ -19,7 +19,7 @@ Array = np.ndarray
 
 # Step sizes, in units of `position_scales`.
 _MAX_STEP = 0.2  # small enough to close the joints by Newton's method
-_MAX_TRAVEL_SIZES = 1e4  # limit of the travel, to which steps far from the start are relative
+_MAX_TRAVEL_SIZES = 1e4  # largest travel that counts in the relative size of a step
 _MAX_GAP_RATIO = 0.5  # correction that closes the joints, relative to the step
 _NEGLIGIBLE_GAP = 1e-9
 _CONVERGED_STEP = 1e-10
