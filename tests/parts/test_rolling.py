@@ -208,8 +208,8 @@ CENTER = DISK.at(0.0, 1.0)
         ),
         (
             lambda: bd.RollingOnCircle("r", GROUND.at(0, 0), CENTER, (0.5, 0.4)),
-            r"r: the disk must touch the circle .* 1 m, is neither the sum nor the difference of the "
-            "radii 0.5 m and 0.4 m",
+            r"r: the disk must touch the circle .* 1 m, is neither the sum nor the difference of "
+            "the radii 0.5 m and 0.4 m",
         ),
         (
             lambda: bd.RollingOnCircle("r", GROUND.at(0, 0), CENTER, 0.5),

@@ -77,7 +77,7 @@ def assert_same_history(name, table):
 
 
 def assert_same_rows(name, table):
-    """Find the rows of a job among the stored ones; errors are differences of runs, good to 1e-6."""
+    """Compare the rows of a job with the stored ones; errors of runs differ by up to 1e-6."""
     expected = stored(name)
     keys = [c for c in table if table[c].dtype.kind in "OSU" or c in ("number", "torque factor")]
     keys = [c for c in keys if c not in ("status", "range", "angular velocity", "figure")]
@@ -165,8 +165,8 @@ def test_number_of_elements_is_ambiguous_if_an_error_is_at_the_threshold():
 def test_generalized_alpha_and_ida_agree_on_the_figures():
     apart = stored("second_method").set_index("column")["generalized-alpha against IDA [-]"]
     flexible = apart.index.str.contains("flexible")
-    # Half the paper's step and rtol 1e-6 have errors of some 1e-4 in slow motions; the step does not
-    # resolve the vibration of the linear rod on a flexible crank.
+    # Half the paper's step and rtol 1e-6 have errors of about 1e-4 in slow motions; the step does
+    # not resolve the vibration of the linear rod on a flexible crank.
     assert apart[~flexible].max() < 2e-3
     assert apart[flexible].max() < 5e-2
 
