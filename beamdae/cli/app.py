@@ -75,7 +75,8 @@ def _configure_warnings() -> None:
     # Without a font cache, matplotlib works but logs many lines.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
-        # The XDG specification ignores relative paths; matplotlib would create the folder here.
+        # The XDG specification ignores relative paths; matplotlib would create the folder in the
+        # working folder.
         if not os.path.isabs(os.environ.get(name, "/")):
             del os.environ[name]
 

@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterable
 
 from beamdae.model_functions import MAX_NAME_BYTES
 
-# Letters and digits of any script, and characters that no file system or shell interprets.
+# All except letters and digits of any script, and characters without meaning to file systems and
+# shells.
 _INVALID_CHARACTERS = re.compile(r"[^\w=.+]+")
 
 

@@ -1,4 +1,4 @@
-"""Hashes of user files and of the beamdae sources, which results depend on."""
+"""Hashes of the user files and beamdae source files that results depend on."""
 
 from __future__ import annotations
 

@@ -146,7 +146,7 @@ class SweepResults:
         return list(self._runs_by_row.values())
 
     def run(self, **parameters: Any) -> SweepRun:
-        """Return the run with these parameter values; as many as identify the run are sufficient.
+        """Return the run with these parameter values; give only those needed to identify the run.
 
         Raises
         ------
