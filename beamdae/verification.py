@@ -51,8 +51,8 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
 
     The integrator runs again with ten times the tolerance, or twice the step. If errors are
     proportional to accuracy^order, the difference d of the two runs is (c^order - 1) times the
-    error of the finer run, with c = 10 or 2. The estimate is 4.5 d / (c^order - 1), but at most 3
-    d, because errors of stiff mechanisms decrease more slowly (validation/tolerances counts how
+    error of the finer run, with c = 10 or 2. The estimate is 4.5 d / (c^order - 1), but at most
+    3 d, because errors of stiff mechanisms decrease more slowly (validation/tolerances counts how
     often the estimate covers the true error).
 
     In two cases, the second run has a tenth of the tolerance instead and the estimate is 3 d: with

@@ -63,7 +63,7 @@ def require_curve(part: str, curve: Any) -> PlaneCurve:
             f"{part}: curve must be a Line, Arc, Parabola, Curve or Segment, got "
             f"{short_repr(curve)}."
         )
-    require_positive(part, "the length of its curve", curve.length)
+    require_positive(part, "the length of the curve", curve.length)
     return curve
 
 

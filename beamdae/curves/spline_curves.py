@@ -416,7 +416,7 @@ def warn_about_curvature_jumps(spline: Any, length: float) -> None:
     jump = float(np.sqrt(np.mean(np.diff(curvature, 2) ** 2))) / size
     if jump > _MAX_CURVATURE_JUMP:
         message = (
-            "Curve: the curvature of the spline through its points jumps by "
+            "Curve: the curvature of the spline through the points jumps by "
             f"{jump:.2g} times the largest curvature between points, which indicates "
             "scattered or too few points; give noise= [m], their standard deviation, "
             "or more points."

@@ -99,7 +99,7 @@ class RunPlan:
         if scale is None:
             return longest
         resolving = scale / MIN_STEPS_PER_TIME_SCALE
-        setting = "the longest step, a quarter of the time scale of the laws,"
+        setting = "the longest step (a quarter of the time scale of the laws)"
         require_feasible_step(part, setting, resolving, self.duration)
         return min(longest, resolving)
 

@@ -317,7 +317,7 @@ def test_a_run_at_its_time_limit_keeps_its_results(here, monkeypatch):
     )
     result = CliRunner().invoke(app, ["run", "model.py", "--t-end", "9", "--time-limit", "1e-9"])
     assert result.exit_code == 1, result.output
-    assert "failed: time limit of 1e-09 s" in result.stderr
+    assert "reached the time limit of 1e-09 s" in result.stderr
     assert Path("results/arm.csv").exists()
     assert titles[0].endswith(", ended early (limited)")
     result = CliRunner().invoke(app, ["run", "model.py", "--time-limit", "0"])

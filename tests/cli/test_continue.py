@@ -142,7 +142,7 @@ def test_changed_parameters_need_accept_changes(run):
     options = ("--set", "push=1.0", "--continue", "end.json")
     result = run(*options)
     assert result.exit_code == 2
-    assert "run with other parameters, push was 0.5" in result.stderr
+    assert "run with other parameters (push was 0.5)" in result.stderr
     assert "--accept-changes" in result.stderr
     result = run(*options, "--accept-changes")
     assert result.exit_code == 0

@@ -101,5 +101,5 @@ def test_nonfinite_residual_fails_the_run_and_keeps_the_steps():
 
 
 def test_step_too_short_for_the_run_is_rejected():
-    with pytest.raises(bd.BeamdaeError, match=r"^take_euler_step: step of 1e-12 s makes 1e"):
+    with pytest.raises(bd.BeamdaeError, match=r"^take_euler_step: step of 1e-12 s requires 1e"):
         bd.simulate(falling_pendulum(), Euler(1e-12), 1.0)

@@ -184,7 +184,7 @@ def test_regression_only_a_string_from_progress_ends_a_run(answer):
 def test_string_from_progress_ends_the_run():
     run = bd.simulate(rolling(), Roll(step=1e-3), 1.0, progress=lambda t: "enough")
     assert run.status.kind == "limited"
-    assert run.status.sentence == "enough, stopped at t = 0.064 s"
+    assert run.status.sentence == "stopped at t = 0.064 s: enough"
 
 
 def test_regression_interrupt_while_history_grows_leaves_only_complete_rows(monkeypatch):
@@ -417,5 +417,5 @@ def test_progress_can_stop_the_pilot_run():
 
     solution = bd.simulate(hub_beam(elements=2), bd.Ida(1e-4), t_end=0.2, progress=enough)
     assert solution.status.kind == "limited"
-    assert solution.status.sentence.startswith("enough, stopped at t = ")
+    assert solution.status.sentence.endswith(" s: enough")
     assert len(times) == 2

@@ -687,7 +687,7 @@ def test_max_steps_limits_the_run():
     # The limit applies to the run, not to a segment.
     limited = bd.simulate(pushed_particle(law), replace(ADAPTIVE, max_steps=steps - 1), 1.0)
     assert not limited.status.success
-    assert f"max_steps = {steps - 1} taken" in limited.status.sentence
+    assert f"reached max_steps = {steps - 1}" in limited.status.sentence
     assert limited.statistics.steps == steps - 1
     assert 0.9 < limited.trajectory.end < 1.0
 

@@ -120,7 +120,7 @@ def test_endlessly_shrinking_steps_are_detected():
 
 def test_max_steps_disables_stall_detection():
     solution = bd.simulate(ball(), PrescribedSteps(lambda k: 1e-10, max_steps=11_000), 1.0)
-    assert solution.status.sentence.startswith("max_steps = 11000 taken")
+    assert solution.status.sentence.endswith("reached max_steps = 11000")
 
 
 def test_short_stiff_phase_does_not_stall():
@@ -210,18 +210,20 @@ def test_time_limit_ends_a_stalled_run(integrator):
 @pytest.mark.parametrize(
     ("integrator", "law", "message"),
     [
-        (bd.GeneralizedAlpha(step=1e-60), None, "GeneralizedAlpha: step of 1e-60 s makes 1e"),
+        (bd.GeneralizedAlpha(step=1e-60), None, "GeneralizedAlpha: step of 1e-60 s requires 1e"),
         (bd.GeneralizedAlpha(step=9e-9), None, "GeneralizedAlpha: step of 9e-09 s makes 1.1e"),
-        (bd.Ida(max_step=1e-60), None, "Ida: max_step of 1e-60 s makes 1e"),
-        (bd.Radau(max_step=1e-60), None, "Radau: max_step of 1e-60 s makes 1e"),
-        (bd.Auto(max_step=1e-60), None, "Ida: max_step of 1e-60 s makes 1e"),
-        (bd.Ida(), FAST, "Ida: the longest step, a quarter of the time scale"),
-        (bd.Radau(), FAST, "Radau: the longest step, a quarter of the time scale"),
+        (bd.Ida(max_step=1e-60), None, "Ida: max_step of 1e-60 s requires 1e"),
+        (bd.Radau(max_step=1e-60), None, "Radau: max_step of 1e-60 s requires 1e"),
+        (bd.Auto(max_step=1e-60), None, "Ida: max_step of 1e-60 s requires 1e"),
+        (bd.Ida(), FAST, "Ida: the longest step "),
+        (bd.Radau(), FAST, "Radau: the longest step "),
         (bd.GeneralizedAlpha(rtol=1e-4), FAST, "GeneralizedAlpha: the longest step"),
     ],
 )
 def test_regression_runs_of_too_many_steps_are_rejected(integrator, law, message):
-    with pytest.raises(bd.BeamdaeError, match=rf"^{message}.* more than 1e\+08; take"):
+    with pytest.raises(
+        bd.BeamdaeError, match=rf"^{message}.* more than the maximum of 1e\+08; use"
+    ):
         bd.simulate(equations(law=law), integrator, 1.0)
 
 

@@ -175,7 +175,7 @@ def test_invalid_impacts_are_rejected():
         ((mech.part("ball"), 0.5), "impact: on must be a gap, such as surface.gap"),
         (
             (bd.parts.observables.motion_quantity(mech.part("ball").point), 0.5),
-            "a quantity of one column",
+            "a quantity with one column",
         ),
     ):
         with pytest.raises(bd.BeamdaeError, match=sentence):

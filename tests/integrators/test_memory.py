@@ -77,7 +77,7 @@ def test_memory_error_in_a_step_keeps_the_steps(monkeypatch):
     monkeypatch.setattr(FixedAlphaStepper, "advance", short)
     solution = bd.simulate(pendulum(), bd.GeneralizedAlpha(step=0.01), 1.0)
     assert solution.status.kind == "limited"
-    assert solution.status.sentence.startswith("out of memory; use larger steps")
+    assert solution.status.sentence.startswith("stopped at t = 0.3 s: out of memory")
     assert solution.statistics.steps == 30
 
 
@@ -115,7 +115,7 @@ def test_output_rows_that_exceed_memory_are_rejected(monkeypatch):
     monkeypatch.setattr("beamdae.memory._free_physical_memory", lambda: 1e6)
     with pytest.raises(
         bd.BeamdaeError,
-        match=r"^simulate: output in 100001 rows needs about 0\.0088 GB of memory, 0\.001 GB are",
+        match=r"^simulate: output of 100001 rows needs about 0\.0088 GB of memory, but only 0\.001",
     ):
         bd.simulate(pendulum(), bd.Ida(), 1.0, output_step=1e-5)
 

@@ -85,7 +85,7 @@ def test_missing_trajectories_are_reported(filled):
     filled.rows_path(TASK).unlink()
     outcome, problem = filled.load(TASK)
     assert outcome is None
-    assert problem == "one.csv cannot be read, No such file or directory"
+    assert problem == "one.csv cannot be read (No such file or directory)"
 
 
 def test_tables_are_parsed_on_first_access(filled):
@@ -95,7 +95,7 @@ def test_tables_are_parsed_on_first_access(filled):
     assert parsed.table is parsed.table
     filled.rows_path(TASK).unlink()
     assert parsed.table is not None
-    with pytest.raises(bd.BeamdaeError, match=r"/trajectories: one.csv cannot be read, No such"):
+    with pytest.raises(bd.BeamdaeError, match=r"/trajectories: one.csv cannot be read \(No such"):
         _ = late.table
 
 
@@ -190,7 +190,7 @@ def test_too_large_records_are_not_read(filled):
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may read all")
 def test_unreadable_records_are_reported(filled):
     filled.record_path(TASK).chmod(0)
-    assert "cannot be read, Permission denied" in filled.load(TASK)[1]
+    assert "cannot be read (Permission denied)" in filled.load(TASK)[1]
 
 
 def test_a_folder_in_the_place_of_a_file_is_refused_before_the_first_run(tmp_path):

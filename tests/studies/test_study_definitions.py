@@ -157,13 +157,13 @@ def create_listing(result):
         ),
         (
             create_listing(lambda: (1 / 0 for _ in "a")),
-            "listing: the list of cases failed:  ZeroDivisionErr",
+            "listing: the list of cases failed: ZeroDivisionErr",
         ),
         (
             create_listing(lambda: sys.exit(3)),
-            r"listing: the list of cases failed:  sys.exit\(3\) was called",
+            r"listing: the list of cases failed: the function called sys.exit\(3\)",
         ),
-        (lambda x: [CASE], "the list of cases failed:  TypeError"),
+        (lambda x: [CASE], "the list of cases failed: TypeError"),
         (5, "study: the decorated object must be a function, got 5"),
         (None, "study: the decorated object must be a function, got None"),
     ],

@@ -123,7 +123,10 @@ def test_function_with_defaults_is_a_model():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"over": {"sped": [1.0]}}, "turning: no parameter 'sped' .did you mean 'speed'.., the"),
+        (
+            {"over": {"sped": [1.0]}},
+            "turning: there is no parameter 'sped' .did you mean 'speed'..; the",
+        ),
         ({"over": {"speed": []}}, "turning_sweep: speed must have at least one value, got none."),
         ({"over": {"speed": "1,2"}}, "turning_sweep: speed must be a list of values, or a dict"),
         ({"over": {"speed": 1.0}}, "turning_sweep: speed must be a list of values, or a dict of"),
@@ -176,7 +179,7 @@ def test_runs_are_looked_up_by_their_parameters(speed_radius_sweep):
     with pytest.raises(bd.BeamdaeError, match=r"no case has speed=9.0"):
         speed_radius_sweep.run(speed=9.0)
     with pytest.raises(
-        bd.BeamdaeError, match=r"no parameter 'sped' .did you mean 'speed'.. is swe"
+        bd.BeamdaeError, match=r"no swept parameter 'sped' .did you mean 'speed'..; choose"
     ):
         speed_radius_sweep.run(sped=9.0)
     with pytest.raises(

@@ -28,7 +28,7 @@ from beamdae.linear.saddle_point import factorize_saddle_point
 
 Array = np.ndarray
 
-# Names of coordinates of points, and of inertial angles.
+# Patterns of the names of point coordinates and of inertial angles.
 _POINT_NAME = re.compile(r"([xy])(\d*)")
 _ANGLE_NAME = re.compile(r"(?:angle|theta|psi)\d*")
 # Rounding error of elastic forces, relative to |K| times the natural sizes.
@@ -48,7 +48,7 @@ _MAX_ITERATIONS = 30
 # Smallest increment of the speed, relative to the requested speed.
 _MIN_SPEED_STEP = 2.0**-10
 # A multiple of the mass matrix is added to the stiffness, because the rotation angle may have no
-# stiffness. Factors of W^2 and of the largest ratio of stiffness to mass.
+# stiffness: the sum of these fractions of W^2 and of the largest ratio of stiffness to mass.
 _SPEED_REGULARIZATION = 1e-9
 _STIFFNESS_REGULARIZATION = 1e-16
 
@@ -79,7 +79,7 @@ def rotation(speed: float, center: tuple[float, float] = (0.0, 0.0)) -> Rotation
     Returns
     -------
     Rotation
-        Value for the parameter `about`.
+        Rotation to pass as `about`.
 
     Raises
     ------
@@ -161,7 +161,7 @@ class RotatingCoordinates:
 
     @property
     def angle_vector(self) -> Array:
-        """e, (n,): 1 for inertial angles, 0 otherwise."""
+        """Vector e, (n,): 1 for inertial angles, 0 otherwise."""
         vector = np.zeros(self.n)
         vector[self.angles] = 1.0
         return vector
@@ -198,8 +198,8 @@ def find_steady_rotation(
     q = ConsistencySolver(e).state(time, e.q0, np.zeros(e.n)).q if guess is None else guess
     lam, share, step = np.zeros(e.m), 0.0, 1.0
     # Checked first, because no steady state may exist if forces do not rotate.
-    drawing = _rotating_state(frame, rotation, rotation.speed, q, lam)
-    _require_rotating_forces(e, time, frame, rotation, drawing)
+    first_state = _rotating_state(frame, rotation, rotation.speed, q, lam)
+    _require_rotating_forces(e, time, frame, rotation, first_state)
     while share < 1.0:
         next_share = min(share + step, 1.0)
         solution = _solve_steady_state(

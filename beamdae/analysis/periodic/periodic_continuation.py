@@ -49,8 +49,8 @@ _MAX_CHANGE = 0.3
 _DIFFERENCE_STEP = 1e-5
 # Least cosine of the angle between the tangents at both ends of a step.
 _MIN_COSINE = 0.8
-# The step grows up to the first number of corrector iterations, and shrinks from the second number
-# on.
+# The step grows if the corrector takes at most the first number of iterations, and shrinks if it
+# takes at least the second.
 _MAX_ITERATIONS_TO_GROW = 3
 _MIN_ITERATIONS_TO_SHRINK = 5
 _GROWTH_FACTOR = 1.5

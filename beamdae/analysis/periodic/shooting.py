@@ -141,13 +141,15 @@ class PeriodMap:
         interval = solution.trajectory.intervals[0]
         times = np.linspace(interval.t[0], interval.t[-1], _COMPARED_TIMES + 2)[1:-1]
         state = interval.at(times)
-        turns = np.zeros(form.size)
-        turns[: e.n] = self.full_turns(solution)
+        revolutions = np.zeros(form.size)
+        revolutions[: e.n] = self.full_revolutions(solution)
         change, largest_force = np.zeros((_COMPARED_TIMES, form.size)), 0.0
         for k, t in enumerate(times.tolist()):
             y, yp = form.pack(State(*(x[k] for x in state)))
             now, later = np.array([t, interval.branch]), np.full(2, t + self.period)
-            change[k] = np.abs(form.residual(later, y + turns, yp) - form.residual(now, y, yp))
+            change[k] = np.abs(
+                form.residual(later, y + revolutions, yp) - form.residual(now, y, yp)
+            )
             forces = form.residual(now, y, np.zeros_like(yp))[e.n : 2 * e.n]
             largest_force = max(largest_force, float(np.max(np.abs(forces))))
         sizes = np.full(form.size, min(1.0, e.length))
@@ -163,7 +165,7 @@ class PeriodMap:
                 "the loads and drivers."
             )
 
-    def full_turns(self, solution: Solution) -> Array:
+    def full_revolutions(self, solution: Solution) -> Array:
         """Return the full revolutions of angles in a period [rad], (n,)."""
         last = solution.trajectory.intervals[-1].state.q[-1]
         first = solution.trajectory.intervals[0].state.q[0]
@@ -183,7 +185,7 @@ class PeriodMap:
             )
         )
         deviation = last - first
-        deviation[: self.equations.n] -= self.full_turns(solution)
+        deviation[: self.equations.n] -= self.full_revolutions(solution)
         return deviation
 
     def state_scales(self, solution: Solution) -> Array:

@@ -206,11 +206,11 @@ class PathSegment:
         first = self._interpolate(begin / (begin - end), load_rate, _TOUCH_SAMPLE_DISTANCE)
         near = self._interpolate(first.position, load_rate, _TOUCH_SAMPLE_DISTANCE)
         stability = near.point.stability
-        place = int(np.argmin(np.abs(stability.eigenvalues)))
+        closest = int(np.argmin(np.abs(stability.eigenvalues)))
         smaller = int(np.sum(stability.eigenvalues < 0.0))
-        index = place - smaller + stability.negative_count
+        index = closest - smaller + stability.negative_count
         ends = [abs(point.stability.eigenvalue(index)) for point in (self.begin, self.end)]
-        if not abs(stability.eigenvalues[place]) <= _TOUCH_RATIO * max(ends):
+        if not abs(stability.eigenvalues[closest]) <= _TOUCH_RATIO * max(ends):
             return None
         distances = (-_TOUCH_SAMPLE_DISTANCE, _TOUCH_SAMPLE_DISTANCE)
         neighbors = (self._point_near(near.position + distance) for distance in distances)
@@ -256,7 +256,7 @@ class PathSegment:
 
 
 def _nearest_root(positions: Array, values: Sequence[float], near: float) -> float:
-    """Return the root nearest to `near` of the interpolating polynomial, or `near` without any."""
+    """Return the root nearest to `near` of the interpolating polynomial, or `near` if none is real."""
     unit = positions[1] - positions[0]
     roots = np.roots(np.polyfit((positions - near) / unit, values, len(positions) - 1))
     real = roots[np.abs(roots.imag) < _REAL_ROOT_TOLERANCE].real

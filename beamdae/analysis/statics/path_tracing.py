@@ -143,7 +143,7 @@ class PathSettings:
 
 def _parse_switches(switch: Any) -> tuple[int, ...]:
     """Return the signed numbers of the branch points at which to switch; empty for 0."""
-    expected = "a whole number or several"
+    expected = "a whole number or a list of whole numbers"
     is_number = as_real(switch) is not None
     items = [switch] if is_number else require_sequence("equilibrium", "switch", switch, expected)
     numbers = [require_finite("equilibrium", "switch", number) for number in items]

@@ -67,8 +67,8 @@ class GeneralizedAlpha(Integrator):
     start
         "cured": starting values a0 = q''(0) + (alpha_m - alpha_f) h P q'''(0) and, on index 3,
         v0 + h^2 (1/6 - (alpha_m - alpha_f)/2 - beta) P q'''(0), which keep the multipliers second
-        order from the first step. For "newmark", 1/2 - gamma replaces alpha_m - alpha_f. "plain": no
-        corrections.
+        order from the first step. For "newmark", 1/2 - gamma replaces alpha_m - alpha_f. "plain":
+        no corrections.
     newton_tolerance
         Bound on the Newton error relative to the largest acceleration. With the default, the Newton
         error is less than 1/100 of the discretization error, or 1/50 for multipliers (published

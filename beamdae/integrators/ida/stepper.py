@@ -101,7 +101,7 @@ class IdaStepper:
         }
         iteration = {
             "kinematic": KinematicRowScaling.from_form(self._form, scales.position),
-            "share": _CORRECTION_SHARE if iterated else 1.0,
+            "correction_fraction": _CORRECTION_SHARE if iterated else 1.0,
         }
         self._ida = _make_solver(self._form, plan, linear_solver, options, iteration)
 

@@ -188,7 +188,7 @@ class ForceLaw(Part):
         if isinstance(self.on, Attachment):
             attachments: tuple[Any, ...] = (self.on,)
         else:
-            what = "an attachment such as beam.end, or a list of them"
+            what = "an attachment such as beam.end, or a list of attachments"
             attachments = tuple(require_sequence(self.name, "on", self.on, what)) or (self.on,)
         set_fields(self, on=tuple(require_attachment(self.name, "on", one) for one in attachments))
         if not sum(one.size for one in self.on):

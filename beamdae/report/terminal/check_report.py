@@ -94,6 +94,6 @@ def _describe_frequencies(frequencies: FrequencyRange) -> dict[str, str]:
             f"the lowest, {_RESOLVING_STEP / highest:.2g} s the highest; damping ratio of the "
             f"fastest mode {frequencies.damping_ratio:.2g}, {stability}"
         )
-    if frequencies.falling > 0.0:
-        facts["unstable"] = f"a motion departs from the start at {frequencies.falling:.3g} 1/s"
+    if frequencies.growth_rate > 0.0:
+        facts["unstable"] = f"a motion departs from the start at {frequencies.growth_rate:.3g} 1/s"
     return facts
