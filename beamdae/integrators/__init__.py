@@ -1,7 +1,7 @@
-"""Integrators: settings with `integrate(equations, times) -> Solution`; one folder per method.
+"""Integrators with `integrate(equations, times) -> Solution`; one folder per method.
 
-May import: results, equations, linear, symbolic, native; SUNDIALS in `ida` alone. To extend:
-subclass `Integrator`; its `integrate` passes a `Method`, which takes steps, to `drive`.
+May import: results, equations, linear, symbolic, native; SUNDIALS in `ida` alone.
+To extend: subclass `Integrator`; its `integrate` passes a `Method`, which takes steps, to `drive`.
 """
 
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha

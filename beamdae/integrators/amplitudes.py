@@ -20,7 +20,7 @@ _MIN_COORDINATE_SHARE = 1e-5
 _MAX_ANGLE_AMPLITUDE = 0.5 * np.pi
 # Largest variance of an angle [rad^2]: the variance over one uniform revolution.
 _MAX_ANGLE_VARIANCE = np.pi**2 / 3.0
-# A mechanism is at rest if no part moves by more than this share of its size.
+# A mechanism is at rest if no part moves by more than this fraction of its size.
 _REST_AMPLITUDE = 1e-9
 
 

@@ -150,7 +150,7 @@ class StepLoop(Generic[W]):
         ----------
         function
             The loop, restricted to the language that numba compiles and to `native.loop_functions`.
-            It returns a code of `native.return_codes` or a code of its own.
+            It returns a code of `native.return_codes` or a loop-specific code.
         make
             Function that creates the workspace for machine code (True) or plain Python (False).
         matrices

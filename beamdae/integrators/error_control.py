@@ -1,4 +1,4 @@
-"""Error control of adaptive integrators: components in the error test, and the highest order.
+"""Error control of adaptive integrators: components in the error test, and highest order.
 
 The choices rest on measurements: validation/tolerances prints the table behind them.
 """
@@ -30,11 +30,10 @@ POSITION_ROUNDING = 1e-14
 # the motion. Unresolved modes cost BDF more than a fifth-order method of equal stability.
 STIFF_RATIO_BDF = 300.0
 STIFF_RATIO_RADAU = 30.0
-# Damping ratio above which BDF of order 5 is stable: cos 52 degrees, its angle of stability.
+# Damping ratio above which BDF of order 5 is stable: cosine of its stability angle, 52 degrees.
 STABLE_DAMPING_RATIO = 0.62
-# Second-order steps resolve modes up to this factor times rate / sqrt(rtol), where rate is that of
-# the motion. Lightly damped modes below this limit do not slow order 5 down (validation/tolerances,
-# --damping).
+# Second-order steps resolve modes up to this factor times (rate of the motion) / sqrt(rtol). Lightly
+# damped modes below this limit do not slow order 5 down (validation/tolerances, --damping).
 _RESOLVED_RATIO = 12.0
 # Below this rtol, BDF of order 2 costs more than a fifth-order method of equal stability
 # (validation/tolerances).
@@ -120,10 +119,10 @@ class ErrorControl:
         """Return the tolerance of the local error that keeps the error of a run near `rtol`.
 
         The error test uses the root mean square over `size` components, which is at least
-        1/sqrt(size) of the largest component. The error of a run grows with the local tolerance to
-        the power k / (k + 1), where k is the order. For small rtol the local tolerance must
-        therefore fall with rtol^((k + 1) / k), as in RADAU5 (Hairer & Wanner, Solving ODEs II,
-        1996, section IV.8).
+        1/sqrt(size) of the largest component; the tolerance is divided accordingly. The error of a
+        run grows with the local tolerance to the power k / (k + 1), where k is the order. For small
+        rtol the local tolerance must therefore fall with rtol^((k + 1) / k), as in RADAU5 (Hairer &
+        Wanner, Solving ODEs II, 1996, section IV.8).
         """
         k = self.max_order
         asymptotic = _ASYMPTOTIC_FACTORS[k] * rtol ** ((k + 1) / k)
@@ -135,8 +134,8 @@ class ErrorControl:
         """Return absolute tolerances of (q, v, multipliers), huge for untested components.
 
         With `iterated`, untested multipliers get tolerances for Newton's iteration. If the unknowns
-        are time integrals of multipliers, these are multiplied by the step whose error of order k +
-        1 equals the tolerance.
+        are time integrals of multipliers, these tolerances are multiplied by a typical step, whose
+        error of order k + 1 equals `tolerance`.
         """
         n, m = form.equations.n, form.equations.m
         has_impulses = form.formulation.impulses
@@ -158,7 +157,7 @@ class ErrorControl:
         return atol
 
     def untested(self, form: FirstOrderForm) -> Array | None:
-        """Return the mask of untested components of (q, v, multipliers), or None without any."""
+        """Return the mask of untested (q, v, multipliers), or None if all are tested."""
         n = form.equations.n
         begin = {"positions": n, "velocities": 2 * n, "all": form.size}[self.policy]
         return np.arange(form.size) >= begin if begin < form.size else None
@@ -201,7 +200,7 @@ def resolve_error_control(
     stiff_ratio
         Modes are stiff if they are this many times faster than the motion.
     fastest_modes
-        Returns the fastest natural mode of each body.
+        Function that returns the fastest natural mode of each body.
     multipliers_matter
         True if forces depend on multipliers or all motions are prescribed.
     """

@@ -3,8 +3,8 @@
 Small systems are solved by the dense inverse of K + s M in the null space of G, which gives all
 modes. Large systems are solved by shift-and-invert Lanczos about a shift below the lowest mode,
 with the multipliers among the unknowns of a sparse factorization (Ericsson & Ruhe, Math. Comput. 35
-(1980) 1251). K may be singular, and infinite eigenvalues do not occur because all vectors satisfy G
-x = 0.
+(1980) 1251). K may be singular, and infinite eigenvalues do not occur because all vectors satisfy
+G x = 0.
 """
 
 from __future__ import annotations
@@ -201,7 +201,7 @@ class FrequencyRange:
         Damping ratio of the mode with the highest frequency.
     loose
         Number of free motions.
-    falling
+    growth_rate
         Largest growth rate of unstable motions [1/s], or 0.
     massless
         Name of a coordinate without inertia, or "".
@@ -211,7 +211,7 @@ class FrequencyRange:
     highest: float | None
     damping_ratio: float
     loose: int
-    falling: float
+    growth_rate: float
     massless: str
 
 

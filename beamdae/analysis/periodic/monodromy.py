@@ -1,4 +1,4 @@
-"""Variational equations of a run: propagation of small disturbances for the monodromy matrix.
+"""Variational equations of a run: propagation of disturbances for the monodromy matrix.
 
 The residual R(t, y, y') = 0 in the form of Gear, Gupta & Leimkuhler is linearized along the run,
 R_y dy + R_y' dy' = 0, and integrated by Radau IIA of order 5 on steps of the run; many steps are

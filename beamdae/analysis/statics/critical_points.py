@@ -256,7 +256,7 @@ class PathSegment:
 
 
 def _nearest_root(positions: Array, values: Sequence[float], near: float) -> float:
-    """Return the root nearest to `near` of the interpolating polynomial, or `near` if none is real."""
+    """Return the real root of the interpolating polynomial nearest to `near`, else `near`."""
     unit = positions[1] - positions[0]
     roots = np.roots(np.polyfit((positions - near) / unit, values, len(positions) - 1))
     real = roots[np.abs(roots.imag) < _REAL_ROOT_TOLERANCE].real

@@ -1,4 +1,4 @@
-"""Stability of an equilibrium from the inertia of the tangent stiffness in admissible motions."""
+"""Stability of an equilibrium from the inertia of the tangent stiffness."""
 
 from __future__ import annotations
 

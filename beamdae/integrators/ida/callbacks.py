@@ -65,7 +65,7 @@ class NewtonState:
         Non-zeros of the Jacobian.
     kinematic
         Scaling of the kinematic rows.
-    share
+    correction_fraction
         Fraction of each Newton correction that is applied; see `stepper`.
     branch
         Time inside the smooth interval [s].
@@ -82,7 +82,7 @@ class NewtonState:
     raw_residual: Array
     nonzeros: Array
     kinematic: KinematicRowScaling
-    share: float = 1.0
+    correction_fraction: float = 1.0
     branch: float = 0.0
     has_factors: int = 0
     renew_address: int = 0
@@ -165,7 +165,7 @@ def evaluate_preconditioned(newton: NewtonState, t: float, y: Array, yp: Array, 
     evaluate_residual(newton.form, t, newton.branch, y, yp, newton.raw_residual)
     scale_residual(newton.kinematic, y, yp, newton.raw_residual)
     newton.residuals += 1
-    combine(out, (newton.share,), (newton.raw_residual,))
+    combine(out, (newton.correction_fraction,), (newton.raw_residual,))
     if newton.has_factors == 1:
         solve(newton.linear, out)
 
@@ -192,7 +192,7 @@ def factorize_jacobian(
     if code != DONE:
         return RECOVERABLE_FAILURE
     newton.has_factors = 1
-    combine(out, (newton.share,), (newton.raw_residual,))
+    combine(out, (newton.correction_fraction,), (newton.raw_residual,))
     solve(newton.linear, out)
     return DONE
 

@@ -1,12 +1,12 @@
-"""Scaling of the kinematic rows, so that position corrections are proportional to position scales.
+"""Scaling of the kinematic rows: position corrections in proportion to position scales.
 
 Stabilized forms keep positions on the constraints by q' = v - G^T mu, the smallest correction in
 the units of the coordinates. This failed for a rotor making many revolutions, driven from a frame
 that hardly moves: half of the admissible error of the rotor angle was assigned to the frame, whose
 tolerance is a thousand times smaller. IDA tried to double the step after each step, failed, and
-stayed at order 1. Positions are therefore corrected in proportion to their scales, q' = v - S G^T
-mu with S = diag(scales / largest scale). S does not change the solution because mu is zero if the
-constraints are satisfied.
+stayed at order 1. Positions are therefore corrected in proportion to their scales,
+q' = v - S G^T mu with S = diag(scales / largest scale). S does not change the solution because mu
+is zero if the constraints are satisfied.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Coefficients of three-stage Radau IIA (order 5), and the basis that decouples its stages.
 
-The inverse of A has a real eigenvalue gamma and a pair alpha +- i beta. In terms of W, with Y - y =
-T W and h Y' = A^-1 T W, Newton's equations for the stages decouple into real ones with the matrix
-R_y + (gamma/h) R_y', and complex ones with alpha + i beta in place of gamma. Hairer & Wanner,
-Solving ODEs II, 1996, section IV.8.
+The inverse of A has a real eigenvalue gamma and a complex pair alpha +- i beta. In terms of W, with
+Y - y = T W and h Y' = A^-1 T W, Newton's equations for the stages decouple into real equations with
+the matrix R_y + (gamma/h) R_y' and complex equations with alpha + i beta in place of gamma.
+Hairer & Wanner, Solving ODEs II, 1996, section IV.8.
 """
 
 from __future__ import annotations

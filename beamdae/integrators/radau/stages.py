@@ -160,12 +160,13 @@ def _iterate_newton(run: RadauWorkspace, h: float) -> int:
 def estimate_error(run: RadauWorkspace, h: float) -> None:
     """Estimate the error by an embedded third-order method, filtered to remove its stiff part.
 
-    With y^ = y_n + h (y'_n / gamma + sum_i b^_i Y'_i) and e = y^ - y_{n+1}, the filter (R_y +
-    (gamma/h) R_y') x = (gamma/h) R_y' e passes slow components and damps fast ones. For R = M y' -
-    f(y) this is the estimate of RADAU5. Constraints do not contain y', so their rows of R_y' e are
-    zero. In these rows, the right-hand side is R_y e: the error of the prescribed motion, which is
-    the only error if all motions are prescribed. Multipliers enter R only as derivatives of
-    unknowns, so that their errors do not affect other components.
+    With y^ = y_n + h (y'_n / gamma + sum_i b^_i Y'_i) and e = y^ - y_{n+1}, the filter
+    (R_y + (gamma/h) R_y') x = (gamma/h) R_y' e passes slow components and damps fast ones. For
+    R = M y' - f(y), this is the estimate of RADAU5. Constraints do not contain y', so their rows of
+    R_y' e are zero. In these rows, the right-hand side is R_y e: the error of the prescribed
+    motion, which is the only error if all motions are prescribed. Multipliers enter R by their
+    derivatives, in the same columns of both matrices, so that their errors do not affect other
+    components.
     """
     w, error, difference, n = run.w, run.error, run.difference, run.form.n
     factors = (h / REAL_EIGENVALUE, EMBEDDED[0], EMBEDDED[1], EMBEDDED[2])
