@@ -115,7 +115,7 @@ def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
             raise BeamdaeError(
                 "impact: a gap must be a quantity with one column that depends on "
                 "positions, such as surface.gap(point), got "
-                f"{', '.join((x.header for x in on.columns))}."
+                f"{', '.join(x.header for x in on.columns)}."
             )
     elif not isinstance(on, Joint):
         raise BeamdaeError(

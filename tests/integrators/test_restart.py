@@ -259,7 +259,7 @@ def test_other_parameters_are_rejected_or_reported(tmp_path):
     path = first.checkpoint(tmp_path / "end.json")
     other = r"other parameters \(gravity was -9\.81\)"
     with pytest.raises(
-        bd.BeamdaeError, match=f"thrown_on_the_moon: the start belongs to a {other}"
+        bd.BeamdaeError, match=f"thrown_on_the_moon: the start belongs to a run with {other}"
     ):
         bd.simulate(thrown_on_the_moon, bd.Radau(), start=path)
     with pytest.warns(bd.BeamdaeWarning, match=other):
