@@ -51,9 +51,8 @@ class Amplitudes:
     def from_trajectory(cls, equations: EquationsOfMotion, trajectory: Trajectory) -> Amplitudes:
         """Compute the amplitudes of each part from half the ranges of its coordinates in a run.
 
-        The amplitude of a part is at least a thousandth of the largest amplitude, that of a
-        coordinate of a constrained system at least 1e-5 of it. If nothing moves, the scales are the
-        sizes.
+        The amplitude of a part is at least 1e-3 of the largest amplitude; the limit is 1e-5 for the
+        coordinates of a constrained system. If nothing moves, the scales are the natural sizes.
         """
         angles = np.array([c.unit == "rad" for c in equations.coordinates], bool)
         sizes = _coordinate_sizes(equations, angles)

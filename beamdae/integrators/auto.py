@@ -23,8 +23,7 @@ Array = np.ndarray
 class Auto(AdaptiveIntegrator):
     """Choose `Ida` or `Radau`, whichever is cheaper at this tolerance.
 
-    The choice is `Ida`, except in two cases, in which `Radau` is cheaper because it combines order
-    5 with L-stability:
+    `Ida` is chosen except in two cases, in which the fifth-order `Radau` is cheaper:
 
     - Lightly damped modes limit BDF to order 2, and rtol is below 3e-6. Each further digit would
       then take several times as many steps.

@@ -32,8 +32,8 @@ STIFF_RATIO_BDF = 300.0
 STIFF_RATIO_RADAU = 30.0
 # Damping ratio above which BDF of order 5 is stable: cosine of its stability angle, 52 degrees.
 STABLE_DAMPING_RATIO = 0.62
-# Second-order steps resolve modes up to this factor times (rate of the motion) / sqrt(rtol). Lightly
-# damped modes below this limit do not slow order 5 down (validation/tolerances, --damping).
+# Second-order steps resolve modes up to this factor times (rate of the motion) / sqrt(rtol).
+# Lightly damped modes below this limit do not slow order 5 down (validation/tolerances, --damping).
 _RESOLVED_RATIO = 12.0
 # Below this rtol, BDF of order 2 costs more than a fifth-order method of equal stability
 # (validation/tolerances).

@@ -45,9 +45,9 @@ def run_pilot(
 ) -> tuple[RunPlan, R, Trajectory, Status]:
     """Make pilot runs; return the plan with measured amplitudes, and the last pilot run.
 
-    The pilot run is repeated while the motion is much smaller than its scales assumed. `limits` are
-    the limits of the main run. `progress` is always called with the start time; it may stop the
-    run.
+    The pilot run is repeated as long as the motion is much smaller than the scales that it used.
+    `limits` are the limits of the main run. `progress` is always called with the start time; it may
+    stop the run.
     """
     time_limit = None if limits.time_limit is None else _PILOT_TIME_SHARE * limits.time_limit
     start, progress = plan.intervals[0][0], limits.progress

@@ -98,7 +98,7 @@ def campbell(
     speeds
         Rotation speeds [rad/s]; modes are followed in this order.
     n
-        Number of modes.
+        Number of modes to follow.
     center
         Center of rotation in the reference configuration [m].
     damping

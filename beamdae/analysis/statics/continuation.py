@@ -114,7 +114,7 @@ class ContinuationSettings:
     Attributes
     ----------
     target_control
-        Quantity whose values the targets are.
+        Quantity to which the target values refer.
     by_arc_length
         True to control steps by arc length instead of `target_control`.
     max_step
@@ -260,7 +260,7 @@ def _correct_prediction(
     step: PathDirection,
     norm: StepNorm,
 ) -> EquilibriumPoint:
-    """Return the equilibrium near begin + step at which the control has the value `value`."""
+    """Return the equilibrium near begin + step at which the control equals `value`."""
     x, mu = begin.x + step.x, begin.mu + step.mu
     point = corrector.correct(control, value, x, mu)
     correction, displacement = norm.max_norm(point.x - x), norm.max_norm(point.x - begin.x)

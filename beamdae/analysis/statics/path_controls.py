@@ -97,7 +97,7 @@ class DisplacementControl:
         return float(self.observable.function(*self._arguments(x))[0, self.column])
 
     def gradient(self, x: Array, mu: float) -> tuple[Array, float]:
-        """Return the derivatives of the column with respect to x and mu (zero)."""
+        """Return the derivatives of the column with respect to x and mu; the latter is zero."""
         by_x = np.zeros_like(x)
         rows = self._position_derivative(*self._arguments(x))
         by_local = rows.reshape(-1, len(self.observable.columns))[:, self.column]

@@ -137,7 +137,7 @@ class PathSettings:
         }
 
     def for_earlier_stage(self) -> PathSettings:
-        """Return the settings of earlier stages: the full load by load control."""
+        """Return settings that apply the full load by load control, for stages before the last."""
         return PathSettings("", (1.0,), LOAD, None, (), self.max_points)
 
 

@@ -112,7 +112,7 @@ class AlphaStepper:
 
     @property
     def _is_native(self) -> bool:
-        """True if the further equations of the loop can be evaluated in machine code."""
+        """True if all equations of the loop other than `form` can be evaluated in machine code."""
         return True
 
     def _make_workspace(self, native: bool, **fields: Any) -> AlphaWorkspace:

@@ -135,7 +135,7 @@ class EventDetector:
         return next(term for term in self.equations.events if term.name == name)
 
     def has_due_event(self, segment: RunSegment) -> bool:
-        """Return True, and record the event, if one is due at the start of the first segment."""
+        """Record the event that is due at the start of the first segment; return False if none."""
         start = segment.interval(self.equations.m)
         due = [term for term in self.equations.events if term.due]
         for term in due:
@@ -254,7 +254,7 @@ class EventDetector:
         return terminal
 
     def _side(self, term: EventTerm, difference: float) -> EventSide:
-        """Return the side of a quantity, initialized on the first call from its difference."""
+        """Return the side of a quantity; the first call initializes it from `difference`."""
         if term.name not in self._sides:
             observable, equations = term.observable, self.equations
             unit = observable.columns[term.column].unit
