@@ -45,7 +45,7 @@ def test_beamdae_differs_from_the_appendix_by_consistent_rotary_inertia_alone():
 
 @pytest.mark.parametrize("offset", [False, True], ids=["eq-8", "consistent"])
 def test_kinetic_energy_of_moving_points(offset):
-    """Rotary part: rho I (phi'^2 + phi^2 theta'^2)/2, or rho I (theta' + phi')^2/2 if consistent."""
+    """Rotary part: rho I (phi'^2 + phi^2 theta'^2)/2; consistent: rho I (theta' + phi')^2/2."""
     state = appendix.random_state()
     A, omega, p, p_dot = state.motion
     rho, section = appendix.SECTION.material.rho, appendix.SECTION
