@@ -200,7 +200,7 @@ def load(path: str | Path, model: Any = None) -> Solution | SavedRun:
     if equations is not None and hash_model(equations) != content.get("identity"):
         raise BeamdaeError(
             f"{file}: the file contains a run of a model with other parts or values; "
-            "pass the model that ran."
+            "pass the model of this run, or omit the model to load only the tables."
         )
     try:
         if equations is None:
@@ -294,8 +294,8 @@ def _output_times(t_end: Any, output_step: Any, begin: float) -> np.ndarray:
         step = require_positive("simulate", "output_step", output_step)
     if t_end / step > _MAX_ROWS:
         raise BeamdaeError(
-            f"simulate: output_step {step:g} s gives more than {_MAX_ROWS:.0e} rows in "
-            f"{t_end:g} s; use a longer output_step."
+            f"simulate: output_step = {step:g} s gives more than {_MAX_ROWS:.0e} rows up to "
+            f"t = {t_end:g} s; use a longer output_step."
         )
     rows = max(int(np.ceil(t_end / step - _ROUNDING_OF_ROWS)), 1)
     times = np.minimum(step * np.arange(rows + 1), t_end)

@@ -69,8 +69,8 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     pandas.DataFrame
         One row per observed column: half of its range [unit of the column], and the estimated
         largest error relative to half the range [-]. The error is NaN if the second run stopped
-        early or took as many steps, and for columns that are not finite; it is 0 for columns at
-        rest.
+        early or took nearly as many steps as the first run, and for columns that are not finite.
+        The error is 0 for columns at rest.
 
     Raises
     ------
@@ -223,7 +223,7 @@ def _judge(error: float, allowed_error: float) -> str:
 
 
 def _is_controlled(column: str) -> bool:
-    """Return True if rtol controls the error of a column, a position or an angle."""
+    """Return True if the column is a position or an angle, whose error rtol controls."""
     return Header.of(column).unit in ("m", "rad")
 
 
@@ -244,7 +244,7 @@ def _require_own_integrator(name: str, solution: Any) -> Integrator:
     if not isinstance(solution.made_by, Integrator):
         raise BeamdaeError(
             f"{name}: made_by of the solution must be the integrator of the run, got "
-            f"{short_repr(solution.made_by)}."
+            f"{short_repr(solution.made_by)}; pass the solution returned by simulate."
         )
     return require_integrator(name, solution.made_by)
 

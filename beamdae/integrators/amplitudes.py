@@ -31,9 +31,9 @@ class Amplitudes:
     Attributes
     ----------
     by_part
-        Amplitude of each part relative to its size: the largest amplitude among its lengths,
-        divided by its size, and its angles [rad], because an angle moves the points of a body of
-        size L by L times the angle. Amplitudes of angles are limited to pi / 2.
+        Amplitude of each part relative to its size [-]: the largest among the amplitudes of its
+        lengths, divided by its size, and the amplitudes of its angles [rad], because an angle moves
+        the points of a body of size L by L times the angle. Amplitudes of angles are at most pi/2.
     scales
         Scale of each coordinate [m or rad], (n,): the amplitude of its part, times the size of the
         part for lengths.

@@ -257,7 +257,7 @@ class FixedStepMethod:
     stages
         Names of the implicit stages, fields of `run`.
     formulation
-        First-order form; for "stabilized-index1", y = (q, v, Lam, Eta) and lam = Lam'.
+        First-order form; for "stabilized-index1", y = (q, v, Lam, Mu) and lam = Lam'.
     newton_tolerance
         Bound on the error of Newton's iteration, relative to the scales of positions and
         velocities.

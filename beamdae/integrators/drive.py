@@ -73,8 +73,8 @@ def drive(
     times
         Ascending output times [s]; the run covers the range from the first to the last.
     method_on
-        Function that creates the method for a plan: it compiles, and resolves settings that are
-        "auto".
+        Function that creates the method for a plan, compiles its step loop and resolves settings
+        that are "auto".
     progress
         Function called with the time reached [s]; see `Integrator.integrate`.
     pilot_on
@@ -185,7 +185,8 @@ class _RunInProgress:
     ) -> None:
         """Prepare a run.
 
-        `equations` contain all parts, active or not; `label` ends the status of an interrupted run.
+        `equations` contain all parts, active or not; `label` is appended to the status of an
+        interrupted run.
         """
         self._equations, self._plan, self._limits, self._label = equations, plan, limits, label
         self.method = method_on(plan)
@@ -208,7 +209,7 @@ class _RunInProgress:
 
     @property
     def event_signs(self) -> dict[str, int]:
-        """Sign, at the end, of each event quantity minus its threshold."""
+        """Sign of each event quantity minus its threshold at the end of the run."""
         return {} if self._detector is None else self._detector.signs
 
     @property

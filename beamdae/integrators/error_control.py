@@ -241,7 +241,7 @@ def resolve_error_control(
 def _max_lightly_damped_frequency(mode: Mode) -> float:
     """Return the highest frequency at which modes of a body may be lightly damped [rad/s].
 
-    Material damping grows with frequency, so modes above this frequency are stable.
+    Material damping grows with frequency, so BDF is stable for modes above this frequency.
     """
     if mode.damping_ratio <= STABLE_DAMPING_RATIO:
         return mode.frequency

@@ -34,9 +34,9 @@ class Accuracy(NamedTuple):
 class Integrator(ABC):
     """Settings of one integration method, a frozen dataclass without run state.
 
-    `accuracy` names one of its fields, "step" or "rtol". The error of a run is proportional to the
-    value of this field to the power `order`. Studies, references and tables use only `accuracy`,
-    `order` and `label`.
+    `accuracy` names one of its fields, "step" or "rtol". The errors of positions and velocities are
+    proportional to the value of this field to the power `order`. Studies, references and tables use
+    only `accuracy`, `order` and `label`.
     """
 
     @property
@@ -52,7 +52,7 @@ class Integrator(ABC):
     @property
     @abstractmethod
     def order(self) -> int:
-        """Power of `accuracy` to which the error of a run is proportional; 1 for a tolerance."""
+        """Order of the error of positions and velocities in `accuracy`; 1 for "rtol"."""
 
     @property
     def label(self) -> str:
@@ -99,7 +99,7 @@ class AdaptiveIntegrator(Integrator):
 
     @property
     def order(self) -> int:
-        """1, because the error of a run is proportional to rtol."""
+        """1, because the errors of positions and velocities are proportional to rtol."""
         return 1
 
 

@@ -46,9 +46,9 @@ class StallDetector:
     def _describe_stall(self, t: float, step: float) -> str:
         remaining = (self.end - t) / step if step > 0.0 else float("inf")
         return (
-            f"steps have shrunk to {step:.2g} s, so {remaining:.2g} more would be "
-            "needed, as under extreme loads, speeds or stiffnesses or a law that "
-            "grows without bound; check values and units, or set max_steps to "
+            f"steps have shrunk to {step:.2g} s, so the run would need {remaining:.2g} "
+            "more, possibly because of extreme loads, speeds or stiffnesses, or a law "
+            "that grows without bound; check values and units, or set max_steps to "
             "continue anyway"
         )
 

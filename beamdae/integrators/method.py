@@ -13,7 +13,9 @@ from beamdae.results.outcome import Statistics
 Array = np.ndarray
 
 # Failure reasons shared by several methods.
-STEP_TOO_SMALL = "the step became too small to advance time; check laws, or loosen rtol"
+STEP_TOO_SMALL = (
+    "the step became too small to advance time; check laws, or loosen rtol if steps are adaptive"
+)
 RESIDUAL_NOT_FINITE = "the residual is not finite; check laws and start values"
 MATRIX_SINGULAR = "the matrix is singular or not finite; check masses and joints"
 

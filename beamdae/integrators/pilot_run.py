@@ -43,11 +43,11 @@ R = TypeVar("R", bound=PilotRun)
 def run_pilot(
     plan: RunPlan, prepare_run: Callable[[RunPlan, RunLimits], R], limits: RunLimits
 ) -> tuple[RunPlan, R, Trajectory, Status]:
-    """Make pilot runs; return the plan with measured amplitudes, and the last pilot run.
+    """Make pilot runs; return the plan with amplitudes, and the last run with its results.
 
-    The pilot run is repeated as long as the motion is much smaller than the scales that it used.
-    `limits` are the limits of the main run. `progress` is always called with the start time; it may
-    stop the run.
+    The pilot run is repeated as long as the motion is much smaller than the scales of the run. The
+    trajectory and the status of the last pilot run are returned with the run. `limits` are the
+    limits of the main run. `progress` is always called with the start time; it may stop the run.
     """
     time_limit = None if limits.time_limit is None else _PILOT_TIME_SHARE * limits.time_limit
     start, progress = plan.intervals[0][0], limits.progress

@@ -18,9 +18,9 @@ Array = np.ndarray
 
 
 def remove_redundant(equations: EquationsOfMotion, start: float) -> ReducedEquations | None:
-    """Return the equations without constraints that are redundant after `start` [s].
+    """Return the reduction that removes constraints redundant after `start` [s], or None.
 
-    Return None if the model does not request the removal, or has no redundant constraints.
+    None means that the model does not request the removal or has no redundant constraints.
     """
     if not equations.redundant:
         return None

@@ -56,7 +56,7 @@ class StepHistory:
         Raises
         ------
         OutOfMemoryError
-            If there is no memory for more rows and for the result made of them.
+            If there is no memory for more rows or for results computed from the rows.
         """
         rows = [np.concatenate(((time,), *values)) for time, values in [*stages, (t, state)]]
         return self.extend(np.array(rows), len(rows))
@@ -69,7 +69,7 @@ class StepHistory:
         Raises
         ------
         OutOfMemoryError
-            If there is no memory for more rows and for the result made of them.
+            If there is no memory for more rows or for results computed from the rows.
         """
         if not (rows[0, 0] > self.end and np.all(rows[1:, 0] > rows[:-1, 0])):
             return False
@@ -163,9 +163,10 @@ class StepHistory:
         return self._make_interval([rows[:count]], branch), float(rows[first - 1 - begin, 0])
 
     def truncate(self, tail: Interval, t: float) -> None:
-        """Drop the steps that end after time `t` [s], and append a step that ends at `t`.
+        """Drop the steps that end after time `t` [s], and make the last step end at `t`.
 
-        The rows of this step are interpolated in `tail`, the last result of the method `tail`.
+        If no step ends at `t`, the rows of a last step up to `t` are interpolated from `tail`, the
+        interval last returned by the method `tail`.
         """
         steps, rows_per_step = tail.t, self._rows_per_step
         tolerance = _SAME_TIME * max(abs(t), steps[-1] - steps[0])

@@ -410,7 +410,8 @@ class _StateReduction:
 def _independent_coordinates(rows: Array, scales: Array) -> tuple[Array, Array]:
     """Return independent coordinates for rows @ dq = 0, and Z with dq = Z dq[independent].
 
-    They are chosen by QR factorization with column pivoting of the rows scaled by natural sizes.
+    The independent coordinates are chosen by QR factorization with column pivoting of the rows
+    scaled by natural sizes.
     """
     n = rows.shape[1]
     matrix = rows * scales

@@ -224,9 +224,10 @@ def linearize_at_rest(
     acceleration = np.abs(state.a) / e.position_scales
     worst = int(np.argmax(acceleration))
     warning = (
-        f"{e.q_names[worst]}: the coordinate accelerates by {state.a[worst]:.3g} when "
-        "released, so this state is not an equilibrium; use about='equilibrium' "
-        "unless you want frequencies of the second derivatives of the potential."
+        f"{e.q_names[worst]}: the coordinate accelerates at {state.a[worst]:.3g} "
+        f"{e.coordinates[worst].unit}/s^2 when released, so this state is not an "
+        "equilibrium; use about='equilibrium' unless you want frequencies of the "
+        "second derivatives of the potential."
     )
     return state, tangent, (warning,), _ZERO_SQUARE_RATIO * float(acceleration[worst])
 
@@ -276,7 +277,7 @@ def _covariant_stiffness(
 
         K - (N - N^T + dM) / 2,    N = d(M a)/dq at constant a,    dM = dM/dq[a]
 
-    If the forces have a potential V, it is the Hessian of V on the manifold of admissible
+    If the forces have a potential V, the result is the Hessian of V on the manifold of admissible
     positions.
     """
     unaccelerated = tangent_at(state._replace(a=np.zeros(e.n)))

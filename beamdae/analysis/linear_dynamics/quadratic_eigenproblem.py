@@ -49,7 +49,8 @@ _TINY = 1e-300
 class QuadraticProblem:
     """(l^2 M + l C + K) x + H mu = 0, (J + l V) x = 0.
 
-    With y = (x, l x), it becomes l E y = A y; the eigenvalues of (A - s E)^-1 E are 1 / (l - s).
+    With y = (x, l x), the problem becomes l E y = A y; for a shift s, the eigenvalues of
+    (A - s E)^-1 E are 1 / (l - s).
 
     Parameters
     ----------

@@ -2,11 +2,12 @@
 
 An observer who rotates with the mechanism sees the coordinates z, with
 q = c + D(W t) (z - c) + W t e; see `RotatingCoordinates`. A constant z has the velocity
-v = W (S (z - c) + W e) and the acceleration a = W^2 S^2 (z - c) in the inertial frame. The
+v = W (S (z - c) + e) and the acceleration a = W^2 S^2 (z - c) in the inertial frame. The
 equations linearized about that state, with x = D y, x' = D (y' + W S y) and
 x'' = D (y'' + 2 W S y' + W^2 S^2 y), are
 
-    M y'' + (C + 2 W M S) y' + (K + W C S + W^2 M S^2) y + H mu = 0,    J y = 0
+    M y'' + (C + 2 W M S) y' + (K + W C S + W^2 M S^2) y + H mu = 0,
+    (J + W V S) y + V y' = 0
 
 with the matrices of the inertial frame at t = 0. They contain gyroscopic terms, spin softening
 and, through the strains of the state, centrifugal stiffening.
@@ -210,8 +211,8 @@ def find_steady_rotation(
             if step < _MIN_SPEED_STEP:
                 raise BeamdaeError(
                     f"rotation: no steady state was found at {rotation.speed:g} rad/s "
-                    f"about the center {rotation.center}; the search from rest ended "
-                    f"at {share * rotation.speed:g} rad/s."
+                    f"about the center {rotation.center} [m]; the search from rest ended "
+                    f"at {share * rotation.speed:g} rad/s, so use a lower speed."
                 )
             continue
         (q, lam), share, step = solution, next_share, 2.0 * step

@@ -218,7 +218,8 @@ class FrequencyRange:
 def compute_frequency_range(e: EquationsOfMotion, time: Array, state: State) -> FrequencyRange:
     """Return the range of natural frequencies about a consistent state.
 
-    Constraints must be independent. The time grows with the cube of the number of coordinates.
+    Constraints must be independent. The computing time grows with the cube of the number of
+    coordinates.
     """
     tangent = compute_tangent(e, time, state)
     lin = Linearization(e, e, "start", time, state, tangent)

@@ -115,8 +115,8 @@ class VariationalEquations:
     def _propagate_dense(self, interval: Interval, h: Array, stage_times: Array, y: Array) -> Array:
         """Propagate disturbances through an interval by dense matrices, many steps at a time.
 
-        With the stages Y_j, E = R_y' and J = R_y: sum_j inverse(A)_ij E_i (Y_j - y) / h + J_i Y_i
-        = 0.
+        The stages Y_j satisfy sum_j inverse(A)_ij E_i (Y_j - y) / h + J_i Y_i = 0 with E = R_y' and
+        J = R_y.
         """
         size, n_state = self.form.size, len(y)
         batch = max(_MAX_BATCH_ENTRIES // (_STAGES**2 * size**2), 1)

@@ -124,7 +124,7 @@ def periodic(
                 f"start by {deviation:.3g} of the amplitude"
             )
             if deviation < _INTEGRATOR_LIMITED_DEVIATION:
-                sentence += ", possibly limited by the accuracy of the integrator"
+                sentence += ", possibly limited by the integrator; use a tighter rtol"
             status = Status("failed", sentence)
         multipliers, error_estimate = _refine_multipliers(period_map, result)
         motion = PeriodicMotion(

@@ -189,7 +189,7 @@ class PeriodMap:
         return deviation
 
     def state_scales(self, solution: Solution) -> Array:
-        """Return natural sizes (2 n,) of (q, v): amplitudes in the run, limited to 1 rad."""
+        """Return natural sizes (2 n,) of (q, v): amplitudes, at most mechanism size or 1 rad."""
         amplitudes = Amplitudes.from_trajectory(solution.equations, solution.trajectory).scales
         scales = np.minimum(amplitudes, self.equations.position_scales)
         return np.concatenate([scales, scales * (_FULL_TURN / self.period)])

@@ -148,8 +148,9 @@ def follow_path(
 ) -> None:
     """Extend `path` in place from its end to each target in turn.
 
-    `direction` is the initial direction by arc length. By default, the load factor increases, or
-    changes towards the first target if the targets are load factors.
+    `direction` is the initial direction of the path for steps by arc length. By default, the load
+    factor changes towards the first target if the targets are load factors, and increases
+    otherwise.
     """
     path.step, initial_count = np.inf, len(path.branch_points)
     for target in targets:
@@ -276,7 +277,7 @@ def _arc_direction(
     target: float,
     direction: PathDirection | None,
 ) -> PathDirection:
-    """Return the direction by arc length, of unit norm; see `follow_path` for the default."""
+    """Return `direction`, or the default of `follow_path`, scaled to unit norm."""
     if direction is None:
         direction = corrector.path_tangent(point, LoadControl())
         by_load = isinstance(settings.target_control, LoadControl)
@@ -337,7 +338,8 @@ def _crossing_direction(
     """
     if not len(point.stability.eigenvalues):
         raise CorrectorError(
-            "crossing paths cannot be separated because the loads have no potential"
+            "crossing paths cannot be separated because the loads have no potential, "
+            "so switch= is not supported"
         )
     x = np.zeros_like(point.x)
     x[: len(norm.scale)] = point.stability.mode(index)

@@ -89,7 +89,7 @@ class PathSegment:
         return self.corrector.correct(self.control, first + position * (last - first), x, mu)
 
     def truncate(self, quantity: Control, target: float) -> PathSegment | None:
-        """Return the segment up to `quantity` = `target`, or None if this is not reached."""
+        """Return the segment up to `quantity` = `target`, or None if the target is not reached."""
         off = [quantity.value(point.x, point.mu) - target for point in (self.begin, self.end)]
         if off[0] * off[1] > 0.0 or off[0] == 0.0:
             return None
@@ -234,9 +234,9 @@ class PathSegment:
     ) -> SegmentCriticalPoint:
         """Return the point near `position` at which `function` vanishes.
 
-        If `function` is None, the point is at `position`. It is interpolated from four points,
-        because Newton's method does not converge at branch points, where even the bordered tangent
-        is singular.
+        If `function` is None, the point is at `position`. The point is interpolated from four
+        others, because Newton's method does not converge at branch points, where even the bordered
+        tangent is singular.
         """
         positions = position + distance * np.array([-1.5, -0.5, 0.5, 1.5])
         points = [self._point_near(sample) for sample in positions]
@@ -256,7 +256,7 @@ class PathSegment:
 
 
 def _nearest_root(positions: Array, values: Sequence[float], near: float) -> float:
-    """Return the real root of the interpolating polynomial nearest to `near`, else `near`."""
+    """Return the real root of the interpolating polynomial nearest to `near`, or `near`."""
     unit = positions[1] - positions[0]
     roots = np.roots(np.polyfit((positions - near) / unit, values, len(positions) - 1))
     real = roots[np.abs(roots.imag) < _REAL_ROOT_TOLERANCE].real

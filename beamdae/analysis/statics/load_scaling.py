@@ -211,7 +211,7 @@ class FixedFactorEquations:
         return self.system.residual(np.append(q, lam), self.mu)[0]
 
     def matrix(self, q: Array, lam: Array) -> sp.csc_array:
-        """Return the derivative of the residual by (q, lam)."""
+        """Return the derivative of the residual with respect to (q, lam)."""
         return self.system.matrix(self.system.tangent(np.append(q, lam), self.mu))
 
 
@@ -240,7 +240,7 @@ class Loading:
     reduction: ReducedEquations | None
 
     def full_multipliers(self, q: Array, lam: Array) -> Array:
-        """Return the multipliers of all constraints from rows of q and of reduced multipliers."""
+        """Return the multipliers (k, m) of all constraints for k rows of (q, lam)."""
         if self.reduction is not None:
             times = np.tile(self.systems[0].loaded.time, (len(q), 1))
             return self.reduction.restore_reactions(times, q, lam)

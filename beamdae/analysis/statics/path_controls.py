@@ -163,7 +163,7 @@ class StepNorm:
     factor: float
 
     def max_norm(self, x: Array, mu: float = 0.0) -> float:
-        """Return the largest component relative to its natural size."""
+        """Return the largest of x / `scale` and mu / `factor` in magnitude."""
         by_position = float(np.max(np.abs(x[: len(self.scale)] / self.scale), initial=0.0))
         return max(by_position, abs(mu) / self.factor)
 

@@ -279,7 +279,7 @@ def _follow_stage(
             if path.status.success and count < abs(switch):
                 sentence = (
                     f"switch={switch} requests branch point {abs(switch)}, but the path "
-                    f"has only {count}"
+                    f"has only {count}; use a smaller number or a farther target"
                 )
                 path.status = Status("failed", sentence)
             if not path.status.success:
@@ -385,7 +385,7 @@ def _remedy(path: StagePath, e: EquationsOfMotion, control: str) -> str:
     if control != LOAD:
         return ""
     if len(path.points) == 1:
-        return "even for a millionth of a step; check the size of the loads"
+        return "; even a millionth of the largest step fails, so check the size of the loads"
     before, now = (_lowest_positive_eigenvalue(point) for point in (path.points[0], path.end))
     if not 0.0 < now < _SOFT_RATIO * before:
         return "; use control='arc length' to continue past the maximum of a load"

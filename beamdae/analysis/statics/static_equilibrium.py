@@ -56,7 +56,7 @@ def equilibrium(
     loads
         Names of the loads that mu scales: parts that only apply forces, and "gravity". Defaults to
         every `Force`, `Moment`, `DistributedForce` and `MovingForce`, and gravity. A list of lists
-        defines stages, which are raised from 0 to 1 one after the other; `to` refers to the last
+        defines stages, whose load factors are raised from 0 to 1 in turn; `to` refers to the last
         stage. Loads that are not named act in full from the beginning.
     to
         Target load factor, or a list of targets to reach in turn. {"tip.y": value} sets one or

@@ -44,14 +44,14 @@ class AlphaParameters(NamedTuple):
     def defect(self) -> float:
         """Local error of q divided by h^3 q''': 1/6 - shift/2 - beta.
 
-        It follows from a_n = q'' + shift h q''' and a_{n+1} = q'' + (1 + shift) h q''' in the
-        second formula. Because h q''' is a_{n+1} - a_n, it also estimates the error of a step. For
-        shift = 0, this is the estimate of Zienkiewicz & Xie, Earthq. Eng. Struct. Dyn. 20 (1991)
-        871, which Negrut, Rampalli, Ottarsson & Sajdak, J. Comput. Nonlinear Dyn. 2 (2007) 73, use
-        for HHT on index 3. Over time, the error h^3 q'''' of the velocities causes position errors
-        of similar size: the period of an oscillation is wrong by 1 to 1.4 times
-        (beta + shift/2 - 1/6) (h w)^2. Unresolved modes contribute to the estimate with their
-        amplitude in q; rho_inf damps them.
+        The value follows from a_n = q'' + shift h q''' and a_{n+1} = q'' + (1 + shift) h q''' in
+        the second formula. Because a_{n+1} - a_n approximates h q''', the error of a step is
+        estimated by the value times h^2 (a_{n+1} - a_n). For shift = 0, this is the estimate of
+        Zienkiewicz & Xie, Earthq. Eng. Struct. Dyn. 20 (1991) 871, which Negrut, Rampalli,
+        Ottarsson & Sajdak, J. Comput. Nonlinear Dyn. 2 (2007) 73, use for HHT on index 3. Over
+        time, the error h^3 q'''' of the velocities causes position errors of similar size: the
+        period of an oscillation is wrong by 1 to 1.4 times (beta + shift/2 - 1/6) (h w)^2.
+        Unresolved modes contribute to the estimate with their amplitude in q; rho_inf damps them.
         """
         return 1.0 / 6.0 - 0.5 * self.shift - self.beta
 

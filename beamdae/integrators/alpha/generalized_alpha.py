@@ -67,8 +67,8 @@ class GeneralizedAlpha(Integrator):
     start
         "cured": starting values a0 = q''(0) + (alpha_m - alpha_f) h P q'''(0) and, on index 3,
         v0 + h^2 (1/6 - (alpha_m - alpha_f)/2 - beta) P q'''(0), which keep the multipliers second
-        order from the first step. For "newmark", 1/2 - gamma replaces alpha_m - alpha_f. "plain":
-        no corrections.
+        order from the first step; P q''' is the jerk that the joints prescribe. For "newmark",
+        1/2 - gamma replaces alpha_m - alpha_f. "plain": no corrections.
     newton_tolerance
         Bound on the Newton error relative to the largest acceleration. With the default, the Newton
         error is less than 1/100 of the discretization error, or 1/50 for multipliers (published
@@ -145,7 +145,7 @@ class GeneralizedAlpha(Integrator):
             raise BeamdaeError(
                 "GeneralizedAlpha: rtol requires a method of second order, and family "
                 "'newmark' has second order only with rho_inf = 1, got "
-                f"{self.rho_inf:g}."
+                f"rho_inf = {self.rho_inf:g}."
             )
 
     @property
@@ -174,12 +174,12 @@ class GeneralizedAlpha(Integrator):
 
     @property
     def accuracy(self) -> Accuracy:
-        """Step [s], or relative tolerance if it is set."""
+        """("rtol", rtol) if `rtol` is set, otherwise ("step", step) in s."""
         return Accuracy("step", self.step) if self.rtol is None else Accuracy("rtol", self.rtol)
 
     @property
     def order(self) -> int:
-        """2 with a fixed step (1 for "newmark" with rho_inf < 1), 1 with rtol."""
+        """1 with rtol; 2 with a fixed step, or 1 for "newmark" with rho_inf < 1."""
         damped = self.family == "newmark" and self.rho_inf < 1.0
         return 1 if self.rtol is not None or damped else 2
 

@@ -96,7 +96,7 @@ class JerkBuffers:
     motion
         (q, v, a, lam).
     ahead, behind
-        g_ddot shortly after and shortly before.
+        g_ddot shortly after and shortly before the current time.
     unknowns
         Jerk, followed by its multipliers.
     """

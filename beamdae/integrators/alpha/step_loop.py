@@ -186,7 +186,7 @@ def _reject_step(run: AlphaWorkspace, h: float) -> None:
 
 
 def _step_factor(error: float) -> float:
-    """Return the factor by which a step may change; its relative error grows with h^3."""
+    """Return the factor for the next step, given a relative error that grows with h^3."""
     return _SAFETY * max(error, _MIN_ERROR) ** (-1.0 / 3.0)
 
 

@@ -60,7 +60,7 @@ class AlphaStepper:
         max_step: float = 1.0,
         min_step: float = 1.0,
     ) -> None:
-        """Compile the loop; fixed steps ignore the last three parameters."""
+        """Compile the loop; only adaptive steps use `tolerance`, `max_step` and `min_step`."""
         self._alpha_start = start
         matrix, weights = FactorizedMatrix.from_pattern(form.pattern), 1.0 / scales
         size = float(np.max(form.equations.position_scales * weights))

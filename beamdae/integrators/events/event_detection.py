@@ -51,7 +51,8 @@ class EventSide:
         Largest magnitude so far, or the natural size of the quantity; rounding errors are relative
         to it.
     near
-        The sign is 0 within this distance of the threshold until the quantity has left it once.
+        Distance from the threshold within which the sign is 0 until the quantity first exceeds this
+        distance.
     """
 
     sign: float = 0.0
@@ -78,7 +79,7 @@ class EventSide:
             self.begin_on(sign, difference)
 
     def begin_on(self, sign: float, difference: float) -> None:
-        """Start at the threshold within rounding, on a known side; it may be left immediately."""
+        """Start at the threshold within rounding, on the side given by `sign`."""
         self.sign, self.near = sign, _LEAVING_FACTOR * abs(difference)
 
 

@@ -138,8 +138,8 @@ def _require_closed(solver: ConsistencySolver, time: Array, q: Array) -> None:
     if equations.m and not np.max(gaps) <= _MAX_GAP * min(1.0, equations.length):
         worst = int(np.argmax(gaps))
         raise BeamdaeError(
-            f"{equations.lam_names[worst]}: the joint is switched on with a gap of "
-            f"{gaps[worst]:.3g}; close the gap before, or keep the gap with "
+            f"{equations.lam_names[worst]}: the joint has a gap of {gaps[worst]:.3g} "
+            "(in m or rad) when it is activated; close the gap first, or keep it with "
             "activate(..., as_is=True)."
         )
 

@@ -50,10 +50,10 @@ class Ida(AdaptiveIntegrator):
         Relative tolerance; absolute tolerances follow from the scales of the mechanism.
     formulation
         "stabilized-index1" (default) or "ggl". "index2", "index1" and "index3" are for comparisons.
-        With the first two, positions drift off the constraints and may jump to another branch at
-        singular positions (such as a parallelogram on its second pass; see `Solution.warnings`).
-        With "index3", errors far exceed rtol: for a rigid slider-crank, errors were 20 to 170 rtol
-        in positions and 160 to 1400 rtol in velocities.
+        With "index2" and "index1", positions drift off the constraints and may jump to another
+        branch at singular positions (such as a parallelogram on its second pass; see
+        `Solution.warnings`). With "index3", errors far exceed rtol: for a rigid slider-crank,
+        errors were 20 to 170 rtol in positions and 160 to 1400 rtol in velocities.
     error_control
         Components in the error test: "positions", "velocities" (and positions) or "all" (and
         multipliers). "auto" chooses by the stiffness of the mechanism.

@@ -1,10 +1,10 @@
 """Scaling of the kinematic rows: position corrections in proportion to position scales.
 
 Stabilized forms keep positions on the constraints by q' = v - G^T mu, the smallest correction in
-the units of the coordinates. This failed for a rotor making many revolutions, driven from a frame
-that hardly moves: half of the admissible error of the rotor angle was assigned to the frame, whose
-tolerance is a thousand times smaller. IDA tried to double the step after each step, failed, and
-stayed at order 1. Positions are therefore corrected in proportion to their scales,
+the units of the coordinates. This correction failed for a rotor making many revolutions, driven
+from a frame that hardly moves: half of the admissible error of the rotor angle was assigned to the
+frame, whose tolerance is a thousand times smaller. IDA tried to double the step after each step,
+failed, and stayed at order 1. Positions are therefore corrected in proportion to their scales,
 q' = v - S G^T mu with S = diag(scales / largest scale). S does not change the solution because mu
 is zero if the constraints are satisfied.
 """
@@ -30,9 +30,9 @@ class KinematicRowScaling:
     n
         Number of rows; 0 if the form does not correct positions.
     rows
-        Rows of the entries q', then of v: 0 to n - 1, twice.
+        Row indices of the entries of q', then of v: 0 to n - 1, twice.
     columns
-        Entries of (q', v) in these rows: 0 to 2 n - 1.
+        Column indices of these entries in (q', v): 0 to 2 n - 1.
     entry_indices
         Indices of these entries in the non-zeros of the Jacobian.
     weights

@@ -171,7 +171,7 @@ class IdaStepper:
             return STEP_TOO_SMALL
         if code == _ERROR_TEST_FAILED:
             unknown = next(iter(self._ida.step_report.get("limited_by", {})), "")
-            cause = f"(the error of {unknown} limits most steps)" if unknown else ""
+            cause = f" (the error of {unknown} limits most steps)" if unknown else ""
             return (
                 "the error test failed at the smallest step; loosen rtol or test only "
                 f"positions{cause}"
