@@ -64,5 +64,5 @@ class SampleMechanism:
 
     @cached_property
     def section(self) -> Section:
-        """Rectangle of 20 mm x 4 mm."""
+        """Rectangle of 20 mm width and 4 mm height."""
         return Section.rectangle(self.material, width=0.02, height=0.004)

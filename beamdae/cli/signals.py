@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C and SIGTERM: they end a command without losing its results."""
+"""Handling of Ctrl-C and SIGTERM, which end a command without loss of results."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ _immediate_counts: list[int] = []
 
 
 class Interrupted(KeyboardInterrupt):
-    """Interrupt that Python does not treat specially.
+    """Raised by Ctrl-C and SIGTERM instead of a plain KeyboardInterrupt.
 
-    If a plain KeyboardInterrupt passes through `exec`, as in a dataclass, the signal ends the
-    process with a different exit code, even if the exception is caught.
+    If a plain KeyboardInterrupt passes through `exec`, as in a dataclass, Python ends the process
+    with a different exit code, even if the exception is caught.
     """
 
 
 def install_handlers() -> None:
-    """Raise Ctrl-C and SIGTERM as interrupts, unless the process was started to ignore them."""
+    """Make Ctrl-C and SIGTERM raise `Interrupted`, unless the process ignores these signals."""
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _handle_signal)

@@ -63,7 +63,7 @@ def apply_limits(
 
 @dataclass
 class StudyOutputs:
-    """Study with its results and files; after an interrupt, some of them may be missing.
+    """Study with its results and files, which may be incomplete after an interrupt.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class StudyOutputs:
         Function that returns two dicts of file-writing functions by name: the first for the table
         and the page, the second for the pictures.
     parquet
-        True to write the trajectories as Parquet files, too.
+        If True, also write the trajectories as Parquet files.
     n_runs
         Number of runs, references included.
     """

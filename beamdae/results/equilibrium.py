@@ -218,7 +218,7 @@ class Equilibrium:
         return load_views().plot_equilibrium_path(self, names)
 
     def table(self) -> pd.DataFrame:
-        """Return load factors, observed columns, stability and kind of each point of the path."""
+        """Return one row per point: load factors, observed columns, stability, critical points."""
         import pandas as pd
 
         return pd.DataFrame(self.all_columns())

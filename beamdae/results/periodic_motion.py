@@ -81,7 +81,7 @@ class PeriodicMotion:
         return f"unstable: growth by a factor of {abs(multiplier):.6g} per period, {growth}"
 
     def amplitudes(self) -> pd.DataFrame:
-        """Return mean, half range, minimum and maximum, one row per observed column."""
+        """Return mean, half range, minimum, maximum and unit, one row per observed column."""
         import pandas as pd
 
         rows = {}

@@ -107,7 +107,7 @@ class RunData:
 
     @cached_property
     def drift_columns(self) -> dict[str, Array]:
-        """Largest |g| and |g_dot| of the active joints at the output times, by header."""
+        """Largest |g| and |g_dot| of the active joints (k,) at the output times, by header."""
         times, state = self._output
         configurations = [interval.configuration for interval in self.trajectory.intervals]
         index = self.trajectory.interval_index(self.t)

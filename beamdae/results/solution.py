@@ -109,7 +109,10 @@ class Solution(RunData, TimeSeries):
 
     @cached_property
     def drift(self) -> pd.DataFrame:
-        """Largest constraint violations |g| and |g_dot| of all joints at the output times."""
+        """Largest constraint violations of the active joints, one row per output time.
+
+        The columns are |g| [m or rad] and |g_dot| [m/s or rad/s].
+        """
         import pandas as pd
 
         return pd.DataFrame(self.drift_columns)
@@ -341,8 +344,8 @@ class Solution(RunData, TimeSeries):
         mechanism = self.equations.mechanism
         if mechanism is None:
             raise BeamdaeError(
-                "Solution: a run of equations cannot be pickled; use solution.save(path), and "
-                "bd.load(path, model) in the other process."
+                "Solution: a solution without a mechanism cannot be pickled; save it with "
+                "solution.save(path), and call bd.load(path, model) in the other process."
             )
         # Laws are often local functions of a model function, which pickle does not support.
         import cloudpickle

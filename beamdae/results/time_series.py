@@ -130,9 +130,9 @@ class TimeSeries:
         common = self.times[(self.times >= begin) & (self.times <= end)]
         if not len(common):
             raise BeamdaeError(
-                "difference: the runs do not overlap in time, one covers "
-                f"{self.times[0]:g} to {self.times[-1]:g} s and the other "
-                f"{other.times[0]:g} to {other.times[-1]:g} s."
+                "difference: the runs do not overlap in time: they cover "
+                f"{self.times[0]:g} to {self.times[-1]:g} s and "
+                f"{other.times[0]:g} to {other.times[-1]:g} s; choose runs that overlap."
             )
         one, two = self.at_times(common), other.at_times(common)
         headers = [header for name in names for header in one._select(name)]
@@ -146,7 +146,7 @@ class TimeSeries:
         if missing is not None:
             raise BeamdaeError(
                 f"difference: only one of the runs has the column {missing!r}; observe the "
-                "same columns in both."
+                "same columns in both runs."
             )
         return one._over_time(headers) - two._over_time(headers)
 

@@ -192,7 +192,7 @@ class Trajectory:
         return sum(len(interval.t) - 1 for interval in self.intervals)
 
     def interval_index(self, times: Array) -> Array:
-        """Return the index of the interval of each time; breakpoints end the earlier interval."""
+        """Return the index of the interval of each time, at breakpoints the earlier interval."""
         starts = np.array([interval.t[0] for interval in self.intervals])
         return np.clip(np.searchsorted(starts, times, side="left") - 1, 0, None)
 
@@ -241,7 +241,7 @@ class Instant(NamedTuple):
         if not trajectory.start <= t <= trajectory.end:
             raise BeamdaeError(
                 f"Solution.at: t must lie within the run, {trajectory.start:g} to "
-                f"{trajectory.end:g} s, got {t:g}."
+                f"{trajectory.end:g} s, got {t:g} s."
             )
         times = np.array([t])
         rows, state = trajectory.at(times)

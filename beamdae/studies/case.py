@@ -154,7 +154,7 @@ class Case:
 
 
 def cached_digest(digests: DigestCache, value: Any, compute: Callable[[], str]) -> str:
-    """Return the cached digest of `value`; compute and cache it first if it is missing."""
+    """Return the cached digest of `value`, or compute and cache the digest if missing."""
     if id(value) not in digests:
         digests[id(value)] = (value, compute())
     return digests[id(value)][1]
@@ -181,7 +181,7 @@ def _digest_model(model: Model) -> str:
     except FingerprintError as problem:
         raise BeamdaeError(
             f"{model.name}: {problem.location} must be {_REPRODUCIBLE_VALUES}, got a "
-            f"{problem.kind}; create the object inside the function."
+            f"{problem.kind}; create this object inside the model function."
         ) from None
 
 
@@ -191,7 +191,7 @@ def _digest_integrator(kind: type[Integrator]) -> str:
     except FingerprintError as problem:
         raise BeamdaeError(
             f"{kind.__name__}: {problem.location} must be {_REPRODUCIBLE_VALUES}, "
-            f"got a {problem.kind}."
+            f"got a {problem.kind}; create this object inside a method."
         ) from None
 
 
@@ -254,8 +254,8 @@ def grid(**lists: Iterable[Any]) -> list[dict[str, Any]]:
         combinations *= len(values_by_name[name])
     if combinations > MAX_CASES:
         raise BeamdaeError(
-            f"grid: {', '.join(lists)} must have at most {MAX_CASES} combinations, got "
-            f"{combinations} or more; use fewer values."
+            f"grid: there must be at most {MAX_CASES} combinations of "
+            f"{', '.join(lists)}, got {combinations} or more; use fewer values."
         )
     return [
         dict(zip(values_by_name, values, strict=True))

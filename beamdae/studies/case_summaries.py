@@ -165,8 +165,8 @@ def _find_overtakings(cost: np.ndarray, shortest: np.ndarray) -> list[tuple[int,
     """Return (slower row, faster row, first level) for each change of the fastest series.
 
     Rows are series and columns are levels of decreasing error. A series is overtaken if the cost of
-    another series falls below its shortest cost, but not if it merely has no runs with smaller
-    errors.
+    another series falls below its shortest cost. A series that merely ends, because there are no
+    runs with smaller errors, is not overtaken.
     """
     overtakings = []
     current = int(np.argmin(cost[:, 0]))

@@ -34,7 +34,7 @@ def compare(
     output_step: float | None = None,
     progress: CaseProgress | None = None,
 ) -> pd.DataFrame:
-    """Run cases one after the other and tabulate their cost and quality, failed runs included.
+    """Run cases sequentially and tabulate their cost and quality, including failed runs.
 
     For more than a few cases, define a study (`bd.study`) and run it with `beamdae compare`: a
     study runs in parallel, can be resumed, and computes each reference with two methods.

@@ -54,7 +54,7 @@ class Study:
     limits
         Limits on the wall time, memory and time without progress of each case.
     repetitions
-        Number of runs of each case; the wall time of the case is their median.
+        Number of runs of each case; the wall time of the case is the median of all runs.
     over
         Parameter that is refined in a mesh study, such as "elements". The reference of each group
         of cases that differ only in this parameter is the case with the largest value; all use the
@@ -109,8 +109,8 @@ class Study:
             )
         if self.errors and self.references == () and self.over is None:
             raise BeamdaeError(
-                f"{self.name}: errors=True requires references of two integrators; pass "
-                "references= or errors=False."
+                f"{self.name}: errors=True requires two reference integrators, got "
+                "references=(); omit references= or set errors=False."
             )
         self._check_cases()
 
@@ -122,7 +122,7 @@ class Study:
                 if self.over not in case.parameters:
                     raise BeamdaeError(
                         f"{self.name}: every case must set the parameter {short_repr(self.over)} "
-                        "of over=."
+                        "named by over=."
                     )
                 require_positive(self.name, self.over, case.parameters[self.over])
             case.mechanism_fingerprint(digests)
@@ -284,6 +284,6 @@ def call_definition(function: Callable[[], Any], entries: str) -> Any:
         raise
     except BaseException as problem:
         raise BeamdaeError(
-            f"{function.__name__}: the list of {entries} failed: "
+            f"{function.__name__}: creating the {entries} failed: "
             f"{describe_exception(problem, 'the function')}."
         ) from problem

@@ -58,8 +58,8 @@ def select_observed_columns(part: str, names: Sequence[str], present: Sequence[s
 def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -> list[str]:
     """Return the observed columns used for the errors.
 
-    These are `columns` if given. Otherwise, they are the columns in m and rad (or all columns, if
-    no column has these units) whose range exceeds 1e-6 of the largest range in the same unit.
+    Defaults to the columns in m and rad (or all columns, if no column has these units) whose range
+    exceeds 1e-6 of the largest range in the same unit.
 
     Raises
     ------
@@ -81,8 +81,8 @@ def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -
     if not moving or (columns and constant):
         raise BeamdaeError(
             f"compare: the columns {', '.join(constant)} are constant in the "
-            "reference, but errors are relative to the range of a column; select "
-            "columns that move."
+            "reference, but errors are relative to the range of a column; observe or "
+            "select columns that vary."
         )
     return moving
 
@@ -130,8 +130,8 @@ def compute_deviations(
     missing = [name for name in columns if name not in table]
     if missing:
         raise BeamdaeError(
-            f"compare: a case does not observe {missing[0]} of the reference; observe this "
-            "column in every case."
+            f"compare: a case does not observe the column {missing[0]} of the reference; "
+            "observe this column in every case."
         )
     rows = count_common_rows(table, reference)
     values = table[list(columns)].to_numpy()[:rows]

@@ -1,4 +1,4 @@
-"""Tasks of a study: a case with its limits, its outcome, and its transfer to other processes."""
+"""Tasks of a study: cases with limits, their outcomes, and transfer to other processes."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class Outcome:
     file
         Name of the stored trajectory file, or "".
     text
-        Content of this file until it is stored, formatted by the process that ran the case.
+        Content of the trajectory file before it is stored, formatted by the process of the case.
     """
 
     status: Status = REACHED_END

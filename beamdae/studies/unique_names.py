@@ -21,7 +21,7 @@ def number_duplicates(names: Iterable[str]) -> list[str]:
 def create_file_names(cases: Iterable[tuple[str, str]]) -> list[str]:
     """Return unique file names without suffix for (group, label) pairs of cases.
 
-    They never differ only in upper and lower case, which some file systems ignore.
+    The names never differ only in upper and lower case, which some file systems ignore.
     """
     return _number_names((_create_file_name(*names) for names in cases), "{}-{}", str.casefold)
 
@@ -52,7 +52,7 @@ def _replace_invalid(text: str) -> str:
 
 
 def _shorten(text: str, max_bytes: int) -> str:
-    """Return the text, or both ends if it is too long, because names may differ at either end."""
+    """Shorten a long text to its two ends, because names may differ at either end."""
     encoded = text.encode()
     if len(encoded) <= max_bytes:
         return text

@@ -76,7 +76,7 @@ def test_an_immobile_model_has_an_empty_table(modes, tmp_path):
         ),
         (
             ["--speed", "1", "--speed", "2", "--animate", "1"],
-            "--animate requires modes at one --speed",
+            "--animate does not support several speeds",
         ),
         (["--animate", "9"], "--animate must be"),
         (["--speed", "1", "--set", "weight=9.81"], "do not rotate with the mechanism"),

@@ -53,7 +53,7 @@ def test_values_of_over(name, text, values):
         ([], "the file contains no sweep; vary a parameter with --over NAME=VALUES (speed, turns"),
         (
             ["--rtol", "1e-3"],
-            "sweep: --rtol requires --over; a sweep in a file defines these settings.",
+            "sweep: --rtol requires --over; to change a sweep in a file, edit the file.",
         ),
     ],
 )

@@ -108,7 +108,7 @@ def test_a_run_of_equations_is_saved_but_not_pickled(tmp_path):
     run = bd.simulate(system, bd.Radau(1e-6), t_end=0.5)
     loaded = bd.load(run.save(tmp_path / "a.run"), system)
     assert_array_equal(loaded.q, run.q)
-    with pytest.raises(bd.BeamdaeError, match=r"cannot be pickled; use solution\.save"):
+    with pytest.raises(bd.BeamdaeError, match=r"cannot be pickled; save it with solution\.save"):
         pickle.dumps(run)
 
 
@@ -212,7 +212,7 @@ def test_invalid_differences_are_rejected(run):
         run.difference(fall, "push")
     late = bd.simulate(fall.equations, bd.Radau(1e-3), 0.6, start=fall)
     early = falling(0.2, bd.Radau(1e-3))
-    with pytest.raises(bd.BeamdaeError, match=r"do not overlap in time, one covers 0\.3 to 0\.6 s"):
+    with pytest.raises(bd.BeamdaeError, match=r"do not overlap in time: they cover 0\.3 to 0\.6 s"):
         late.difference(early)
 
 

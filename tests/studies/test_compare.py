@@ -221,7 +221,7 @@ def test_invalid_cases_and_references_are_refused():
 
 def test_cases_must_have_the_columns_of_the_reference(fine):
     with pytest.raises(
-        bd.BeamdaeError, match=r"a case does not observe end.x \[m\] of the reference"
+        bd.BeamdaeError, match=r"a case does not observe the column end.x \[m\] of the reference"
     ):
         bd.compare([bd.Case(singular_torque, {}, ALPHA)], fine)
 

@@ -283,7 +283,7 @@ def test_mesh_studies_have_errors_in_space_only(tmp_path):
 
 def test_cases_of_mesh_studies_must_set_the_refined_parameter():
     with pytest.raises(
-        bd.BeamdaeError, match=r"made: every case must set the parameter 'elements' of over="
+        bd.BeamdaeError, match=r"made: every case must set the parameter 'elements' named by over="
     ):
         create_study([bd.Case(swing, {}, ALPHA)], over="elements")
 

@@ -157,13 +157,13 @@ def create_listing(result):
         ),
         (
             create_listing(lambda: (1 / 0 for _ in "a")),
-            "listing: the list of cases failed: ZeroDivisionErr",
+            "listing: creating the cases failed: ZeroDivisionErr",
         ),
         (
             create_listing(lambda: sys.exit(3)),
-            r"listing: the list of cases failed: the function called sys.exit\(3\)",
+            r"listing: creating the cases failed: the function called sys.exit\(3\)",
         ),
-        (lambda x: [CASE], "the list of cases failed: TypeError"),
+        (lambda x: [CASE], "creating the cases failed: TypeError"),
         (5, "study: the decorated object must be a function, got 5"),
         (None, "study: the decorated object must be a function, got None"),
     ],
@@ -197,7 +197,7 @@ def test_grids_of_values_that_are_not_lists_are_rejected(value):
 
 
 def test_huge_grids_are_rejected():
-    with pytest.raises(bd.BeamdaeError, match="grid: mass, size must have at most 1000000 comb"):
+    with pytest.raises(bd.BeamdaeError, match="at most 1000000 combinations of mass, size, got"):
         bd.grid(mass=range(10_000), size=range(10_000))
     assert len(bd.grid(mass=(m for m in range(3)), size=np.arange(2))) == 6
     assert bd.grid() == [{}]

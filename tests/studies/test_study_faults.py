@@ -263,7 +263,7 @@ def test_processes_that_die_or_hang_are_rows(tmp_path, monkeypatch, capfd):
     sentences = {kind: x.outcome.status.sentence for kind, x in results.items()}
     assert {kind: sentences[kind] for kind in REASONS} == REASONS
     assert sentences["interrupt"] == "the model raised KeyboardInterrupt"
-    died = "the process died 2 times; the last one"
+    died = "the process died 2 times; the last process"
     assert sentences["at once"] == f"{died} ended with exit code 0"
     assert sentences["at once, 3"] == f"{died} ended with exit code 3"
     assert sentences["killed"] == f"{died} was killed by SIGKILL"

@@ -144,9 +144,9 @@ def test_function_with_defaults_is_a_model():
         ({"time_limit": 0.0}, "sweep: time_limit must be positive, got 0."),
         ({"jobs": 0}, "turning_sweep: jobs must be a whole number of at least 1, got 0."),
         ({"jobs": 10**6}, "turning_sweep: jobs must be at most"),
-        ({"folder": 3}, "turning_sweep: folder must be the path of a folder of results, got 3."),
+        ({"folder": 3}, "turning_sweep: folder must be the path of a results folder, got 3."),
         ({"progress": 3}, "turning_sweep: progress must be a function, got 3."),
-        ({"model": 3}, "sweep: model must be a function with parameters that builds a mechanism"),
+        ({"model": 3}, "sweep: model must be a function that returns a mechanism"),
         ({"model": lambda speed=1.0: 0}, "sweep: <lambda> has no default end time; pass"),
         (
             {"over": None, "jobs": 2},

@@ -29,7 +29,7 @@ def draw_command(
     model_name: ModelName = None,
     out: Out = Path("results"),
 ) -> None:
-    """Draw a model with the names of its parts, its joints, supports and loads (PNG).
+    """Draw a model with its joints, supports, loads and part names (PNG).
 
     Exits with 0 on success, 1 if drawing failed, and 2 for a usage or model error.
     """

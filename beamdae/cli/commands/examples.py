@@ -84,8 +84,8 @@ def new_command(
     is_usable = name.isidentifier() and not iskeyword(name) and name not in _STARTER_IMPORTS
     if path.suffix != ".py" or not is_usable:
         raise BeamdaeError(
-            f"{path}: the file name must be a Python identifier with the suffix .py, "
-            f"except the imported modules {' and '.join(_STARTER_IMPORTS)}."
+            f"{path}: the file name must be a Python identifier followed by .py, and must not be "
+            f"a keyword or {' or '.join(_STARTER_IMPORTS)}; choose another name."
         )
     if path.exists():
         raise BeamdaeError(f"{path}: the file exists; choose another name.")

@@ -77,7 +77,7 @@ def list_command(
         ]
     if not (models or studies or problems):
         raise BeamdaeError(
-            f"{path}: there is no model and no study here; decorate a function with "
+            f"{path}: there is no model or study at this path; decorate a function with "
             "@bd.model(t_end=...)."
         )
     record_results(lambda: {"models": models, "studies": studies, "problems": problems})

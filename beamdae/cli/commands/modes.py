@@ -70,7 +70,7 @@ def modes_command(
     if speeds and about != "reference":
         raise BeamdaeError(f"modes: --about {about} and --speed are mutually exclusive; omit one.")
     if len(speeds) > 1 and animated_modes:
-        raise BeamdaeError("modes: --animate requires modes at one --speed; give one speed.")
+        raise BeamdaeError("modes: --animate does not support several speeds; give one --speed.")
     files = {kind: out / f"{model.name}_modes.{kind}" for kind in ("csv", "png")}
     files |= {f"{k}": out / f"{model.name}_mode_{k}.gif" for k in animated_modes}
     require_writable(out, tuple(file.name for file in files.values()))

@@ -135,7 +135,7 @@ def _parse_targets(options: list[str] | None) -> Any:
     except ValueError as problem:
         if isinstance(problem, BeamdaeError):
             raise
-        raise BeamdaeError(f"--to {' '.join(options)}: values must be numbers.") from None
+        raise BeamdaeError(f"--to {' '.join(options)}: the targets must be numbers.") from None
 
 
 def _print_results(result: Equilibrium, name: str) -> None:

@@ -190,7 +190,7 @@ def _require_no_sweep_options(
     for option, value in options.items():
         if value is not None:
             raise BeamdaeError(
-                f"sweep: {option} requires --over; a sweep in a file defines these settings."
+                f"sweep: {option} requires --over; to change a sweep in a file, edit the file."
             )
 
 

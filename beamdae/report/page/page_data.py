@@ -1,4 +1,4 @@
-"""Data of an HTML page: curves selected from tables, and 16-bit encoding of curves and frames."""
+"""Data of an HTML page: selection of curves, and 16-bit encoding of curves and frames."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def select_curves(
     max_rows
         Longer tables are thinned evenly to this number of rows.
     error
-        Error at each row; NaN if it is unknown.
+        Error at each row; NaN where the error is unknown.
     differences
         Differences between columns of the run and of a reference, by header.
 

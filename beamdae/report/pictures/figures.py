@@ -218,7 +218,7 @@ def save_figure(figure: Figure, path: Path) -> Path:
     kind = path.suffix.removeprefix(".").lower() or "png"
     if kind not in (supported := figure.canvas.get_supported_filetypes()):
         suffixes = ", ".join(f".{k}" for k in supported)
-        raise BeamdaeError(f"path {path} must end in one of {suffixes}.")
+        raise BeamdaeError(f"{path}: the suffix must be one of {suffixes}.")
     disable_math_text(figure)
     with atomic_write(path) as scratch, warnings.catch_warnings():
         # Characters missing from the font are drawn as boxes; tables show them correctly.

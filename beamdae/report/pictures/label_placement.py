@@ -35,8 +35,8 @@ _DISTANCE_COST = 0.35  # per distance from the point [1/pt]
 def place_labels(axis: Axes, labels: Sequence[tuple[Array, str]], obstacles: Array) -> None:
     """Add labels near their points, each at the position of lowest cost.
 
-    Labels are placed sequentially, beginning with the labels that have most neighbors. Labels at a
-    larger distance are connected to their points by leader lines.
+    Labels are placed sequentially, beginning with the labels that have the most neighbors. Labels
+    at a larger distance are connected to their points by leader lines.
 
     Parameters
     ----------

@@ -85,7 +85,7 @@ def _find_row(forces: SectionForces, t: Any) -> int | None:
     distance = np.ptp(forces.t) / max(len(forces.t) - 1, 1)
     if abs(forces.t[row] - t) > _MAX_TIME_DISTANCE * distance + _TIME_ROUNDING * abs(t):
         raise BeamdaeError(
-            f"{forces.beam.name}: t must be one of the times of the section forces "
-            f"({forces.t[0]:g} to {forces.t[-1]:g} s), got {t:g}."
+            f"{forces.beam.name}: t must be close to a time of the section forces "
+            f"({forces.t[0]:g} to {forces.t[-1]:g} s), got {t:g} s."
         )
     return row

@@ -135,8 +135,8 @@ def compute_beam_colors(name: str, solution: Solution, what: Any, times: Array) 
 def available_colors(solution: Solution, times: Array, first: Any = None) -> list[BeamColors]:
     """Return the color quantities that the viewer of an animation can select.
 
-    These are the quantity `first`, if given, followed by stress and bending moment. Quantities that
-    cannot be computed are omitted: all of them if the run has no beams, and the stress if a section
+    The quantity `first`, if given, is followed by stress and bending moment. Quantities that cannot
+    be computed are omitted: all quantities if the run has no beams, and the stress if a section
     does not define its height.
     """
     colors = [] if first is None else [compute_beam_colors("animate", solution, first, times)]

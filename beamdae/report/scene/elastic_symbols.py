@@ -91,7 +91,7 @@ def _dashpot(end: float, shortest: float, longest: float, side: float, size: flo
 
 
 def _spiral(size: float) -> Array:
-    """Return a spiral between two poses, which winds up as they rotate, see `Symbol.points`."""
+    """Return the points of a spiral that winds up as its end poses rotate, see `Symbol.points`."""
     share = np.linspace(0.0, 1.0, _SPIRAL_POINTS)
     angle = 2.0 * math.pi * _SPIRAL_WINDINGS * (1.0 - share)
     radius = (1.3 - 1.05 * share) * size

@@ -22,7 +22,7 @@ _COLOR_DIGITS = 3  # of color values, relative to the limit of their scale
 
 
 def export_run_frames(solution: Solution) -> dict[str, Any] | None:
-    """Return the exported scene of a run, or None if it cannot be drawn; see `export_frames`."""
+    """Return the exported scene of a run, or None without drawable parts; see `export_frames`."""
     times = frame_times(solution)
     try:
         scene = build_run_scene("animate", solution, times)

@@ -144,7 +144,10 @@ def _draw_slot(part: Any, builder: SceneBuilder, offset: float) -> None:
 def find_travel(
     a: Attachment, b: Attachment, direction: Any, builder: SceneBuilder, margin: float = 0.0
 ) -> tuple[float, float]:
-    """Return the travel of b along a direction in the axes of a, plus an overhang [m]."""
+    """Return the limits (low, high) of the travel of b along a direction in the axes of a [m].
+
+    Both ends include an overhang and the `margin` [m].
+    """
     position = builder.relative_position(builder.add_attachment(a), builder.add_attachment(b))
     x = position @ unit_vector(direction)
     overhang = _GUIDE_OVERHANG * builder.size + margin

@@ -1,6 +1,6 @@
-"""Arrows of loads, with equal lengths in drawings and lengths proportional to loads in animations.
+"""Arrows of loads, with equal lengths in drawings.
 
-Lengths are relative to the symbol size.
+In animations, lengths are proportional to the loads. Lengths are relative to the symbol size.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def _draw_force_arrow(builder: SceneBuilder, row: int, load: Array, length: floa
 
 
 def _draw_moment_arrow(builder: SceneBuilder, row: int, moment: Array) -> None:
-    """Draw the arrow of a moment (frames,) around a pose, counter-clockwise if it is positive."""
+    """Draw the arrow of a moment (frames,) around a pose, counter-clockwise if positive."""
     share = _relative_to_largest(moment[:, None])[:, 0]
     if not np.any(np.isfinite(share)):
         return
@@ -158,7 +158,7 @@ def _relative_to_largest(load: Array) -> Array:
 def _evaluate_laws(laws: Sequence[Law], builder: SceneBuilder) -> Array:
     """Return the values (frames, laws) of laws in all frames.
 
-    A drawing has a single frame; it uses the first of several times at which a law is not zero.
+    A drawing has a single frame: the first of several times at which a law is not zero.
     """
     if len(builder.times) > 1:
         return np.array([[law.at(t) for law in laws] for t in builder.times])

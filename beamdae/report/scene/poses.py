@@ -72,7 +72,9 @@ class CoordinatePoses:
 
 
 class VibrationPoses:
-    """Poses of a small vibration about a state: rest + Re(phase * d(pose)/dq . shape).
+    """Poses of a small vibration about a state, one frame per phase.
+
+    The pose p(q) of an attachment becomes p(q) + Re(phase * dp/dq . shape).
 
     Parameters
     ----------

@@ -66,8 +66,8 @@ class ResponsiveTable:
     Parameters
     ----------
     first
-        Header of the first column, which is always shown. Long texts in it are shortened in the
-        middle.
+        Header of the first column, which is always shown. Long texts in this column are
+        shortened in the middle.
     columns
         The other columns.
     rows

@@ -1,7 +1,8 @@
 """Recovery of the section forces of a beam from its loads and from its strains.
 
-Cut the beam at the arc length s. The force n and the moment m that the segment beyond the cut
-exerts on the segment before it balance all loads on the latter, including d'Alembert forces:
+Cut the beam at the arc length s. The segment beyond the cut exerts a force n and a moment m on the
+segment before the cut. This force and moment balance the concentrated loads F_k, M_k at r_k and
+the distributed loads f, mu on the segment before the cut, including d'Alembert forces:
 
     n(s) = -sum F_k - int_0^s f ds,
     m(s) = -sum (M_k + (r_k - r(s)) x F_k) - int_0^s (mu + (r - r(s)) x f) ds.
@@ -257,14 +258,14 @@ class _BeamSections:
 
 
 def _find_beam(equations: EquationsOfMotion, beam: Any) -> Beam:
-    """Return the beam, given as a part or by name; it must belong to the equations."""
+    """Return the beam of the equations, given as a part or by name."""
     mechanism = equations.mechanism
     parts = {} if mechanism is None else mechanism.parts
     part = parts.get(beam) if isinstance(beam, str) else beam
     if not isinstance(part, Beam) or parts.get(part.name) is not part:
         beams = ", ".join(repr(name) for name, part in parts.items() if isinstance(part, Beam))
         raise BeamdaeError(
-            "section_forces: beam must be a beam of the mechanism that ran "
+            "section_forces: beam must be a beam of the mechanism "
             f"({beams or 'no beams'}), got {short_repr(beam)}."
         )
     return part

@@ -102,7 +102,8 @@ def _compile_rows(
 ) -> RowFunction:
     """Compile the map from rows (q, v, a, numbers) to rows of values.
 
-    `count` is the number of numbers, or None if the section function has no numbers.
+    `numbers` are the numerical arguments of the section function. `count` is the length of
+    `numbers`, or None if the function has no numerical arguments.
     """
     local, numbers = Local(size), SX.sym("numbers", count or 0)
     values = build(local, kind if count is None else Formula(kind, numbers))

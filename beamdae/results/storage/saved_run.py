@@ -90,7 +90,7 @@ class SavedRun(TimeSeries):
         return dict(self._metadata)
 
     def at_times(self, times: Array) -> SavedRun:
-        """Return the rows at these times [s].
+        """Return the saved run restricted to some of its output times [s].
 
         Raises
         ------

@@ -54,10 +54,10 @@ class Executor(Protocol):
 
 
 class SerialPool:
-    """Runs tasks one after the other in this process, for debugging and small studies.
+    """Runs tasks sequentially in this process, for debugging and small studies.
 
     A case that crashes the process ends the study, and a case that ignores its time limit blocks
-    it.
+    the study.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class LocalPool:
 def _collect_outcomes(
     waiting: deque[_Attempt], workers: list[WorkerProcess[_Attempt]]
 ) -> TaskResults:
-    """Yield the results that arrive within the poll interval; kill processes past their deadline.
+    """Yield the results of one poll interval, and kill processes past their deadline.
 
     Exhaust this generator before handling the results, so that idle processes get new tasks first.
     """
@@ -160,7 +160,7 @@ def _collect_outcomes(
             if number < _MAX_ATTEMPTS:
                 waiting.appendleft(_Attempt(task, number + 1))
             else:
-                reason = f"the process died {number} times; the last one {problem}"
+                reason = f"the process died {number} times; the last process {problem}"
                 yield TaskResult(task, Outcome.failed(reason), storable=False)
     for worker in list(workers):
         if worker.current is not None and worker.is_late:
@@ -185,12 +185,15 @@ class DaskPool:
             self._client = Client(address, timeout=_CONNECT_TIMEOUT)
         except (OSError, ValueError) as problem:
             raise BeamdaeError(
-                f"{option}: no Dask scheduler answers at this address: {format_message(problem)}."
+                f"{option}: no Dask scheduler answers at this address "
+                f"({format_message(problem)}); start a scheduler or correct the address."
             ) from problem
         self.workers = sum(self._client.nthreads().values())
         if not self.workers:
             self._client.close()
-            raise BeamdaeError(f"{option}: the scheduler has no workers; start at least one.")
+            raise BeamdaeError(
+                f"{option}: the scheduler has no workers; start at least one worker."
+            )
 
     def run_tasks(self, tasks: Sequence[Task]) -> TaskResults:
         """Yield the result of each task in the order of completion."""
@@ -236,7 +239,7 @@ def create_executor(part: str, option: str, workers: Any, scheduler: Any) -> Exe
     limit = _MAX_WORKERS_PER_CORE * (os.cpu_count() or 1)
     if workers is not None and require_count(part, option, workers) > limit:
         raise BeamdaeError(
-            f"{part}: {option} must be at most {limit}, {_MAX_WORKERS_PER_CORE} per core, "
+            f"{part}: {option} must be at most {limit} ({_MAX_WORKERS_PER_CORE} per core), "
             f"got {workers}."
         )
     return DaskPool(scheduler) if scheduler else LocalPool(workers)

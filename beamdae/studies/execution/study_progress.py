@@ -102,9 +102,9 @@ class TimeEstimator:
     """Estimates the remaining time of tasks that are started in the order of a list.
 
     The cost of a run is assumed to be proportional to the expected number of steps, which is a
-    power of the tolerance if the step is adaptive. The factor is a weighted geometric mean over the
-    finished runs; runs with the same integrator, or with the same model and parameters, have the
-    largest weights. The time to transfer and store a run is added.
+    power of the tolerance if the step is adaptive. The cost per step is a weighted geometric mean
+    over the finished runs; runs with the same integrator, or with the same model and parameters,
+    have the largest weights. The time to transfer and store a run is added.
     """
 
     def __init__(self, tasks: Sequence[Task], workers: int) -> None:
@@ -177,7 +177,7 @@ def _weight_groups(values: np.ndarray) -> np.ndarray:
 
 
 def _number_names(names: Sequence[str]) -> tuple[list[str], np.ndarray]:
-    """Return the distinct names, and for each entry of `names` the index of its distinct name."""
+    """Return the distinct names, and the index of each entry of `names` among them."""
     index = {name: k for k, name in enumerate(dict.fromkeys(names))}
     return list(index), np.array([index[name] for name in names], int)
 

@@ -54,8 +54,8 @@ class Store:
     def save(self, task: Task, outcome: Outcome) -> Outcome:
         """Write an outcome, and return it with the name of its trajectory file.
 
-        The record is written last: if it exists, the trajectory is complete. It contains checksums
-        of the trajectory and of its content.
+        The record is written last: if the record exists, the trajectory is complete. The record
+        contains checksums of the trajectory and of the other entries of the record.
 
         Raises
         ------
@@ -92,8 +92,8 @@ class Store:
         """Return the stored outcome of a task or None, and a message about damaged files or "".
 
         The outcome is None without a message if no outcome is stored, if a file that the run has
-        read has changed, if the run failed under other limits, or if the task requires more
-        repetitions or frames that the record lacks.
+        read has changed, if the run failed under other limits, or if the record lacks repetitions
+        or frames that the task requires.
 
         Raises
         ------

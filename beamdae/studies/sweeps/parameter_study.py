@@ -46,7 +46,8 @@ class ParameterStudy(Study):
     outputs
         Functions of a `Solution`, by column name.
     settings
-        Parameters of each case in displayed form: numbers, strings, or the names of other values.
+        Displayed parameter values of each case: numbers and strings, or the names of values of
+        other types.
     """
 
     references: tuple[Integrator, ...] | None = ()
@@ -96,7 +97,8 @@ class ParameterStudy(Study):
         except FingerprintError as problem:
             raise BeamdaeError(
                 f"{self.name}: outputs must be functions that another process can "
-                f"reproduce, but {problem.location} is a {problem.kind}."
+                f"reproduce, but {problem.location} is a {problem.kind}; create this object "
+                "inside the function."
             ) from None
 
 
@@ -150,7 +152,7 @@ def _require_list(part: str, name: str, values: Any, allowed: str) -> list[Any]:
     unordered = isinstance(values, (str, bytes, set, frozenset))
     entries = require_iterable(part, name, None if unordered else values, allowed, MAX_CASES + 1)
     if len(entries) > MAX_CASES:
-        raise BeamdaeError(f"{part}: {name} has more than {MAX_CASES} values; use fewer.")
+        raise BeamdaeError(f"{part}: {name} has more than {MAX_CASES} values; use fewer values.")
     return entries
 
 
@@ -170,7 +172,8 @@ def _require_outputs(part: str, value: Any, parameters: Iterable[str]) -> dict[s
     for name, function in value.items():
         if not isinstance(name, str) or not name.isprintable() or not name.strip():
             raise BeamdaeError(
-                f"{part}: outputs must be {allowed}, got the name {short_repr(name)}."
+                f"{part}: names of outputs must be printable, non-blank strings, "
+                f"got {short_repr(name)}."
             )
         if name in columns:
             raise BeamdaeError(

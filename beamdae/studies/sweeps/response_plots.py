@@ -262,7 +262,9 @@ def plot_maps(
     horizontal = ParameterScale.of(table, choose_axis(study, table, x))
     (other,) = [name for name in varied if name != horizontal.name]
     if y is not None and choose_axis(study, table, y) != other:
-        raise BeamdaeError(f"{study.name}: x and y must be the two varied parameters.")
+        raise BeamdaeError(
+            f"{study.name}: y must be {other!r}, got {y!r}, which is on the horizontal axis."
+        )
     vertical = ParameterScale.of(table, other)
     panels = _remove_empty(table, [line for panel in panels for line in panel.split()])
     figure, axes = figures.create_panels(len(panels), "")

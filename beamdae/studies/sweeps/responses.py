@@ -109,8 +109,8 @@ def _measure_run(outcome: Outcome, headers: list[str]) -> dict[str, float]:
 def select_characteristic(results: StudyResults, study: ParameterStudy) -> list[str]:
     """Return the responses shown by default.
 
-    These are the outputs of the study. If it has no outputs, they are the selected columns; without
-    a selection, they are the characteristic columns of the first successful run.
+    Return the outputs of the study. A study without outputs shows the selected columns or, without
+    a selection, the characteristic columns of the first successful run.
     """
     if study.outputs:
         return list(study.outputs)
@@ -129,7 +129,7 @@ class Panel:
     Attributes
     ----------
     title, unit
-        Quantity on the vertical axis.
+        Name and unit of the quantity on the vertical axis.
     lines
         Columns of the table, keyed by measure; a single column has the key "".
     """
@@ -147,7 +147,7 @@ class Panel:
 
 
 def select_panels(study: ParameterStudy, headers: list[str], name: Any) -> list[Panel]:
-    """Return the panels of an output, of observed columns, or of one of their measures.
+    """Return the panels of the output, the observed columns or the measure called `name`.
 
     Raises
     ------

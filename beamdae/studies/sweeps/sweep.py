@@ -58,7 +58,8 @@ class Sweep(ParameterStudy):
     outputs
         Functions of a `Solution`, by column name.
     settings
-        Parameters of each case in displayed form: numbers, strings, or the names of other values.
+        Displayed parameter values of each case: numbers and strings, or the names of values of
+        other types.
     """
 
     def run(
@@ -110,7 +111,7 @@ def _require_folder(part: str, folder: Any) -> Path:
     is_path = isinstance(folder, (str, Path))
     if not is_path or not is_valid_path(str(folder)) or not str(folder).strip():
         raise BeamdaeError(
-            f"{part}: folder must be the path of a folder of results, got {short_repr(folder)}."
+            f"{part}: folder must be the path of a results folder, got {short_repr(folder)}."
         )
     return Path(folder)
 
@@ -306,8 +307,8 @@ def _require_model(model: Any, t_end: float | None) -> Model:
         return model
     if not inspect.isfunction(model):
         raise BeamdaeError(
-            "sweep: model must be a function with parameters that builds a mechanism, see "
-            f"bd.model, got {short_repr(model)}."
+            "sweep: model must be a function that returns a mechanism (see bd.model), "
+            f"got {short_repr(model)}."
         )
     if t_end is None:
         raise BeamdaeError(f"sweep: {model.__name__} has no default end time; pass t_end=.")
