@@ -27,7 +27,8 @@ _MIN_LIMIT = 0.5
 def available_memory() -> float:
     """Return the memory [bytes] that this process can still allocate; infinite if unknown.
 
-    This is the free memory of the machine or the rest of a limit (`ulimit -v`), if that is smaller.
+    The result is the smaller of the free memory of the machine and the unused part of the limit set
+    by `ulimit -v`.
     """
     return min(_free_physical_memory(), _free_address_space())
 
@@ -82,7 +83,7 @@ def format_gigabytes(size: float) -> str:
 
 @contextmanager
 def limit_memory(memory: float | None) -> Iterator[None]:
-    """Limit this process to `memory` [GB] beyond its present size, if the system supports it.
+    """Limit this process to `memory` [GB] beyond its present size, if the system supports limits.
 
     Allocations beyond the limit raise MemoryError, even while a model is built and no run checks
     the memory.
@@ -104,7 +105,7 @@ def limit_memory(memory: float | None) -> Iterator[None]:
 
 
 def reset_peak_memory() -> None:
-    """Reset the recorded peak of memory, if the system supports it."""
+    """Reset the recorded peak of memory, if the system supports resetting."""
     try:
         _CLEAR_FILE.write_text(_RESET_PEAK)
     except OSError:
@@ -126,7 +127,7 @@ def peak_memory() -> float:
 
 
 def _read_status(name: str) -> float | None:
-    """Return an entry of /proc/self/status [GB]; None if it is missing."""
+    """Return an entry of /proc/self/status [GB], or None if the entry is missing."""
     try:
         lines = [x for x in _STATUS_FILE.read_text().splitlines() if x.startswith(f"{name}:")]
         return float(lines[0].split()[1]) * _BYTES_PER_KILOBYTE / _BYTES_PER_GIGABYTE

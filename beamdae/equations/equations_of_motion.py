@@ -1,6 +1,6 @@
 """Equations of motion F(t, q, v, a, p) + G^T lam = 0, g(t, q, p) = 0, as immutable data.
 
-They consist of a structure, shared by models that differ only in numbers, and the numbers p.
+The data are a structure, shared by models that differ only in numbers, and the numbers p.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class RangeTerm:
     operator: sp.csr_array
 
     def largest_deformation(self, q: Array) -> Array:
-        """Return the maxima of (deflection / length, rotation [rad], strain) over rows of q."""
+        """Return maxima of (deflection / length, rotation [rad], strain) over rows of q, (3,)."""
         kernel, data = self.statement.kernel, self.statement.data
         copies = data.shape[1]
         local = np.asarray(self.operator @ q.T).T.reshape(len(q) * copies, kernel.local.size)
@@ -106,8 +106,8 @@ class EventTerm:
         True if the run resumes from a state at which this event occurred and its action was
         executed; the event is not triggered again at the start.
     due
-        1 (up) or -1 (down) if the previous run ended at this event before executing its action; the
-        resumed run then executes the action first. Otherwise 0.
+        1 (upward crossing) or -1 (downward crossing) if the previous run ended at this event before
+        executing its action; the resumed run then executes the action first. Otherwise 0.
     side
         1 if the column was above `crosses` at the end of the previous run, -1 if it was below, 0 if
         unknown.
@@ -124,7 +124,7 @@ class EventTerm:
     side: int = 0
 
     def evaluate_difference(self, p: Array, times: Array, q: Array, v: Array, lam: Array) -> Array:
-        """Return the column minus `crosses`, at rows of states and times (t, branch)."""
+        """Return the monitored column minus `crosses`, at rows of states and times (t, branch)."""
         o = self.observable
         local = (np.asarray(o.operator @ x.T).T for x in (q, v))
         return o.function(times, *local, p[o.data], lam[:, o.rows])[:, self.column] - self.crosses
@@ -140,8 +140,8 @@ class PartCoordinates(NamedTuple):
     rows
         Slice of the coordinates.
     size
-        Largest distance between points of the part [m]; it converts rotations to displacements. The
-        characteristic length of the mechanism replaces zero.
+        Largest distance between points of the part [m], which converts rotations to displacements.
+        The characteristic length of the mechanism replaces a size of zero.
     """
 
     name: str
@@ -172,7 +172,7 @@ class Start(NamedTuple):
 class EquationsOfMotion:
     """Equations of motion of a mechanism or a constrained system.
 
-    They read
+    The equations are
 
         F(t, q, v, a, p) + G^T lam = 0,    0 = g(t, q, p),    G = dg/dq,
 
@@ -202,7 +202,8 @@ class EquationsOfMotion:
     structure
         Kernels of forces and joints with their operators, without numbers.
     scales
-        Amplitude of each coordinate [its unit], (n,). If None, integrators estimate it.
+        Amplitude of each coordinate, in the unit of the coordinate, (n,). If None, integrators
+        estimate the amplitudes.
     ranges
         Deformation measures of the parts.
     laws

@@ -57,7 +57,7 @@ class BalancePlan:
     n, m
         Numbers of coordinates and constraints.
     total
-        Plan of the sum `assemble_balance` with the input (q, v, a, lam).
+        Plan of the sum built by `assemble_balance`; the input is (q, v, a, lam).
     """
 
     n: int
@@ -65,11 +65,11 @@ class BalancePlan:
     total: SumPlan
 
     def rows(self, p: Array) -> BalanceRows:
-        """Return an evaluator for rows of states with the numbers p of a model, for one run."""
+        """Return an evaluator of rows (energies, powers, norms) for one run with the numbers p."""
         return BalanceRows(self, p)
 
     def buffers(self, native: bool, p: Array) -> BalanceBuffers:
-        """Return the buffers of `evaluate_balance`."""
+        """Return the buffers of `evaluate_balance` for a model with the numbers p."""
         size = 3 * self.n + self.m
         rows = int(np.clip(_MAX_NUMBERS_AT_ONCE // max(size, 1), 1, _MAX_ROWS_AT_ONCE))
         return BalanceBuffers(
@@ -86,7 +86,7 @@ class BalancePlan:
 
 @dataclass(slots=True)
 class BalanceBuffers:
-    """Rows of states and their energies, powers and norms.
+    """Rows of states and their energies, powers and norms, see `plan_balance`.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class BalanceBuffers:
     results
         Energies, powers and norms of the rows.
     value, ones
-        The sum at one row, and the weights of its norms.
+        Values of the sum at one row, and the weights (all 1) of the norms.
     n_rows
         Number of rows in use.
     """
@@ -114,7 +114,7 @@ class BalanceBuffers:
 
 
 def evaluate_balance(run: BalanceBuffers) -> int:
-    """Evaluate energies, powers and norms of the rows in use."""
+    """Evaluate energies, powers and norms (see `plan_balance`) of the rows in use."""
     n, m, value = run.n, run.m, run.value
     on_q, on_g = run.ones[:n], run.ones[:m]
     forces = N_BALANCE_SCALARS
@@ -165,9 +165,9 @@ class BalanceRows:
 
 @cache_on_owner
 def plan_balance(e: Structure) -> BalancePlan:
-    """Return the plan of three energies [J], three powers [W] and five norms.
+    """Return the plan that evaluates three energies [J], three powers [W] and five norms.
 
-    The energies are listed in `ENERGIES`, the works of the powers in `WORKS`. The norms are the
+    `ENERGIES` names the energies; `WORKS` names the time integrals of the powers. The norms are the
     largest entries of F + G^T lam, G^T lam, F at a = 0, g and g_dot.
     """
     layout = InputLayout(q=0, v=e.n, a=2 * e.n, lam=3 * e.n)

@@ -31,14 +31,14 @@ _POLE_GROWTH = 16.0
 
 
 class PartLaw(NamedTuple):
-    """Time-dependent law: name of its part, compiled function of (t, branch), and numbers."""
+    """Time-dependent law: name of the part, function of (t, branch), numbers in the law."""
 
     part: str
     function: RowFunction
     numbers: Array
 
     def size(self, times: Array, branches: Array) -> Array:
-        """Return absolute values at rows of times [s], one branch per row; nan counts as 0."""
+        """Return |law| at rows of times [s], with one branch per row; nan becomes 0."""
         rows = np.stack(np.broadcast_arrays(times, branches[:, None]), axis=-1).reshape(-1, 2)
         sizes = np.abs(self.function(rows, self.numbers)).reshape(times.shape)
         return np.where(np.isnan(sizes), 0.0, sizes)
@@ -73,7 +73,7 @@ def _compile_varying_kind(kind: Callable[..., Any], count: int) -> RowFunction |
 
 
 def _compile_varying_law(law: Callable[[ca.SX], ca.SX], numbers: ca.SX) -> RowFunction | None:
-    """Compile a law as a function of (t, branch) and numbers; None if it is constant."""
+    """Compile a law as a function of (t, branch) and numbers; None if the law is constant."""
     time = ca.SX.sym("t", 2)
     value = law(time)
     if not ca.depends_on(value, time):
@@ -84,7 +84,7 @@ def _compile_varying_law(law: Callable[[ca.SX], ca.SX], numbers: ca.SX) -> RowFu
 def require_no_pole(laws: Iterable[PartLaw], intervals: Sequence[tuple[float, float]]) -> None:
     """Reject laws that become infinite in one of the intervals (start, end) [s] of a run.
 
-    Integrators may step over a pole without noticing it.
+    Without this check, integrators may step over a pole.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def require_no_pole(laws: Iterable[PartLaw], intervals: Sequence[tuple[float, fl
 
 
 def _find_pole(law: PartLaw, intervals: Array) -> float | None:
-    """Return a time at which a law is infinite, or None; only peaks of the samples are examined."""
+    """Return a time [s] at which a law is infinite, or None; examine only peaks of the samples."""
     start, end = intervals.T
     size = law.size(np.linspace(start, end, _N_SAMPLES, axis=1), 0.5 * (start + end))
     following, preceding = np.zeros_like(size), np.zeros_like(size)

@@ -25,7 +25,7 @@ def interval_ends(breakpoints: Sequence[float], start: float, end: float) -> tup
 
 
 def branch_time(start: float, end: float) -> float:
-    """Return a time inside an interval [s], by which laws select their branch."""
+    """Return the midpoint of an interval [s], by which laws select their branch."""
     return 0.5 * (start + end)
 
 

@@ -34,14 +34,14 @@ class Factorization(Protocol):
     solves: int
 
     def factorize(self, nonzeros: Array) -> None:
-        """Factorize the matrix with these CSC non-zeros; raises `SingularMatrixError`."""
+        """Factorize the matrix with these CSC non-zeros, or raise `SingularMatrixError`."""
 
     def solve(self, right: Array) -> Array:
         """Return the solution of matrix @ x = right."""
 
 
 class DenseFactorization:
-    """LAPACK factors of the dense matrix: fastest for small systems."""
+    """LAPACK factors of a dense matrix, the fastest method for small systems."""
 
     def __init__(self, pattern: sp.csc_array, dtype: type = float) -> None:
         self.factorizations = 0
@@ -54,7 +54,7 @@ class DenseFactorization:
         self._positions = column * rows + pattern.indices
 
     def factorize(self, nonzeros: Array) -> None:
-        """Factorize the matrix with these CSC non-zeros; raises `SingularMatrixError`."""
+        """Factorize the matrix with these CSC non-zeros, or raise `SingularMatrixError`."""
         self._flat[:] = 0.0
         self._flat[self._positions] = nonzeros
         self.factorizations += 1
@@ -115,7 +115,7 @@ class SparseFactorization:
         return self._lu.nnz / self._matrix.nnz
 
     def factorize(self, nonzeros: Array) -> None:
-        """Factorize the matrix with these CSC non-zeros; raises `SingularMatrixError`."""
+        """Factorize the matrix with these CSC non-zeros, or raise `SingularMatrixError`."""
         self.factorizations += 1
         if not np.isfinite(nonzeros).all():
             raise SingularMatrixError("the matrix is not finite")

@@ -89,13 +89,13 @@ def _compute_path(symmetric: sp.csr_array) -> Array:
 
 
 def invert_to_power_of_two(sizes: Array) -> Array:
-    """Return powers of two close to 1 / sizes: scaling by them is exact."""
+    """Return powers of two close to 1 / sizes; scaling by powers of two is exact."""
     _, exponent = np.frexp(sizes)
     return np.ldexp(1.0, -np.maximum(exponent, _MIN_EXPONENT))
 
 
 def factorize_in_order(matrix: sp.csc_matrix) -> SuperLU:
-    """Factorize a matrix in its given order, with diagonal pivots unless they are small."""
+    """Factorize a matrix in the given order, with diagonal pivots unless these are small."""
     return _factorize(matrix, "NATURAL", _DIAGONAL_THRESHOLD)
 
 

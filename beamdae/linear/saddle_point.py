@@ -15,7 +15,7 @@ Array = np.ndarray
 def factorize_saddle_point(
     block: sp.sparray, reactions: sp.sparray, rows: sp.sparray
 ) -> Callable[[Array], Array] | None:
-    """Return a solver of [[block, reactions], [rows, 0]] x = right, or None if it is singular.
+    """Return a solver for [[block, reactions], [rows, 0]] x = b; None if the matrix is singular.
 
     Parameters
     ----------
@@ -23,6 +23,11 @@ def factorize_saddle_point(
         Sparse matrix (n, n).
     reactions, rows
         Sparse matrices (n, m) and (m, n); m may be zero.
+
+    Returns
+    -------
+    Callable or None
+        Function from b, (n + m,), to x, (n + m,).
     """
     matrix = block
     if rows.shape[0]:

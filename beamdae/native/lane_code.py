@@ -110,7 +110,7 @@ class OperandType(NamedTuple):
     Attributes
     ----------
     number
-        Name of the type.
+        Name of the LLVM type, such as `double`.
     inline
         Instructions by operation of CasADi, with the placeholders {r}, {x} and {y}.
     functions
@@ -259,7 +259,7 @@ class _LaneWriter:
         Instructions on shared numbers, which are executed once, and instructions executed for each
         group of `LANE_WIDTH` copies.
     library
-        Names of the C library functions that it calls.
+        Names of the C library functions that the function calls.
     """
 
     name: str

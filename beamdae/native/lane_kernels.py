@@ -59,7 +59,7 @@ class LaneKernel:
     n_shared, n_local, n_out
         Numbers of inputs shared by all copies, of inputs per copy, and of outputs per copy.
     code
-        Keeps the machine code in memory.
+        Loaded object that contains the machine code and keeps it in memory.
     """
 
     name: str

@@ -54,27 +54,27 @@ def locate_largest(vector: Array, weights: Array) -> int:
 
 
 def pick(out: Array, at: Array, vector: Array, of: Array, begin: int, end: int) -> None:
-    """Set out[at] = vector[of], for the range from begin to end of `at` and `of`."""
+    """Set out[at] = vector[of], for the entries `begin` to `end` of `at` and `of`."""
     out[at[begin:end]] = vector[of[begin:end]]
 
 
 def gather(
     out: Array, at: Array, weights: Array, vector: Array, of: Array, begin: int, end: int
 ) -> None:
-    """Set out[at] = weights vector[of] for a range; repeated indices are summed."""
+    """Set out[at] = weights vector[of] for entries `begin` to `end`; sum repeated indices."""
     out[at[begin:end]] = 0.0
     add_weighted(out, at, weights, vector, of, begin, end)
 
 
 def add(out: Array, rows: Array, vector: Array, of: Array, begin: int, end: int) -> None:
-    """Add vector[of] to out[rows], for the range from begin to end of `rows` and `of`."""
+    """Add vector[of] to out[rows], for the entries `begin` to `end` of `rows` and `of`."""
     np.add.at(out, rows[begin:end], vector[of[begin:end]])
 
 
 def add_weighted(
     out: Array, rows: Array, weights: Array, vector: Array, of: Array, begin: int, end: int
 ) -> None:
-    """Add weights vector[of] to out[rows], for a range of `rows`, `weights` and `of`."""
+    """Add weights vector[of] to out[rows], for their entries `begin` to `end`."""
     np.add.at(out, rows[begin:end], weights[begin:end] * vector[of[begin:end]])
 
 

@@ -53,7 +53,8 @@ def prepare_loop(function: Any, make: Any, native: bool) -> tuple[Any, CompiledL
     function
         The loop.
     make
-        Returns the object: `make(True)` for machine code, `make(False)` for plain Python.
+        Function that returns the object: `make(True)` for machine code, `make(False)` for plain
+        Python.
     native
         True to try machine code, False for plain Python.
     """
@@ -104,7 +105,7 @@ class CompiledLoop:
         self._work = work
 
     def __call__(self) -> int:
-        """Run the loop on the current numbers of the object, update them, and return its code."""
+        """Run the loop on the numbers of the object, update the numbers; return the return code."""
         self.load()
         code = self._call(self.table.ctypes.data)
         self.unload()
@@ -113,7 +114,8 @@ class CompiledLoop:
     def bind(self) -> None:
         """Update the table for arrays that have been replaced.
 
-        The table keeps its address, so that this may be called while the loop runs.
+        The address of the table does not change, so that callbacks may call this method while the
+        loop runs.
         """
         layout = _TableLayout(self._work)
         assert layout.kind == self._kind

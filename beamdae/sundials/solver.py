@@ -102,7 +102,7 @@ class SolverPointers(NamedTuple):
 
 
 def describe_status(status: int) -> str:
-    """Return the meaning of a negative status."""
+    """Return a description of a negative status of IDA."""
     return _STATUS_DESCRIPTIONS.get(status, f"error {status} of SUNDIALS")
 
 
@@ -231,11 +231,11 @@ class IdaSolver:
         self._call_ida("IDAReInit", t, self.pointers.y, self.pointers.yp)
 
     def stop_at(self, end: float) -> None:
-        """Limit steps to `end` until it is reached."""
+        """Forbid steps beyond the time `end` until `end` is reached."""
         self._call_ida("IDASetStopTime", end)
 
     def step(self, end: float) -> int:
-        """Take one step, at most to `end`.
+        """Take one step, at most to the time `end`.
 
         Returns
         -------
@@ -251,7 +251,7 @@ class IdaSolver:
 
     @property
     def statistics(self) -> IdaStatistics:
-        """Counters since the last start."""
+        """Counters of IDA since the last start, see `IdaStatistics`."""
         values = []
         for name, kind in _GETTERS:
             value = kind()

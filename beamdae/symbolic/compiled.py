@@ -45,7 +45,7 @@ class Compiled:
             self._memory.set_res(i, memoryview(array))  # type: ignore[call-arg,arg-type]
 
     def __call__(self, *arguments: Array | float) -> list[Array]:
-        """Evaluate with these leading arguments and return the output buffers."""
+        """Evaluate the function with these leading arguments; return the output buffers."""
         for buffer, argument in zip(self.inputs, arguments):  # noqa: B905 trailing inputs stay
             buffer[:] = argument
         self._evaluate()

@@ -38,7 +38,7 @@ class ConstraintKernel:
 
     @property
     def inputs(self) -> list[SX]:
-        """Symbols on which it may depend: (time, q, data)."""
+        """Symbols on which the constraints may depend: (time, q, data)."""
         return [self.local.time, self.local.q, self.local.data]
 
     @property
@@ -66,18 +66,18 @@ class ConstraintKernel:
 
     @cached_property
     def has_branches(self) -> bool:
-        """True if it depends on a piecewise law."""
+        """True if the constraints depend on a piecewise law."""
         return ca.depends_on(self.constraint, self.local.time[1])
 
     @property
     def is_holonomic(self) -> bool:
-        """True if the constraints are on positions, False if only on velocities."""
+        """True if the constraints restrict positions, False if they restrict only velocities."""
         return True
 
     def effective_levels(
         self, levels: tuple[int, ...], stabilized: bool
     ) -> tuple[tuple[int, ...], bool]:
-        """Return the levels that replace `levels`, and True if G^T mu occurs; see `NO_LEVEL`."""
+        """Return the levels to impose instead of `levels`, and True if q' includes G^T mu."""
         return levels, stabilized
 
     @cached_property
@@ -124,9 +124,9 @@ class ConstraintKernel:
     def residual_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
         """Return the kernel of G^T lam, G^T mu (if `stabilized`) and the constraints on `levels`.
 
-        Its inputs are (t, branch) and (q, v, a, lam, mu, data), with v for levels 1 and 2, a for
-        level 2, and mu if `stabilized` or for `NO_LEVEL`. Levels are g (0), g_dot (1), g_ddot (2)
-        and mu (`NO_LEVEL`).
+        The inputs are (t, branch) and (q, v, a, lam, mu, data), with v only for levels 1 and 2, a
+        only for level 2, and mu only if `stabilized` or for `NO_LEVEL`. Levels are g (0),
+        g_dot (1), g_ddot (2) and mu (`NO_LEVEL`).
         """
         return self._cache_kernel(self._build_residual_kernel, levels, stabilized)
 
@@ -188,9 +188,9 @@ class ConstraintKernel:
 class NonholonomicKernel(ConstraintKernel):
     """Nonholonomic constraints 0 = A(time, q, data) v + b(time, q, data) of one joint.
 
-    They replace g_dot: G is A, and g does not exist. Formulations that impose only g = 0 impose
-    these constraints instead; formulations that impose g = 0 and g_dot = 0 have no position
-    correction for them.
+    A v + b replaces g_dot, A replaces G, and g does not exist. Formulations that impose only g = 0
+    impose A v + b = 0 instead; formulations that impose g = 0 and g_dot = 0 impose A v + b = 0
+    without a position correction.
 
     Attributes
     ----------
@@ -200,7 +200,7 @@ class NonholonomicKernel(ConstraintKernel):
 
     @property
     def inputs(self) -> list[SX]:
-        """Symbols on which it may depend: (time, q, v, data)."""
+        """Symbols on which the constraints may depend: (time, q, v, data)."""
         x = self.local
         return [x.time, x.q, x.v, x.data]
 
@@ -215,13 +215,13 @@ class NonholonomicKernel(ConstraintKernel):
 
     @property
     def is_holonomic(self) -> bool:
-        """False: the constraints are only on velocities."""
+        """False, because the constraints restrict only velocities."""
         return False
 
     def effective_levels(
         self, levels: tuple[int, ...], stabilized: bool
     ) -> tuple[tuple[int, ...], bool]:
-        """Return the levels with positions replaced by velocities, and False for no G^T mu."""
+        """Return the levels to impose instead of `levels`, and False: q' excludes G^T mu."""
         instead = NO_LEVEL if 1 in levels else 1
         return tuple(instead if level == 0 else level for level in levels), False
 

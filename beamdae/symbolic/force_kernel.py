@@ -51,7 +51,7 @@ class ForceKernel:
 
     @property
     def inputs(self) -> list[SX]:
-        """Symbols on which it may depend: (time, q, v, a, lam, data)."""
+        """Symbols on which the expressions may depend: (time, q, v, a, lam, data)."""
         x = self.local
         return [x.time, x.q, x.v, x.a, x.lam, x.data]
 
@@ -79,7 +79,7 @@ class ForceKernel:
 
     @cached_property
     def has_branches(self) -> bool:
-        """True if it depends on a piecewise law."""
+        """True if the expressions depend on a piecewise law."""
         return ca.depends_on(self.force, self.local.time[1])
 
     @cached_property
@@ -93,10 +93,11 @@ class ForceKernel:
         return Kernel.of("force", self.local.time, self._stacked, [ca.densify(self.force)])
 
     def tangent_kernel(self, sums: Tangents) -> Kernel:
-        """Return the kernel of the matrices `sums` of c_q dF/dq, c_v dF/dv and c_a dF/da.
+        """Return the kernel of sums of c_q dF/dq, c_v dF/dv and c_a dF/da, one matrix per sum.
 
-        Its inputs are `MATRIX_SHARED` and (q, v, a, lam, data). If F depends on multipliers,
-        dF/dlam and c_l dF/dlam are its last outputs.
+        `sums` lists the derivatives in each sum. The inputs are `MATRIX_SHARED` and
+        (q, v, a, lam, data). If F depends on multipliers, the last outputs are dF/dlam and
+        c_l dF/dlam.
         """
         if sums not in self._tangents:
             self._tangents[sums] = self._build_tangent_kernel(sums)

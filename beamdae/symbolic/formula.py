@@ -34,7 +34,7 @@ class Formula:
         Function of (..., numbers). Equal kinds must compute the same values, so a kind is a
         module-level function or a frozen dataclass.
     numbers
-        Floats, or symbols in their place; kinds read them one by one, as `numbers[0]`.
+        Floats, or symbols in their place; `kind` reads single entries such as `numbers[0]`.
     """
 
     kind: Callable[..., Any]
@@ -50,7 +50,7 @@ def _return_numbers(numbers: Any) -> Any:
 
 
 def constant_formula(*numbers: float) -> Formula:
-    """Return the formula without arguments whose value is these numbers."""
+    """Return a formula without arguments whose value is the given numbers."""
     return Formula(_return_numbers, numbers)
 
 
@@ -64,7 +64,7 @@ class FormulaExpression:
         Function of (local, *functions). Equal functions must compute the same values, as for
         `Formula.kind`.
     functions
-        Kinds of formulas, or other functions.
+        Kinds of the formulas, or other functions.
     counts
         Count of numbers of each formula; None for other functions.
     """

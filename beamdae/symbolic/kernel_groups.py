@@ -2,8 +2,8 @@
 
 Joints of one type differ in the positions of their points. If each joint had a separate kernel, a
 chain of many bodies would need as many functions to build and to call. With the numbers as data,
-they share one kernel, whose copies are evaluated together like the elements of a beam. Kernels made
-of `Formula`s are shared from the start; this module handles user-defined expressions.
+these joints share one kernel, whose copies are evaluated together like the elements of a beam.
+Kernels made of `Formula`s are shared from the start; this module handles user-defined expressions.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class KernelGroup(NamedTuple):
     members
         Indices of the statements.
     data
-        Data of their copies, one column per copy, in the order of the statements.
+        Data of the copies of all members, one column per copy, in the order of the statements.
     """
 
     kernel: Any
@@ -104,7 +104,7 @@ def _to_function(kernel: AnyKernel) -> ca.Function:
 
 
 def _describe_kernel(kernel: AnyKernel) -> _KernelRecipe | None:
-    """Return the recipe of a kernel; None if it is shared already or calls other functions."""
+    """Return the recipe of a kernel; None if the kernel is shared or calls other functions."""
     if kernel.reused:
         return None
     f, x = _to_function(kernel), kernel.local

@@ -54,7 +54,7 @@ class Kernel:
     function
         CasADi function of (shared, local) that returns the concatenated entries of all `outputs`.
     outputs
-        Patterns of the columns and matrices it returns.
+        Patterns of the columns and matrices that `function` returns.
     rotated_kernels
         The same kernel in other coordinates, see `rotations.rotate_kernel`.
     """
@@ -103,7 +103,7 @@ class Kernel:
 
 @dataclass(slots=True)
 class Sum:
-    """Numbers and buffers of a sum; the argument of `evaluate_sum`.
+    """Arrays and buffers of a sum; argument of `evaluate_sum`.
 
     Attributes
     ----------
@@ -111,19 +111,19 @@ class Sum:
         Inputs common to all copies, (t, branch, factors); set before an evaluation, see `set_time`
         and `set_matrix_factors`.
     local
-        Inputs of the copies: (component, copy) of one batch after the other.
+        Inputs of the copies, batch by batch; (component, copy) within each batch.
     out
         Outputs of the current batch, (component, copy); after the last batch, `shared` and a 1.
     kernels
         One per batch: addresses of machine code, or Python functions of (shared, local, out).
     batches
-        One row per batch, see `_START` and following. Entries of `add_targets` and
-        `weighted_targets` beyond the last batch read `shared` and the 1.
+        One row per batch, with the columns `_START` to `_WEIGHTED_END`. Entries of `add_targets`
+        and `weighted_targets` beyond the last batch read `shared` and the 1.
     pick_targets, pick_sources
         local[pick_targets] = x[pick_sources].
     gather_targets, gather_sources, gather_weights
-        local[gather_targets] += gather_weights x[gather_sources], for inputs that are weighted or
-        have several terms.
+        local[gather_targets] = gather_weights x[gather_sources], summed over repeated targets, for
+        inputs that are weighted or have several terms.
     add_targets, add_sources
         result[add_targets] += out[add_sources].
     weighted_targets, weighted_sources, weights
@@ -190,14 +190,14 @@ class SumPlan:
         return all(batch.kernel.native is not None for batch in self.batches)
 
     def sum(self, native: bool, p: Array) -> Sum:
-        """Return the sum with buffers and data.
+        """Return the sum with new buffers and the data of a model.
 
         Parameters
         ----------
         native
             True to run kernels as machine code, False to run them in CasADi's virtual machine.
         p
-            Data of the model.
+            Numbers of the model; `data_sources` selects the data of the copies.
         """
         local = np.zeros(self.n_local)
         local[self.data_targets] = p[self.data_sources]
@@ -229,7 +229,7 @@ class SumPlan:
 
 
 class _InterpretedKernel:
-    """A kernel for the copies of a batch, evaluated by CasADi's virtual machine."""
+    """Kernel of all copies of a batch, evaluated by CasADi's virtual machine."""
 
     def __init__(self, batch: Batch) -> None:
         kernel, start, lanes, self._count = batch
@@ -256,7 +256,7 @@ def set_time(total: Sum, t: float, branch: float) -> None:
 def set_matrix_factors(
     total: Sum, c_q: float, c_v: float, c_a: float, c_l: float, c_h: float, c_r: float
 ) -> None:
-    """Set the factors of the parts of a matrix, see `local_symbols.MATRIX_SHARED`."""
+    """Set the factors of the parts of a matrix, see `local_symbols.MatrixFactors`."""
     total.shared[C_Q] = c_q
     total.shared[C_V] = c_v
     total.shared[C_A] = c_a
@@ -266,7 +266,7 @@ def set_matrix_factors(
 
 
 def evaluate_sum(total: Sum, x: Array, result: Array) -> None:
-    """Write the sum at x into `result`; set `total.shared` before."""
+    """Write the sum at x into `result`, with the time and factors in `total.shared`."""
     local, out, batches, n_shared = total.local, total.out, total.batches, total.shared.size
     fill(result, 0.0)
     pick_begin, gather_begin, add_begin, weighted_begin = 0, 0, 0, 0

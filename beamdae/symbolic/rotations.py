@@ -1,7 +1,7 @@
 """Rotation of local coordinates inside kernels.
 
-The operator from global to local coordinates has few columns per copy: x_e = T_e z_e, where z_e is
-a selection of global coordinates. With T_e in its data, a kernel rotates inputs and outputs in
+The local coordinates x_e of a copy depend on few global coordinates: x_e = T_e z_e, where z_e is a
+selection of global coordinates. With T_e in its data, a kernel rotates inputs and outputs in
 vector lanes, and only selection and addition remain to be done entry by entry in memory.
 """
 
@@ -38,7 +38,7 @@ class LocalRotation:
     others: tuple[tuple[int, int], ...]
 
     def matrix(self, data: SX) -> SX:
-        """Return T_e with these numbers."""
+        """Return T_e of one copy, given its column of data."""
         matrix = SX(*self.shape)
         for row, column in self.ones:
             matrix[row, column] = 1.0
@@ -47,7 +47,7 @@ class LocalRotation:
         return matrix
 
     def operator(self, selection: sp.csr_array, data: Array) -> sp.csr_array:
-        """Return T @ `selection`; `data` has one column per copy."""
+        """Return diag(T_e) @ `selection`, given one column of data per copy."""
         copy, (rows, columns) = np.arange(data.shape[1]), self.shape
         i, j = np.array([*self.ones, *self.others]).T[:, :, None] + copy * np.array(
             [[[rows]], [[columns]]]

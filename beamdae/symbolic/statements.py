@@ -46,7 +46,7 @@ class Variable(NamedTuple):
 
     @property
     def header(self) -> str:
-        """Column header, 'name [unit]'."""
+        """Column header 'name [unit]'."""
         return f"{self.name} [{self.unit}]"
 
     @property
@@ -68,11 +68,11 @@ class Piece(NamedTuple):
 
 @dataclass(frozen=True)
 class ForceStatement:
-    """`count` copies of one force kernel; `data` has one column per copy.
+    """Forces of one part: copies of one kernel, with one column of `data` per copy.
 
-    The operator of each piece stacks the local rows of copy 0, copy 1, ... and so has count * rows
-    rows. The local coordinates of a copy are the rows of all pieces in sequence. `joint` names the
-    part whose multipliers are local.lam, if any.
+    The operator of each piece stacks the rows of copy 0, copy 1, ...: each copy has the same number
+    of rows. The local coordinates of a copy are its rows of all pieces in sequence. `joint` names
+    the part whose multipliers are `local.lam`, if any.
     """
 
     part: str
@@ -110,14 +110,14 @@ class RangeKernel:
     local
         Symbols.
     values
-        (deflection over length [-], rotation [rad], strain [-]) in terms of local.q and local.data,
-        none of them negative.
+        Nonnegative expressions (deflection / length [-], rotation [rad], strain [-]) in terms of q
+        and data of `local`.
     """
 
     local: Local
     values: SX
 
-    # It does not depend on time.
+    # Deformation measures do not depend on time.
     has_branches = False
 
     @cached_property
@@ -200,7 +200,7 @@ class QuantityKernel:
 
     @property
     def inputs(self) -> list[SX]:
-        """Symbols on which it may depend: (time, q, v, data, lam)."""
+        """Symbols on which the values may depend: (time, q, v, data, lam)."""
         x = self.local
         return [x.time, x.q, x.v, x.data, x.lam]
 

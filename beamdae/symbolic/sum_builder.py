@@ -25,7 +25,7 @@ _SOURCE_OF_ONE = -1
 class LocalInput:
     """Local inputs of all copies, as rows of an operator.
 
-    The operator acts on the part of the vector that starts at `first`.
+    The operator acts on the part of the input vector x that starts at index `first`.
     """
 
     operator: sp.csr_array
@@ -41,7 +41,7 @@ class KernelCopies:
     start: int
 
     def sources(self, output: int, entry: Array, copy: Array) -> Array:
-        """Return the positions of entries of one output."""
+        """Return the positions of entries of one output of the given copies."""
         sizes = [pattern.nnz() for pattern in self.kernel.outputs]
         component = sum(sizes[:output]) + entry
         return self.start + _locate_components(self.count, sum(sizes), component, copy)
@@ -117,7 +117,7 @@ class SumBuilder:
     def add_column(
         self, copies: KernelCopies, output: int, operator: sp.csr_array, row: int
     ) -> None:
-        """Add operator^T (dense columns of all copies), starting at row `row`."""
+        """Add operator^T @ (one dense column of all copies), starting at row `row`."""
         entries = sp.coo_array(operator)
         copy, component = np.divmod(entries.coords[0], entries.shape[0] // copies.count)
         source = copies.sources(output, component, copy)
@@ -156,7 +156,7 @@ class SumBuilder:
     def add_diagonal(
         self, size: int, offset: tuple[int, int], shared: int | None, value: float
     ) -> None:
-        """Add a diagonal of `value`, times the shared number of index `shared` unless None."""
+        """Add a diagonal of `value`, multiplied by shared number `shared` unless this is None."""
         index = np.arange(size)
         source = _SOURCE_OF_ONE if shared is None else shared - self.n_shared + _SOURCE_OF_ONE
         sources, values = np.full(size, source), np.full(size, value)

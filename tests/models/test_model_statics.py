@@ -17,9 +17,9 @@ SENTENCES = {
     # The torque starts at zero.
     "hub_beam": "hub.angle: this coordinate can move without stiffness",
     # The bead and its position on the rail slide off.
-    "sliding_mass": ": no equilibrium was found because this coordinate moves without limit",
+    "sliding_mass": ": no equilibrium was found under the loads at t = 0 s",
     # Only friction and speed balance the driving weight.
-    "governor": "rotor.angle: no equilibrium was found because this coordinate moves without limit",
+    "governor": "rotor.angle: no equilibrium was found under the loads at t = 0 s",
     "quick_return": "friction depends on the sliding velocity and is zero at rest",
 }
 ENDS = {"sliding_mass": 1, "governor": 2}

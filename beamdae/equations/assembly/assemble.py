@@ -132,7 +132,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         if configurations is not None:
             raise BeamdaeError(
                 f"Mechanism: redundant={MINIMUM_NORM!r} is not supported with events "
-                "that switch parts; remove the redundant constraints."
+                "that switch parts; remove the redundant constraints or these events."
             )
         equations = replace(equations, redundant=True)
     return apply_initial_conditions(equations, mechanism.start if start is None else start)
@@ -172,7 +172,7 @@ def _require_drawn_attachments(
     worst = int(np.argmax(gaps))
     if not gaps[worst] <= _MAX_DRAWING_ERROR * length:
         raise BeamdaeError(
-            f"{attachments[worst]}: the kinematics start {gaps[worst]:.3g} m away from "
-            "the point in the reference configuration; correct the kinematics or the "
-            "point of the attachment."
+            f"{attachments[worst]}: the kinematics place this attachment "
+            f"{gaps[worst]:.3g} m from its point in the reference configuration; correct the "
+            "kinematics or the point."
         )

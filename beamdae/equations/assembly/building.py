@@ -198,7 +198,7 @@ def add_observable(
     name, mechanism = require_name("observe", name), e.mechanism
     if mechanism is None:
         raise BeamdaeError(
-            f"{name}: the run has no mechanism; to observe a ConstrainedSystem, use "
+            f"{name}: the run has no mechanism; for a ConstrainedSystem, define the column with "
             "the parameter observe of the system."
         )
     quantity, coordinate_map = as_quantity(name, what), map_coordinates(mechanism)

@@ -164,7 +164,8 @@ class MechanismConfigurations:
                 return shift_law(laws[name], gap.since)
         raise BeamdaeError(
             f"{name}: the law of this driver was set by event {gap.event} at t = "
-            f"{gap.since:g} s, but this model has no such event; add the event."
+            f"{gap.since:g} s, but no event of this name sets that law in this model; use the "
+            "model of the earlier run."
         )
 
     def _active_mechanism(self, inactive: frozenset[str], frozen_gaps: FrozenGaps) -> Mechanism:

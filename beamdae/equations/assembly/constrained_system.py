@@ -93,16 +93,17 @@ class ConstrainedSystem(HasOrigin):
         Potential energies [J] in t and q, reported in the energy ledger. Their forces must be
         included in f.
     dissipated_power
-        Power dissipated by f [W]. The remaining power of f counts as work of loads.
+        Power dissipated by f [W]. The remaining power of f is integrated as work of loads.
     breakpoints
         Ascending times [s] at which an expression has a jump or kink in t; integrators stop and
         restart there. Breakpoints of laws are added automatically.
     time_scale
-        Shortest time [s] over which an expression changes with t, if much shorter than the run. It
-        limits the step size.
+        Shortest time [s] over which an expression changes with t, if much shorter than the run;
+        the step size is limited accordingly.
     scales
-        Amplitude of each coordinate, about half its range, (n,); `rtol` is relative to it. By
-        default, adaptive integrators estimate it by a pilot run with a loose tolerance.
+        Amplitude of each coordinate, about half its range, in the unit of the coordinate, (n,);
+        `rtol` is relative to the amplitude. By default, adaptive integrators estimate the
+        amplitudes by a pilot run with a loose tolerance.
     events
         `Event`s that monitor coordinates or observed columns, given by name.
 
@@ -231,7 +232,7 @@ class ConstrainedSystem(HasOrigin):
         """Expressions of the additional columns, by name and unit."""
         if not isinstance(self.observe, dict):
             raise BeamdaeError(
-                f"{KIND}: observe must be a dict of expressions by name, got "
+                f"{KIND}: observe must be a dict of expressions by header, got "
                 f"{short_repr(self.observe)}."
             )
         return {parse_header(header): expression for header, expression in self.observe.items()}
@@ -280,7 +281,8 @@ class ConstrainedSystem(HasOrigin):
         if multipliers:
             if ca.depends_on(rows, local.v):
                 raise BeamdaeError(
-                    f"{KIND}: constraints must not depend on v; use velocity_constraints."
+                    f"{KIND}: constraints must not depend on v; use velocity_constraints for "
+                    "expressions that are linear in v."
                 )
             kernel = ConstraintKernel(local, rows)
             statements.append(
@@ -291,7 +293,10 @@ class ConstrainedSystem(HasOrigin):
         )
         if multipliers:
             if not ca.is_linear(rows, local.v) or not ca.depends_on(rows, local.v):
-                raise BeamdaeError(f"{KIND}: velocity_constraints must be linear in v.")
+                raise BeamdaeError(
+                    f"{KIND}: velocity_constraints must depend on v linearly; use constraints for "
+                    "expressions in t and q."
+                )
             kernel = NonholonomicKernel(local, rows)
             statements.append(
                 ConstraintStatement(_CONSTRAINTS, kernel, (piece,), multipliers, data)

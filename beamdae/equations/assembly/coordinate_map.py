@@ -45,7 +45,7 @@ class CoordinateMap:
         return sum(self.sizes.values())
 
     def slice_of(self, body: Any) -> slice:
-        """Return the slice of a body in the global coordinates."""
+        """Return the slice of the global coordinates that belongs to a body."""
         first = self.offsets[id(body)]
         return slice(first, first + self.sizes[id(body)])
 

@@ -214,7 +214,7 @@ def _require_entry(expression: Any) -> Any:
 
 
 def _symbol_key(symbol: Any) -> int:
-    """Return a key that identifies a symbol; names are not unique."""
+    """Return a key that identifies a symbol, because names are not unique."""
     return symbol.element_hash() if isinstance(symbol, SX) else hash(symbol)
 
 
@@ -253,7 +253,7 @@ def parse_numbers(name: str, values: Any, n: int) -> Array:
 
 
 def parse_names(name: str, values: Any, n: int) -> tuple[Any, ...]:
-    """Return `values` as a tuple of n entries; an empty sequence is also allowed."""
+    """Return `values` as a tuple of n entries, or as an empty tuple if `values` is empty."""
     entries = tuple(require_sequence(KIND, name, values, f"a list of {n} strings"))
     if entries and len(entries) != n:
         raise BeamdaeError(

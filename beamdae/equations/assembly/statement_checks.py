@@ -76,7 +76,7 @@ def require_unique(part: str, what: str, names: Iterable[str]) -> None:
     duplicates = [name for name, count in Counter(names).items() if count > 1]
     if duplicates:
         raise BeamdaeError(
-            f"{part}: {what} must be unique, but {', '.join(duplicates)} is repeated."
+            f"{part}: {what} must be unique, but some are repeated: {', '.join(duplicates)}."
         )
 
 
@@ -153,9 +153,9 @@ def select_multipliers(
         count = force.kernel.local.n_multipliers
         if (force.joint is None) != (count == 0):
             raise BeamdaeError(
-                f"{force.part}: the force depends on {count} multipliers and has "
-                f"joint={short_repr(force.joint)}; name the joint of the multipliers "
-                "if and only if there are any."
+                f"{force.part}: the force depends on {count} multipliers but has "
+                f"joint={short_repr(force.joint)}; name the joint if the force depends on "
+                "multipliers, otherwise omit it."
             )
         if force.joint is None:
             continue
@@ -164,7 +164,8 @@ def select_multipliers(
             raise BeamdaeError(
                 f"{force.part}: the force depends on {count} multipliers of "
                 f"{force.joint!r}, but this joint has "
-                f"{available.stop - available.start}."
+                f"{available.stop - available.start}; use all multipliers "
+                "of the joint."
             )
         indices += range(available.start, available.stop)
     return np.array(indices) if indices else None
@@ -192,7 +193,7 @@ def _require_statement_fits(
     name, kernel = part.name, statement.kernel
     if statement.part != name:
         raise BeamdaeError(
-            f"{name}: statements must carry the name of the part, got {short_repr(statement.part)}."
+            f"{name}: 'part' of a statement must be {name!r}, got {short_repr(statement.part)}."
         )
     if kernel.expression_error:
         raise BeamdaeError(f"{name}: {kernel.expression_error}.")
@@ -215,7 +216,7 @@ def _require_statement_fits(
     if rows != count * local.size:
         raise BeamdaeError(
             f"{name}: the operators must have {count} x {local.size} rows, one per "
-            f"local coordinate, got {rows}."
+            f"copy and local coordinate, got {rows}."
         )
 
 

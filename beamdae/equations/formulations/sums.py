@@ -110,7 +110,7 @@ def assemble_residual(
     stabilized: bool,
     dynamic: int = 0,
 ) -> SumBuilder:
-    """Return the sum of F + G^T lam and the constraints on `levels`.
+    """Return the sum that evaluates F + G^T lam and the constraints on `levels`, stacked.
 
     F + G^T lam starts at row `dynamic` and is followed by the constraints; if `stabilized`, the
     first rows are G^T mu. See `ConstraintKernel.residual_kernel`.
@@ -142,7 +142,7 @@ def _add_joint(
 
 
 def assemble_motion(structure: Structure, layout: InputLayout) -> SumBuilder:
-    """Return the sum of F, g, g_dot and g_ddot.
+    """Return the sum that evaluates the stacked vector (F, g, g_dot, g_ddot).
 
     The sum does not contain G and therefore stays finite at positions where G does not.
     """
@@ -157,7 +157,7 @@ def assemble_motion(structure: Structure, layout: InputLayout) -> SumBuilder:
 
 
 def assemble_accelerations(structure: Structure, layout: InputLayout) -> SumBuilder:
-    """Return the sum of g_ddot of the holonomic constraints."""
+    """Return the sum that evaluates g_ddot, with zeros for nonholonomic constraints."""
     total = SumBuilder(TIME_SIZE)
     for joint in select_holonomic(structure):
         copies = _add_joint(total, joint, layout, (2,), False)
@@ -168,7 +168,7 @@ def assemble_accelerations(structure: Structure, layout: InputLayout) -> SumBuil
 def assemble_reactions(
     structure: Structure, layout: InputLayout, holonomic_only: bool = False
 ) -> SumBuilder:
-    """Return the sum of G^T lam; `holonomic_only` restricts it to holonomic constraints."""
+    """Return the sum that evaluates G^T lam, of holonomic constraints if `holonomic_only`."""
     total = SumBuilder(TIME_SIZE)
     for joint in select_holonomic(structure) if holonomic_only else structure.joints:
         copies = _add_joint(total, joint, layout, (), False)
@@ -182,10 +182,10 @@ def select_holonomic(structure: Structure) -> tuple[ConstraintTerm, ...]:
 
 
 def assemble_balance(structure: Structure, layout: InputLayout) -> SumBuilder:
-    """Return the sum of energies and powers, F + G^T lam, G^T lam, F at a = 0, g and g_dot.
+    """Return the sum that evaluates energies, powers, forces and constraints, stacked.
 
     The first rows are the energies (kinetic, strain, gravity) [J] and the powers (loads, drivers,
-    dissipated) [W].
+    dissipated) [W], followed by F + G^T lam, G^T lam, F at a = 0, g and g_dot.
     """
     n, m, total = structure.n, structure.m, SumBuilder(TIME_SIZE)
     residual = N_BALANCE_SCALARS
@@ -207,7 +207,7 @@ def assemble_balance(structure: Structure, layout: InputLayout) -> SumBuilder:
 
 
 def _summation(count: int, *rows: int) -> sp.csr_array:
-    """Return the operator that adds the outputs of all copies to these rows of the scalars."""
+    """Return the operator that adds outputs of all copies to `rows` of the energies and powers."""
     column = np.tile(rows, count)
     entries = (np.ones(len(column)), (np.arange(len(column)), column))
     return sp.csr_array(entries, shape=(len(column), N_BALANCE_SCALARS))
@@ -248,9 +248,10 @@ def add_saddle_point(
     *,
     with_reaction_stiffness: bool,
 ) -> None:
-    """Add [[dF, G^T], [G, 0]], optionally with d(G^T lam)/dq in dF.
+    """Add [[K, G^T + dF/dlam], [G, 0]].
 
-    dF adds up the derivatives of F that `sums` names.
+    K is the sum of the derivatives of F listed in `sums` and, if `with_reaction_stiffness`,
+    of d(G^T lam)/dq.
     """
     n = structure.n
     for term, copies in add_tangents(total, structure, layout, sums):

@@ -44,7 +44,7 @@ class Tangent(NamedTuple):
     residual: Array
 
     def acceleration_jacobian(self, e: EquationsOfMotion) -> sp.csc_array:
-        """Return the factor of a in the differentiated constraints, (m, n).
+        """Return the matrix that multiplies a in the differentiated constraints, (m, n).
 
         Holonomic constraints are differentiated twice, nonholonomic constraints once.
         """

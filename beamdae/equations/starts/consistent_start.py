@@ -45,7 +45,9 @@ class ConsistencySolver(StateEvaluator):
     projected in the metric of the mass matrix, and accelerations and multipliers solve the
     saddle-point system
 
-        [[M, G^T], [G, 0]] (a, lam) = (f, gamma).
+        [[M, G^T], [G, 0]] (a, lam) = (f, gamma),
+
+    where f is -F and gamma is -g_ddot, both at a = 0 (and lam = 0).
 
     Times are arrays (t, branch) with t [s]. Do not share an instance between threads.
     """
@@ -101,7 +103,7 @@ class ConsistencySolver(StateEvaluator):
     def evaluate_normal_jerk(
         self, time: Array, state: State, delta: float, holonomic_only: bool = False
     ) -> Array:
-        """Return P j, the part of the jerk j that the constraints determine.
+        """Return P j, (n,), the part of the jerk j that the constraints determine.
 
         The projector is P = M^-1 G^T (G M^-1 G^T)^-1 G. G j is the central difference of g_ddot
         over +-`delta` [s] along the motion at constant a, so that stiff elastic forces do not
@@ -126,7 +128,7 @@ class ConsistencySolver(StateEvaluator):
     def require_inertia(self) -> None:
         """Require a symmetric, positive semidefinite mass matrix at the start.
 
-        Beyond 300 coordinates only the signs of its diagonal are checked.
+        For more than 300 coordinates, definiteness is judged only by the signs of the diagonal.
 
         Raises
         ------
@@ -145,8 +147,8 @@ class ConsistencySolver(StateEvaluator):
             worst = int(np.argmax(asymmetry))
             row = max(int(block.pattern.indices[worst]), int(block.columns[worst]))
             raise BeamdaeError(
-                f"{e.q_names[row]}: the mass matrix is not symmetric, entries of this "
-                f"row and column differ by {asymmetry[worst]:.3g}; correct the inertia "
+                f"{e.q_names[row]}: the mass matrix is not symmetric (entries of this "
+                f"row and column differ by {asymmetry[worst]:.3g}); correct the inertia "
                 "forces of the part."
             )
         inertia, coordinate = _smallest_inertia(block.matrix(nonzeros))
@@ -165,8 +167,8 @@ class ConsistencySolver(StateEvaluator):
         if e.m > 0 and np.max(jump) > _MAX_LAW_JUMP * min(1.0, e.length):
             name = e.lam_names[int(np.argmax(jump))]
             raise BeamdaeError(
-                f"{name}: a law makes positions jump by {np.max(jump):.3g} at t = {time[0]:g} s; "
-                "make the law continuous there."
+                f"{name}: a law makes positions jump by {np.max(jump):.3g} (m or rad) at "
+                f"t = {time[0]:g} s; make the law continuous there."
             )
 
     def _close_positions(self, time: Array, q: Array) -> Array:
@@ -198,9 +200,9 @@ class ConsistencySolver(StateEvaluator):
         worst = int(np.argmax(np.abs(g)))
         raise BeamdaeError(
             f"{e.lam_names[worst]}: the joints cannot be closed at t = {time[0]:g} s "
-            f"because a gap of {abs(g[worst]):.3g} remains after "
+            f"because a gap of {abs(g[worst]):.3g} (m or rad) remains after "
             f"{_MAX_POSITION_ITERATIONS} iterations; check the dimensions of the "
-            "parts."
+            "parts and the start values."
         )
 
     def _project_velocities(self, time: Array, q: Array, v: Array) -> Array:
@@ -221,16 +223,16 @@ class ConsistencySolver(StateEvaluator):
         if not np.all(np.isfinite(force)):
             name = e.q_names[int(np.flatnonzero(~np.isfinite(force))[0])]
             raise BeamdaeError(
-                f"{name}: the forces are not finite at t = {time[0]:g} s; check the laws and the "
-                "start values."
+                f"{name}: the force on this coordinate is not finite at t = {time[0]:g} s; check "
+                "the laws and the start values."
             )
         if not np.isfinite(nonzeros).all():
             entry = int(np.flatnonzero(~np.isfinite(nonzeros))[0])
             row = int(pattern.indices[entry])
             raise BeamdaeError(
                 f"{(*e.q_names, *e.lam_names)[row]}: a derivative of the forces is not "
-                f"finite at t = {time[0]:g} s, for example that of a square root at "
-                "zero; add a small positive number under the root."
+                f"finite at t = {time[0]:g} s; if a law takes the square root of zero, add a "
+                "small positive number under the root."
             )
         try:
             solver.factorize(nonzeros)
@@ -284,7 +286,7 @@ class ConsistencySolver(StateEvaluator):
 def _smallest_inertia(mass: sp.csc_array) -> tuple[float, int]:
     """Return the smallest eigenvalue, or 0 if all are positive, and its dominant coordinate.
 
-    Beyond 300 coordinates, return the smallest diagonal entry instead.
+    For more than 300 coordinates, return the smallest diagonal entry and its coordinate.
     """
     if mass.shape[0] > _MAX_EIGENVALUE_COORDINATES:
         diagonal = mass.diagonal()

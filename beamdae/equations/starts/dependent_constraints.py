@@ -46,8 +46,8 @@ def require_independent_constraints(evaluator: StateEvaluator, time: Array, q: A
     Raises
     ------
     BeamdaeError
-        If such constraints exist. The message names them and, for up to 300 constraints, the
-        motions that they block more than once.
+        If such constraints exist. The message names the constraints and, for mechanisms with up to
+        300 constraints, the motions that are blocked more than once.
     """
     e, pattern = evaluator.equations, evaluator.sums.gradient_pattern
     names, t = e.lam_names, float(time[0])
@@ -61,7 +61,7 @@ def require_independent_constraints(evaluator: StateEvaluator, time: Array, q: A
         name = names[int(np.argmin(lengths))]
         raise BeamdaeError(
             f"{name}: this constraint has a zero gradient at t = {t:g} s; change the "
-            "start values, or remove the constraint if nothing depends on it."
+            "start values, or remove the constraint if it depends on no coordinate."
         )
     scaled_gradients = gradients / lengths[pattern.indices]
     if count > _MAX_SVD_CONSTRAINTS and _are_clearly_independent(
@@ -87,8 +87,8 @@ def require_independent_constraints(evaluator: StateEvaluator, time: Array, q: A
         explanation = describe_dependent_sets(sets)
     raise BeamdaeError(
         f"{dependent}: these constraints depend on each other at t = {t:g} s; remove "
-        f"{count - rank} of these "
-        f"constraints{(f': {explanation}' if explanation else '')}."
+        f"{count - rank} of them or, at a singular position, change the start "
+        f"values{(f': {explanation}' if explanation else '')}."
     )
 
 
@@ -106,7 +106,7 @@ def _are_clearly_independent(rows: sp.csr_array) -> bool:
 
 @dataclass(frozen=True)
 class DependentSet:
-    """Minimal set of dependent constraints: removing any of them makes the rest independent.
+    """Minimal set of dependent constraints: if one is removed, the rest are independent.
 
     Attributes
     ----------
@@ -117,8 +117,8 @@ class DependentSet:
     blocks
         Description of the motion that the last of these parts and the others all block.
     contradiction
-        Differences of the prescribed values [m or rad] and of their rates; zero if the constraints
-        agree.
+        Differences of the prescribed values [m or rad] and of their rates [m/s or rad/s]; zero if
+        the constraints agree.
     everywhere
         True if the constraints are also dependent nearby; False at a singular position.
     """
@@ -135,7 +135,10 @@ class DependentSet:
 
 
 def describe_dependent_sets(sets: Sequence[DependentSet]) -> str:
-    """Return one phrase per group of parts with dependent constraints; "" if `sets` is empty."""
+    """Return one phrase per group of dependent parts, joined by "; "; "" if `sets` is empty.
+
+    After eight phrases, the others are only counted.
+    """
     by_parts: dict[tuple[str, ...], list[DependentSet]] = {}
     for one in sets:
         by_parts.setdefault(one.parts, []).append(one)
@@ -158,7 +161,10 @@ def _describe_sets(sets: Sequence[DependentSet]) -> str:
         return f"{sentence} in this singular position; start from a nearby position"
     gap, rate = (max(one.contradiction[k] for one in sets) for k in (0, 1))
     if max(gap, rate) > 0.0:
-        return f"{sentence}, and contradict each other by {gap:.3g} (m or rad), {rate:.3g} per s"
+        return (
+            f"{sentence}, and contradict each other by {gap:.3g} (m or rad) and "
+            f"{rate:.3g} (m/s or rad/s)"
+        )
     return sentence
 
 

@@ -78,7 +78,7 @@ def apply_initial_conditions(
 def _split_by_kind(
     e: EquationsOfMotion, values: Mapping[str, float]
 ) -> tuple[dict[int, float], ...]:
-    """Return positions and velocities by index of the coordinate."""
+    """Return prescribed positions and velocities, each by index of the coordinate."""
     index = {name: k for k, name in enumerate(e.q_names)}
     rates = {name + _RATE_SUFFIX: k for name, k in index.items()}
     for name in values:
@@ -114,7 +114,7 @@ def _close_with_positions(
         joint_gaps, remaining = np.abs(gaps[: e.m]), ""
         if e.m and np.all(np.isfinite(joint_gaps)):
             worst = int(np.argmax(joint_gaps))
-            remaining = f", {e.lam_names[worst]} stays open by {joint_gaps[worst]:.3g}"
+            remaining = f" (gap of {joint_gaps[worst]:.3g} at {e.lam_names[worst]})"
         raise BeamdaeError(
             f"start: the joints cannot be closed with {values}{remaining}; give fewer "
             "or other positions."
@@ -131,7 +131,7 @@ def _impose_positions(
     selection: sp.csr_array,
     values: Array,
 ) -> tuple[Array, Array]:
-    """Solve for positions with these selected values by Newton's method; return q and the gaps."""
+    """Return positions with these selected values, by Newton's method, and the remaining gaps."""
 
     def constraints(q: Array) -> tuple[Array, sp.csc_array]:
         gaps = np.concatenate([solver.position_gaps(time, q), selection @ q - values])
@@ -170,6 +170,8 @@ def _project_velocities(
     error = max(np.max(np.abs(g_dot), initial=0.0), np.max(deviations, initial=0.0))
     if not error <= _VELOCITY_TOLERANCE * size:
         values = ", ".join(f"{e.q_names[k]}{_RATE_SUFFIX} = {requested[k]:g}" for k in prescribed)
-        raise BeamdaeError(f"start: the joints do not allow {values}; give fewer velocities.")
+        raise BeamdaeError(
+            f"start: the joints do not allow {values}; give fewer or other velocities."
+        )
     v[prescribed] = requested[prescribed]
     return v

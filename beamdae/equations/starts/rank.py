@@ -48,7 +48,7 @@ class ConstraintJacobian:
         return replace(self, rank=int(np.sum(singular > RANK_TOLERANCE)))
 
     def at(self, times: Array, q: Array) -> Array:
-        """Return G at rows of (t, branch) and q, without zero columns, (rows, m, columns)."""
+        """Return the scaled G at rows of (t, branch) and q, (rows, m, nonempty columns)."""
         pattern = self.pattern
         count = np.diff(pattern.indptr)
         (nonzero_columns,) = np.nonzero(count)
@@ -61,7 +61,7 @@ class ConstraintJacobian:
         return matrix / np.where(length > 0.0, length, 1.0)
 
     def smallest_singular_values(self, times: Array, q: Array) -> Array:
-        """Return the smallest singular value of G at rows of (t, branch) and q, (rows,).
+        """Return the smallest singular value of the scaled G at rows of (t, branch) and q, (rows,).
 
         Singular values that are zero at all positions, due to redundant constraints, are skipped.
         """
@@ -76,7 +76,7 @@ class ConstraintJacobian:
         return np.concatenate(blocks)
 
     def singular_joints(self, time: Array, q: Array) -> list[str]:
-        """Return the joints whose reactions balance each other at a position where G loses rank."""
+        """Return names of joints whose reactions cancel at a position where G loses rank."""
         left_vectors, _, _ = np.linalg.svd(self.at(time[None], q[None])[0])
         share = np.abs(left_vectors[:, self.rank - 1])
         names = [name.rpartition(".")[0] or name for name in self.equations.lam_names]
@@ -86,7 +86,7 @@ class ConstraintJacobian:
         )
 
     def _nonzeros(self, times: Array, q: Array) -> Array:
-        """Return the non-zeros of G at rows of (t, branch) and q, one row per position."""
+        """Return the unscaled non-zeros of G at rows of (t, branch) and q, one row per position."""
         total = np.zeros((len(q), self.pattern.nnz))
         for joint, scatter in zip(self.equations.joints, self.scatter, strict=True):
             count, size = joint.count, joint.kernel.local.size

@@ -64,14 +64,14 @@ class ReducedEquations:
         if needed_set is not None:
             raise BeamdaeError(
                 f"{', '.join(needed_set.constraints)}: none of these constraints is "
-                f"redundant: {needed_set}."
+                f"redundant because {needed_set}."
             )
         for gaps in evaluator.constraint_levels(time, state.q, state.v)[:2]:
             worst = int(np.argmax(np.abs(gaps)))
             if abs(gaps[worst]) > _REDUNDANT_GAP_TOLERANCE * max(1.0, self.full.length):
                 raise BeamdaeError(
                     f"{self.full.lam_names[worst]}: this redundant constraint "
-                    f"contradicts the others by {abs(gaps[worst]):.3g} at t = "
+                    f"contradicts the others by {abs(gaps[worst]):.3g} (m, rad or per s) at t = "
                     f"{time[0]:g} s; make the constraints agree or remove this one."
                 )
 

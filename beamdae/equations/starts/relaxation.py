@@ -66,7 +66,7 @@ class FlowStep(NamedTuple):
     size
         Step size, relative to the scale of the coordinates plus their travel.
     gap
-        Size of the correction that closes the joints after the step.
+        Size of the correction that closes the joints after the step, relative like `size`.
     rounding
         Change of the step due to rounding; large in directions without stiffness.
     """
@@ -186,10 +186,9 @@ def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
     displacement = np.abs(q - begin.q)
     worst = int(np.argmax(displacement / e.position_scales))
     raise BeamdaeError(
-        f"{e.q_names[worst]}: no equilibrium was found because this coordinate moves "
-        f"without limit under the loads at t = {static.time[0]:g} s "
-        f"({displacement[worst]:.3g} when the search stopped); add a joint or a "
-        "spring."
+        f"{e.q_names[worst]}: no equilibrium was found under the loads at t = "
+        f"{static.time[0]:g} s, and this coordinate moved farthest (by {displacement[worst]:.3g} "
+        f"{e.coordinates[worst].unit}); if it moves without limit, add a joint or a spring."
     )
 
 

@@ -21,7 +21,7 @@ _NODE_COORDINATES = ("x", "y", "psi")  # of bodies without a floating frame
 
 
 def join_names(names: Sequence[str]) -> str:
-    """Join names as "a, b and c", at most nine."""
+    """Join names as "a, b and c"; list at most nine of them."""
     if len(names) > _MAX_NAMES:
         names = [*names[: _MAX_NAMES - 1], f"{len(names) - _MAX_NAMES + 1} others"]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
@@ -204,7 +204,7 @@ class DisplacementMeasure:
         return cls(e.position_scales, point)
 
     def distances(self, change: Array) -> Array:
-        """Return the displacement of each coordinate, or of its point, (n,)."""
+        """Return the displacement of each coordinate or of the point to which it belongs, (n,)."""
         squares = np.bincount(self.point, change**2, len(self.point))
         return np.asarray(np.sqrt(squares)[self.point])
 

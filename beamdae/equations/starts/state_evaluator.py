@@ -1,6 +1,6 @@
 """Constraints, forces and matrices of the equations of motion, evaluated at single states.
 
-They are evaluated only a few times per run, by CasADi's virtual machine, without compilation.
+CasADi's virtual machine evaluates these quantities, because a run needs them only a few times.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class ForceBlock:
     mirrored: Array
 
     def transposed(self, values: Array) -> Array:
-        """Return each entry's mirror image about the diagonal; zero if it is not in the pattern."""
+        """Return the transposed block on the same pattern; zero for entries outside the pattern."""
         return np.append(values, 0.0)[self.mirrored]
 
     def matrix(self, nonzeros: Array) -> sp.csc_array:
@@ -145,7 +145,7 @@ class StateEvaluator:
     def constraint_levels(
         self, time: Array, q: Array, v: Array | None = None, a: Array | None = None
     ) -> Array:
-        """Return g, g_dot and g_ddot, (3, m); omitted arguments count as zero."""
+        """Return g (0 if nonholonomic), g_dot and g_ddot, (3, m); omitted arguments are zero."""
         n, m = self.equations.n, self.equations.m
         return self._evaluate(self._motion, time, (q, v, a), n + 3 * m)[n:].reshape(3, m)
 
@@ -161,7 +161,7 @@ class StateEvaluator:
         a: Array | None = None,
         lam: Array | None = None,
     ) -> Array:
-        """Return F, (n,); omitted arguments count as zero."""
+        """Return F, (n,); omitted arguments are zero."""
         n, m = self.equations.n, self.equations.m
         return self._evaluate(self._motion, time, (q, v, a), n + 3 * m, lam)[:n]
 
