@@ -37,7 +37,7 @@ class BeamdaeWarning(UserWarning):
 class KernelWarning(UserWarning):
     """A kernel that cannot be compiled or cached: runs are slower, results agree to rounding.
 
-    It is not a `BeamdaeWarning`, because it does not affect the reliability of results.
+    This class is not a `BeamdaeWarning`, because results remain reliable.
     """
 
 
@@ -59,7 +59,7 @@ def format_exception(exception: BaseException) -> str:
 def format_message(exception: BaseException) -> str:
     """Return the message of an exception raised by user code, on one line.
 
-    Messages of CasADi are replaced by a clearer one.
+    Messages of CasADi are replaced by a clearer message.
     """
     trace = exception.__traceback__
     while trace is not None and trace.tb_next is not None:
@@ -118,13 +118,13 @@ def require_finite(part: str, name: str, value: Any) -> float:
         raise BeamdaeError(f"{part}: {name} must be finite, got {short_repr(unbox_scalar(value))}.")
     if abs(number) > _MAX_MAGNITUDE:
         raise BeamdaeError(
-            f"{part}: {name} must lie within {_MAX_MAGNITUDE:g} in absolute value, got {number:g}."
+            f"{part}: {name} must not exceed {_MAX_MAGNITUDE:g} in absolute value, got {number:g}."
         )
     return number
 
 
 def require_positive(part: str, name: str, value: Any) -> float:
-    """Return `value` as a float > 0."""
+    """Return `value` as a float > 0, or raise BeamdaeError."""
     number = require_finite(part, name, value)
     if number <= 0.0:
         raise BeamdaeError(f"{part}: {name} must be positive, got {number:g}.")
@@ -134,7 +134,7 @@ def require_positive(part: str, name: str, value: Any) -> float:
 
 
 def require_non_negative(part: str, name: str, value: Any) -> float:
-    """Return `value` as a float >= 0."""
+    """Return `value` as a float >= 0, or raise BeamdaeError."""
     number = require_finite(part, name, value)
     if number < 0.0:
         raise BeamdaeError(f"{part}: {name} must not be negative, got {number:g}.")
@@ -185,13 +185,13 @@ def require_pair(part: str, name: str, value: Any, what: str = "a pair (x, y)") 
 
 
 def require_point(part: str, name: str, value: Any) -> tuple[float, float]:
-    """Return `value` as a pair (x, y) of finite numbers."""
+    """Return `value` as a pair (x, y) of finite numbers, or raise BeamdaeError."""
     x, y = require_pair(part, name, value)
     return require_finite(part, f"{name} x", x), require_finite(part, f"{name} y", y)
 
 
 def require_choice(part: str, name: str, value: Any, choices: Sequence[Any]) -> Any:
-    """Return `value` if it is one of `choices`."""
+    """Return `value` if it is one of `choices`, or raise BeamdaeError."""
     value = unbox_scalar(value)
     if not any(type(value) is type(choice) and value == choice for choice in choices):
         raise BeamdaeError(

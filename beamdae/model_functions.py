@@ -40,7 +40,7 @@ class Origin(NamedTuple):
 
 
 class HasOrigin:
-    """Base class of mechanisms and systems; a model sets `origin` on those it builds."""
+    """Base class of mechanisms and systems; `origin` is set if a model builds the object."""
 
     origin: Origin | None = None
 
@@ -138,7 +138,7 @@ class Model:
         Raises
         ------
         BeamdaeError
-            On an unknown name or a value of the wrong type, or if the function returns None or a
+            If a name is unknown, a value has the wrong type, or the function returns None or a
             model.
         """
         parameters = self.complete(values)
@@ -166,7 +166,7 @@ class Model:
         Raises
         ------
         BeamdaeError
-            On an unknown name or a value of the wrong type.
+            If a name is unknown or a value has the wrong type.
         """
         for name in values:
             if name not in self.parameters:
@@ -231,7 +231,7 @@ def require_file_name(part: str, value: Any) -> str:
     if not (fits and value.isprintable() and not _INVALID_CHARACTERS & set(value)):
         raise BeamdaeError(
             f"{part}: the name must be a valid folder name, 1 to {MAX_NAME_BYTES} "
-            "bytes of letters, digits, _ - + = , and inner dots and spaces, got "
+            'bytes without / \\ : * ? " < > |, leading or trailing dots or spaces, got '
             f"{short_repr(value)}."
         )
     if value.partition(".")[0].strip().upper() in _RESERVED:
@@ -304,7 +304,7 @@ def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., 
 
 @contextmanager
 def extend_import_path(folder: Path) -> Iterator[None]:
-    """Make the modules in a folder importable, and unload them at the end.
+    """Make the modules in a folder importable within the context, then unload them.
 
     Unloading avoids conflicts with modules of the same name next to another model file, and makes
     pickling send objects of these modules to other processes by value.

@@ -327,8 +327,8 @@ class Beam(Part):
     def strain(self, s: float, offset: float | str) -> Quantity:
         """Return the longitudinal strain eps11 of a fiber (eq. 5).
 
-        It is interpolated to `s` between the stiffness quadrature points, where the strains of an
-        element are most accurate.
+        The strain is interpolated to `s` between the stiffness quadrature points, where the strains
+        of an element are most accurate.
 
         Parameters
         ----------
@@ -399,7 +399,7 @@ def _create_kinematics(
         unused = [*settings, *(["formulation"] if formulation != _DEFAULT_FORMULATION else [])]
         if unused:
             raise BeamdaeError(
-                f"{part}: {' and '.join(unused)} must be omitted with a custom "
+                f"{part}: {' and '.join(unused)} must be omitted with custom "
                 "kinematics; these settings apply to the formulations of beamdae."
             )
         return create_custom_kinematics(part, make, mesh, section)

@@ -222,7 +222,7 @@ class MovingForce(Part):
 
     At time t, the force acts at the arc length start + speed * t; beyond the ends of the beam, it
     is zero. The shape functions of the element distribute it to the nodes. Integrators stop and
-    restart when it passes from one element to the next.
+    restart when the force passes from one element to the next.
 
     Parameters
     ----------

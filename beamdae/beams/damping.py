@@ -23,10 +23,10 @@ class RayleighDamping(Part):
     """Proportional damping of a beam: forces -(mass M + stiffness K) v.
 
     The mass term acts on velocities in the inertial frame, -mass rho A r' per length and
-    -mass rho I (theta' + phi') on the sections. It damps the rigid motion of the beam as well, like
-    a viscous fluid. Vibrations about a frame at rest decay in proportion to exp(-mass t / 2).
-    The stiffness term acts on the rates of the nodal coordinates; K is the constant stiffness of
-    the undeformed beam (linear strains). A mode of angular frequency w has the damping ratio
+    -mass rho I (theta' + phi') on the sections. This term damps the rigid motion of the beam as
+    well, like a viscous fluid. Vibrations about a frame at rest decay as exp(-mass t / 2).
+    The stiffness term acts on the rates of the nodal coordinates; K is the constant stiffness
+    of the undeformed beam (linear strains). A mode of angular frequency w has the damping ratio
     stiffness * w / 2.
 
     For amplitudes that are small compared to the radius of gyration of the section, the stiffness
@@ -82,8 +82,8 @@ class RayleighDamping(Part):
 class AirDrag(Part):
     """Quadratic drag on a strip in still air: the force -coefficient |v_n| v_n per length.
 
-    v_n is the component of the velocity in the inertial frame along the normal of the section,
-    which is rotated by phi; the force acts along this normal.
+    v_n is the component of the velocity in the inertial frame along the normal of the deformed
+    section; the force acts along this normal.
 
     Parameters
     ----------

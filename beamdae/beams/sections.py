@@ -47,7 +47,7 @@ class Section:
         rho A [kg/m] and rho I [kg m], for sections with stiffeners or nonstructural mass. Default
         to the values of the material and the shape.
     height
-        Height [m] in the plane of motion, half of it on either side of the axis. Required for
+        Height [m] in the plane of motion, half on either side of the axis. Required for
         strains at "top" and "bottom"; the class methods below set it.
     shear_peak
         Largest shear stress (on the axis) relative to the mean Q / A; 3/2 for a rectangle. The
@@ -93,8 +93,8 @@ class Section:
             if not 0.0 < getattr(self, name) < np.inf:
                 raise BeamdaeError(
                     f"Section: {name} must be positive and finite, got {getattr(self, name):g} "
-                    f"from {self.material}, area {self.area:g} and second_moment "
-                    f"{self.second_moment:g}."
+                    f"from {self.material}, area {self.area:g} m^2 and "
+                    f"second_moment {self.second_moment:g} m^4."
                 )
 
     @classmethod
@@ -207,7 +207,7 @@ class Section:
     def fiber_offset(self, part: str, offset: float | str) -> float:
         """Return the distance of a fiber from the axis [m], positive to the left of the curve.
 
-        `offset` is that distance, "top" (left surface) or "bottom" (right surface); `part` names
+        `offset` is this distance, "top" (left surface) or "bottom" (right surface); `part` names
         the beam in errors.
         """
         if isinstance(offset, str):
@@ -222,7 +222,7 @@ class Section:
         if self.height is not None and abs(offset) > 0.5 * self.height * (1.0 + 1e-9):
             raise BeamdaeError(
                 f"{part}: offset must lie within half the height of the section "
-                f"({0.5 * self.height:g} m), got {offset:g}."
+                f"({0.5 * self.height:g} m), got {offset:g} m."
             )
         return offset
 
@@ -258,7 +258,9 @@ class Section:
 
 def _require_less(part: str, name: str, value: float, what: str, limit: float) -> None:
     if not value < limit:
-        raise BeamdaeError(f"{part}: {name} must be less than {what} ({limit:g} m), got {value:g}.")
+        raise BeamdaeError(
+            f"{part}: {name} must be less than {what} ({limit:g} m), got {value:g} m."
+        )
 
 
 def _shear_coefficient_of_thin_i(

@@ -100,7 +100,8 @@ def frame(
     name = require_name("frame", name)
     if not isinstance(points, Mapping):
         raise BeamdaeError(
-            f"{name}: points must be a dictionary of positions, got {short_repr(points)}."
+            f"{name}: points must be a dictionary of positions (x, y) by name, "
+            f"got {short_repr(points)}."
         )
     positions = {
         require_name(name, key): require_point(name, f"point {key}", points[key]) for key in points

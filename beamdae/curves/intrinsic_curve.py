@@ -89,7 +89,7 @@ class IntrinsicCurve:
         except Exception as problem:
             raise BeamdaeError(
                 "IntrinsicCurve: law must return a number for every s in [0, "
-                f"{self.length:g}], but the call failed at s = {s:.6g}: "
+                f"{self.length:g}], but the call failed at s = {s:.6g} m: "
                 f"{format_exception(problem)}."
             ) from problem
         return require_finite("IntrinsicCurve", f"the curvature at s = {s:.6g}", value)

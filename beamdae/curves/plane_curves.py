@@ -100,7 +100,7 @@ class Line:
             end=require_point("Line", "end", self.end),
         )
         if self.length == 0.0:
-            raise BeamdaeError(f"Line: start and end must differ, both are {self.start}.")
+            raise BeamdaeError(f"Line: start and end must differ, but both are {self.start} m.")
 
     @property
     def length(self) -> float:
@@ -169,7 +169,7 @@ class Arc:
         if abs(self.angle) > _MAX_ANGLE:
             raise BeamdaeError(
                 f"Arc: angle must lie within {_MAX_ANGLE:g} rad, because rounding "
-                f"errors distort longer arcs, got {self.angle:g}."
+                f"errors distort longer arcs, got {self.angle:g} rad."
             )
         circle = 2.0 * np.pi * abs(self.radius)
         if self.length > circle * (1.0 + _CIRCLE_TOLERANCE):
@@ -232,7 +232,7 @@ class Segment:
         if not -slack * whole <= self.start < self.end <= whole * (1.0 + slack):
             raise BeamdaeError(
                 f"Segment: start and end must ascend within [0, {whole:.12g}] m, "
-                f"got {self.start:.12g} and {self.end:.12g}."
+                f"got {self.start:.12g} and {self.end:.12g} m."
             )
 
     @property

@@ -293,7 +293,7 @@ class Curve(_SplineCurve):
             raise BeamdaeError(
                 "Curve: the function must be smooth, but has a kink, a jump, an "
                 "almost vertical tangent or a very short wave near x = "
-                f"{midpoints[worst, 0]:.6g}; join beams that meet in a kink by a Weld."
+                f"{midpoints[worst, 0]:.6g} m; if this is a kink, join two beams there by a Weld."
             )
 
     def _evaluate_function(self, x: float) -> float:
@@ -303,17 +303,18 @@ class Curve(_SplineCurve):
         except Exception as problem:
             raise BeamdaeError(
                 "Curve: the function must return a number for every x in "
-                f"{short_repr(self.x)}, but the call failed at x = {x:.6g}: "
+                f"{short_repr(self.x)}, but the call failed at x = {x:.6g} m: "
                 f"{format_exception(problem)}."
             ) from problem
         y = as_real(value)
         if y is None:
             raise BeamdaeError(
-                f"Curve: the function must return a number, got {short_repr(value)} at x = {x:.6g}."
+                f"Curve: the function must return a number, got {short_repr(value)} at "
+                f"x = {x:.6g} m."
             )
         if not np.isfinite(y):
             raise BeamdaeError(
-                f"Curve: the function is {y} at x = {x:.6g}; the value must be finite for "
+                f"Curve: the function is {y} at x = {x:.6g} m; the value must be finite for "
                 f"every x in {short_repr(self.x)}."
             )
         return y
@@ -328,7 +329,7 @@ class Curve(_SplineCurve):
         if distances.min() == 0.0:
             x, y = points[int(np.argmin(distances))]
             raise BeamdaeError(
-                f"Curve: the point ({x:g}, {y:g}) is repeated; give each point once."
+                f"Curve: the point ({x:g}, {y:g}) m is repeated; give each point once."
             )
         parameter = np.concatenate([[0.0], np.cumsum(distances)])
         if self.noise is not None:

@@ -84,12 +84,12 @@ class Attachment:
 
     @property
     def piece(self) -> Piece:
-        """Local coordinates of the point, in the form that statements refer to."""
+        """Local coordinates of the point as a `Piece`, to which statements refer."""
         return Piece(self.body, self.operator, self.s)
 
     @property
     def checked_kinematics(self) -> Callable[[SX], tuple[SX, SX]]:
-        """Kinematics that report errors in user functions with the name of the attachment."""
+        """Kinematics whose error messages name the attachment if a user function fails."""
         return self.kinematics if isinstance(self.kinematics, Formula) else self._evaluate
 
     def position(self, q: SX) -> SX:
@@ -115,7 +115,7 @@ class Attachment:
 
 
 def require_attachment(part: str, name: str, value: Any) -> Attachment:
-    """Return `value` if it is an attachment."""
+    """Return `value` if it is an attachment, or raise BeamdaeError."""
     if not isinstance(value, Attachment):
         raise BeamdaeError(
             f"{part}: {name} must be an attachment such as beam.end, got {short_repr(value)}."
@@ -142,7 +142,7 @@ def require_movable(part: str, attachment: Attachment) -> None:
 
 
 def rotate(angle: Any, vector: Any) -> SX:
-    """Return a plane vector rotated by `angle` [rad]."""
+    """Return a plane vector rotated counter-clockwise by `angle` [rad]."""
     c, s = ca.cos(angle), ca.sin(angle)
     return ca.vertcat(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1])
 

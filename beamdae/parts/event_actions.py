@@ -28,7 +28,7 @@ def activate(*parts: Part, as_is: bool = False) -> Switch:
     *parts
         Joints and forces.
     as_is
-        If True, joints keep the gap they have at the event.
+        If True, joints keep the gap they have at the event (a distance or an angle).
 
     Raises
     ------
@@ -41,7 +41,7 @@ def activate(*parts: Part, as_is: bool = False) -> Switch:
             if not isinstance(part, KinematicConstraint) or part.gap is None:
                 raise BeamdaeError(
                     f"{part.name}: as_is=True requires a joint with a gap of positions "
-                    f"or angles, got {short_repr(part)}."
+                    f"or angles, got {short_repr(part)}; omit as_is=True for other parts."
                 )
         return Switch(on=names, as_is=names)
     return Switch(on=names)
@@ -61,9 +61,9 @@ def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
         Driver; if inactive, it becomes active.
     law
         Angle [rad] or travel [m] as a law of the time since the event [s]. The driver moves by
-        law(t) - law(0) from the value it has reached; a constant law stops it. If the initial rate
-        of the law differs from the rate of the motion, velocities jump, and `Solution.events` lists
-        the impulses.
+        law(t) - law(0) from its value at the event; a constant law stops the driver. If the initial
+        rate of the law differs from the rate of the motion, velocities jump, and `Solution.events`
+        lists the impulses.
 
     Examples
     --------
@@ -90,15 +90,17 @@ def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
     """Return an action that makes velocities jump as in an impact, for `do` of an event.
 
     By Newton's law of restitution, the rate of the gap after the impact is -`restitution` times the
-    rate before it. Velocities and impulses P solve M (v+ - v-) = -G^T P, without friction; active
-    joints stay closed. The energy lost counts as dissipated, and `Solution.events` lists the
-    impulses.
+    rate before it. The velocities v- before and v+ after the impact and the impulses P satisfy
+    M (v+ - v-) = -G^T P with the mass matrix M and the Jacobian G of the gap and the active joints,
+    which stay closed. There is no friction. The energy lost counts as dissipated, and
+    `Solution.events` lists the impulses.
 
     Parameters
     ----------
     on
         Gap that closes, a quantity of one column such as `surface.gap(point)`, or an inactive joint
-        that acts as a stop. A gap that opens has no impact; a joint rebounds from either side.
+        that acts as a stop. There is no impact while a gap opens; a joint rebounds from either
+        side.
     restitution
         Coefficient of restitution, 0 (plastic) to 1 (elastic).
 

@@ -75,7 +75,7 @@ class Law:
         Ascending times [s] between the pieces; integrators stop and restart there.
     time_scale
         Shortest time [s] over which the law changes, or None. Steps of adaptive integrators are at
-        most a quarter of it.
+        most a quarter of this time.
     """
 
     pieces: tuple[Callable[[Any], Any], ...]
@@ -97,7 +97,7 @@ class Law:
                 f"breakpoints, got {len(self.breakpoints)}."
             )
         if any(b <= a for a, b in pairwise(self.breakpoints)):
-            raise BeamdaeError(f"Law: breakpoints must ascend, got {self.breakpoints}.")
+            raise BeamdaeError(f"Law: breakpoints must ascend, got {self.breakpoints} s.")
         if self.time_scale is not None:
             set_fields(self, time_scale=require_positive("Law", "time_scale", self.time_scale))
 
@@ -272,7 +272,7 @@ def run_up(speed: float, duration: float) -> Law:
     """Return the angle [rad] of a smooth run-up to a constant angular speed.
 
     Eq. (28) of the paper:
-    speed / duration * (t^2/2 + (duration/2 pi)^2 (cos(2 pi t/duration) - 1)) up to t = duration,
+    speed / duration * (t^2/2 + (duration/(2 pi))^2 (cos(2 pi t/duration) - 1)) up to t = duration,
     then speed * (t - duration/2).
 
     Parameters
@@ -313,7 +313,7 @@ def piecewise(*pieces: Any) -> Law:
         ends.append(require_finite("piecewise", "end time", end))
     laws.append(as_law("piecewise", pieces[-1], ends[-1] if ends else 0.0))
     if any(b <= a for a, b in pairwise(ends)):
-        raise BeamdaeError(f"piecewise: end times must ascend, got {ends}.")
+        raise BeamdaeError(f"piecewise: end times must ascend, got {ends} s.")
     if any(law.breakpoints for law in laws):
         raise BeamdaeError(
             "piecewise: a piece must not be piecewise; list the inner pieces instead."
@@ -324,7 +324,7 @@ def piecewise(*pieces: Any) -> Law:
 
 
 def table(times: Any, values: Any) -> Law:
-    """Return the natural cubic spline through a table, constant outside it.
+    """Return the natural cubic spline through a table, constant before and after the table.
 
     Parameters
     ----------
@@ -341,7 +341,9 @@ def table(times: Any, values: Any) -> Law:
         )
     shortest = float(np.min(np.diff(t)))
     if shortest <= 0.0:
-        raise BeamdaeError("table: times must ascend; sort the rows by time.")
+        raise BeamdaeError(
+            "table: times must ascend; sort the rows by time and give each time once."
+        )
     require_positive("table", "the shortest interval between times", shortest)
     # Imported here because the import takes as long as a short run, and few models have tables.
     from scipy.interpolate import CubicSpline
@@ -389,7 +391,7 @@ def _require_formula_in_time(part: str, piece: Callable[[Any], Any], t: SX, star
         except Exception as numeric_error:
             raise BeamdaeError(
                 f"{requirement} that returns a number, but the call failed at t = "
-                f"{start:g}: {format_exception(numeric_error)}."
+                f"{start:g} s: {format_exception(numeric_error)}."
             ) from numeric_error
         # CasADi's message for bool() of a symbol; the type of the exception is not specific.
         branches = "truth value" in str(symbolic_error)
@@ -411,9 +413,9 @@ def _require_formula_in_time(part: str, piece: Callable[[Any], Any], t: SX, star
 def _require_numeric_agreement(
     part: str, piece: Callable[[Any], Any], function: ca.Function, start: float
 ) -> None:
-    """Raise an error if the expression and the function differ.
+    """Raise an error if the symbolic expression of a law differs from the values of its function.
 
-    For example, float(t) of a symbol is nan.
+    For example, float(t) is nan if t is a symbol.
     """
     times = start + np.array(_SAMPLE_TIMES)
     try:

@@ -64,7 +64,7 @@ class Mechanism(HasOrigin):
     start
         Initial state: "as drawn" (the reference configuration), "equilibrium" (at rest under the
         loads at t = 0), or positions and velocities by name, {"part.coordinate": value,
-        "part.coordinate_dot": value}; all others follow from the joints.
+        "part.coordinate_dot": value}; all other values follow from the joints.
     redundant
         Treatment of redundant constraints: "refuse" raises an error; "minimum norm" removes them
         from the equations and returns the reactions of smallest norm that balance the forces.
@@ -109,7 +109,8 @@ class Mechanism(HasOrigin):
         Raises
         ------
         BeamdaeError
-            If `part` is not a part, its name is taken, or a body it refers to has not been added.
+            If `part` is not a part, its name is taken, or a body to which the part refers has not
+            been added.
         """
         if not isinstance(part, Part):
             raise BeamdaeError(
@@ -129,8 +130,8 @@ class Mechanism(HasOrigin):
     def observe(self, name: str, what: Attachment | Quantity) -> None:
         """Add the motion of an attachment, or a quantity, to the columns of the results.
 
-        The motion of an attachment has the columns name.x [m], name.y [m], name.angle [rad] and
-        their rates.
+        The motion of an attachment has the columns name.x [m], name.y [m], name.angle [rad] (not
+        for particles) and their rates.
         """
         require_name("Mechanism.observe", name)
         # "t" is the time column, "energy" the prefix of the columns of the energy ledger.

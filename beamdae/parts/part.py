@@ -33,14 +33,14 @@ class Part:
 
     Subclasses override the properties and methods that apply to them; the defaults are empty.
     Assembly rejects a part that has neither coordinates, forces nor constraints, and a statement
-    that does not fit the bodies it refers to.
+    that does not fit the bodies to which the statement refers.
 
     Attributes
     ----------
     name
         Unique name in the mechanism.
     is_load
-        True for loads, which the load factor of an equilibrium scales unless others are named.
+        True for loads. The load factor of an equilibrium scales all loads unless loads are named.
     symbol
         Name of the symbol of the part in drawings. Defaults to a diamond at each attachment.
     """
@@ -79,7 +79,7 @@ class Part:
 
     @property
     def initial_velocity(self) -> Array:
-        """Initial rates of the coordinates, before they are made consistent with the joints."""
+        """Initial rates of the coordinates, shape (n,), not yet consistent with the joints."""
         return np.zeros(0)
 
     @property

@@ -294,7 +294,7 @@ nan = float("nan")
         ),
         (
             lambda: bd.Curve(points=[(0, 0), (1, 2), (1, 2), (3, 0)]),
-            r"Curve: the point \(1, 2\) is repeated",
+            r"Curve: the point \(1, 2\) m is repeated",
         ),
         (
             lambda: bd.Curve(points=[(0, 0), (1, 0), (2, 0), (1.5, 0), (3, 0)]),
@@ -306,11 +306,11 @@ nan = float("nan")
         ),
         (
             lambda: bd.Segment(CURVES["line"], 1.0, 1.0),
-            r"^Segment: start and end must ascend within \[0, 2.38537208838\] m, got 1 and 1\.$",
+            r"^Segment: start and end must ascend within \[0, 2.38537208838\] m, got 1 and 1 m\.$",
         ),
-        (lambda: bd.Segment(CURVES["line"], 2.0, 1.0), r"Segment: .*must ascend.*got 2 and 1\.$"),
+        (lambda: bd.Segment(CURVES["line"], 2.0, 1.0), r"Segment: .*must ascend.*got 2 and 1 m\.$"),
         (lambda: bd.Segment(CURVES["line"], -0.1, 1.0), r"Segment: .*got -0.1 and 1\.$"),
-        (lambda: bd.Segment(CURVES["line"], 1.0, 2.4), r"Segment: .*got 1 and 2.4\.$"),
+        (lambda: bd.Segment(CURVES["line"], 1.0, 2.4), r"Segment: .*got 1 and 2.4 m\.$"),
         (lambda: bd.Segment(CURVES["line"], nan, 1.0), "Segment: start must be finite, got nan"),
         (
             lambda: bd.Segment(CURVES["line"], 0.0, "tip"),

@@ -120,7 +120,7 @@ POLYGON = bd.RigidBody.polygon
         ),
         (
             lambda: POLYGON("p", [(0, 0), (2, 0), (2, 0), (0, 1)], mass=1.0),
-            r"p: the point \(2, 0\) is repeated",
+            r"p: the point \(2, 0\) m is repeated",
         ),
         (
             # A spike, and a corner on another edge.

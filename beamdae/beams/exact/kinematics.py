@@ -47,9 +47,9 @@ class GeometricallyExact(FormulationKinematics):
     motions are free of strain.
 
     Section forces of degree nodes - 2 as additional unknowns (mixed interpolation) would result in
-    the same equations as reduced quadrature. These do not lock: with 8 elements, compliances of a
-    quarter circle have errors of 7e-7 both at R/h = 4 and at R/h = 2500, where the errors of full
-    quadrature are 7e-3 (validation/).
+    the same equations as reduced quadrature. Reduced quadrature does not lock: with 8 elements,
+    compliances of a quarter circle have errors of 7e-7 both at R/h = 4 and at R/h = 2500, where the
+    errors of full quadrature are 7e-3 (validation/).
     """
 
     @cached_property

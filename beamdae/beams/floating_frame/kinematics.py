@@ -60,7 +60,8 @@ class FloatingFrame(FormulationKinematics):
         has_kinks = self.mesh.shape == "straight" or self.mesh.nodes == 2
         if has_kinks and self.continuity == "local":
             raise BeamdaeError(
-                f"{self.name}: straight elements meet at kinks; set continuity='cartesian'."
+                f"{self.name}: continuity='local' requires curved elements, but straight elements "
+                "meet at kinks; set continuity='cartesian'."
             )
 
     @cached_property
@@ -154,7 +155,7 @@ class FloatingFrame(FormulationKinematics):
     def _nodal_to_free(self) -> tuple[Array, Array]:
         """Index of the free coordinate and factor that determine each nodal coordinate.
 
-        They express the conditions of the floating frame; the factor of a fixed coordinate is zero.
+        Both express the conditions of the floating frame; the factor of a fixed coordinate is zero.
         """
         size, free = NODE_SIZE * self.mesh.node_count, len(self.coordinates)
         fixed = NODE_SIZE if self.frame == "tangent" else 2
@@ -245,8 +246,8 @@ class FloatingFrame(FormulationKinematics):
     def strains(self, s: float) -> PointValues:
         """Return the strains at arc length s, eqs. (5) and (6).
 
-        They are interpolated between the stiffness quadrature points, where the strains of an
-        element are most accurate.
+        The strains are interpolated between the stiffness quadrature points, where the strains of
+        an element are most accurate.
         """
         element, xi = self.mesh.locate(s)
         points = self.stiffness_points

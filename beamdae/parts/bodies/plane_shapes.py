@@ -17,7 +17,7 @@ _MIN_AREA_RATIO = 1e-12
 
 
 class Shape(NamedTuple):
-    """Plane body: mass [kg], inertia about the center of mass [kg m^2], center and outline [m]."""
+    """Mass [kg], inertia about the center [kg m^2], center of mass and outline [m] of a body."""
 
     mass: float
     inertia: float
@@ -49,7 +49,7 @@ def resolve_mass(
     Raises
     ------
     BeamdaeError
-        If neither or both of mass and density are given.
+        If neither or both of mass and density are given, or density without thickness.
     """
     if (mass is None) == (density is None) or (density is None) != (thickness is None):
         raise BeamdaeError(f"{part}: give either mass= or density= with {dimension_name}=.")
@@ -63,11 +63,11 @@ def resolve_mass(
 
 
 def rod(part: str, a: Any, b: Any, mass: float | None, density: Any, area: Any) -> Shape:
-    """Return a thin straight rod from a to b, of inertia m l^2 / 12."""
+    """Return a thin straight rod from a to b; mass m and length l give the inertia m l^2 / 12."""
     start, end = require_point(part, "a", a), require_point(part, "b", b)
     length = float(np.hypot(*np.subtract(end, start)))
     if length == 0.0:
-        raise BeamdaeError(f"{part}: a and b must differ, both are {start}.")
+        raise BeamdaeError(f"{part}: a and b must differ, but both are {start} m.")
     total_mass = resolve_mass(part, mass, density, area, length, "area")
     center = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
     return Shape(total_mass, total_mass * length**2 / 12.0, center, (start, end))
@@ -76,7 +76,7 @@ def rod(part: str, a: Any, b: Any, mass: float | None, density: Any, area: Any) 
 def disk(
     part: str, center: Any, radius: Any, mass: float | None, density: Any, thickness: Any
 ) -> Shape:
-    """Return a solid disk, of inertia m r^2 / 2."""
+    """Return a solid disk; mass m and radius r give the inertia m r^2 / 2."""
     (x, y), radius = require_point(part, "center", center), require_positive(part, "radius", radius)
     total_mass = resolve_mass(part, mass, density, thickness, np.pi * radius**2)
     angle = 2.0 * np.pi * np.arange(_CIRCLE_SEGMENTS) / _CIRCLE_SEGMENTS
@@ -96,7 +96,10 @@ def plate(
     density: Any,
     thickness: Any,
 ) -> Shape:
-    """Return a rectangular plate rotated by `angle`, of inertia m (w^2 + h^2) / 12."""
+    """Return a rectangular plate rotated by `angle` [rad].
+
+    Mass m, width w and height h give the inertia m (w^2 + h^2) / 12.
+    """
     (x, y), width = require_point(part, "center", center), require_positive(part, "width", width)
     height = require_positive(part, "height", height)
     total_mass = resolve_mass(part, mass, density, thickness, width * height)
@@ -139,7 +142,9 @@ def _require_simple(part: str, corners: Array) -> None:
     repeated = np.flatnonzero(np.all(corners == np.roll(corners, -1, axis=0), axis=1))
     if repeated.size:
         x, y = corners[repeated[0]]
-        raise BeamdaeError(f"{part}: the point ({x:g}, {y:g}) is repeated; give each corner once.")
+        raise BeamdaeError(
+            f"{part}: the point ({x:g}, {y:g}) m is repeated; give each corner once."
+        )
     for i in range(n):
         a, b = corners[i], corners[(i + 1) % n]
         for j in range(i + 1, n):
@@ -181,7 +186,7 @@ def _edges_cross(a: Array, b: Array, c: Array, d: Array) -> bool:
 
 
 def _edges_overlap(a: Array, b: Array, c: Array, d: Array, follows: bool) -> bool:
-    """Return True if two edges that share a corner overlap; `follows` if c equals b."""
+    """Return True if edges a-b and c-d with a common corner overlap; `follows` means b = c."""
     shared, one, other = (b, a, d) if follows else (a, b, c)
     return (
         _side_of_line(shared, one, other) == 0.0 and float((one - shared) @ (other - shared)) > 0.0

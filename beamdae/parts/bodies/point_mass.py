@@ -92,27 +92,27 @@ class PointMass(Part):
 
     @property
     def coordinates(self) -> tuple[Variable, ...]:
-        """Position of a free particle."""
+        """Name and unit of x and y of a free particle; empty for a fixed particle."""
         return () if self.at is None else (Variable("x", "m"), Variable("y", "m"))
 
     @property
     def initial_position(self) -> Array:
-        """Position of a free particle in the reference configuration."""
+        """Position of a free particle in the reference configuration, (2,) [m]; empty if fixed."""
         return np.zeros(0) if self.at is None else np.array(self.at, float)
 
     @property
     def initial_velocity(self) -> Array:
-        """Initial velocity of a free particle."""
+        """Initial velocity of a free particle, (2,) [m/s]; empty if fixed."""
         return np.zeros(0) if self.at is None else np.array(self.velocity, float)
 
     @property
     def outline(self) -> Array:
-        """Position of a free particle."""
+        """Position of a free particle, shape (1, 2) [m]; shape (0, 2) if the particle is fixed."""
         return np.zeros((0, 2)) if self.at is None else np.array([self.at], float)
 
     @property
     def point(self) -> Attachment:
-        """The particle as an attachment; a free particle has no angle."""
+        """Attachment of a free particle, which has no angle, or the attachment `on`."""
         if self.on is not None:
             return self.on
         assert self.at is not None

@@ -63,7 +63,7 @@ class Ground(Part):
         return Attachment(self, point, 0.0, _NO_ROWS, Formula(_fixed_point, point))
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
-        """Return the fixed points that other parts refer to."""
+        """Return the fixed points to which other parts refer."""
         return Drawing("ground", list(attached))
 
 
@@ -80,7 +80,7 @@ class RigidBody(Part):
     inertia
         Moment of inertia about the center of mass [kg m^2].
     center
-        Center of mass in the reference configuration [m], in which the angle is zero.
+        Center of mass (x, y) [m] in the reference configuration, in which the angle is zero.
     velocity, angular_velocity
         Initial velocity of the center of mass [m/s] and initial angular velocity [rad/s]; made
         consistent with the joints.
@@ -148,7 +148,7 @@ class RigidBody(Part):
         area
             Area of the cross-section [m^2].
         **start
-            Initial `velocity` and `angular_velocity`.
+            Initial `velocity` [m/s] and `angular_velocity` [rad/s].
         """
         name = require_name("RigidBody.rod", name)
         return cls._from_shape(name, plane_shapes.rod(name, a, b, mass, density, area), start)
@@ -181,7 +181,7 @@ class RigidBody(Part):
         thickness
             Thickness [m].
         **start
-            Initial `velocity` and `angular_velocity`.
+            Initial `velocity` [m/s] and `angular_velocity` [rad/s].
         """
         name = require_name("RigidBody.disk", name)
         shape = plane_shapes.disk(name, center, radius, mass, density, thickness)
@@ -219,7 +219,7 @@ class RigidBody(Part):
         thickness
             Thickness [m].
         **start
-            Initial `velocity` and `angular_velocity`.
+            Initial `velocity` [m/s] and `angular_velocity` [rad/s].
         """
         name = require_name("RigidBody.plate", name)
         angle = require_finite(name, "angle", angle)
@@ -251,7 +251,7 @@ class RigidBody(Part):
         thickness
             Thickness [m].
         **start
-            Initial `velocity` and `angular_velocity`.
+            Initial `velocity` [m/s] and `angular_velocity` [rad/s].
 
         Examples
         --------
@@ -279,22 +279,22 @@ class RigidBody(Part):
 
     @property
     def coordinates(self) -> tuple[Variable, ...]:
-        """Position of the center of mass, and angle."""
+        """Name and unit of the position (x, y) of the center of mass and of the angle."""
         return (Variable("x", "m"), Variable("y", "m"), Variable("angle", "rad"))
 
     @property
     def initial_position(self) -> Array:
-        """Center of mass in the reference configuration, and angle zero."""
+        """Center of mass [m] in the reference configuration, and angle 0 [rad], shape (3,)."""
         return np.array([*self.center, 0.0])
 
     @property
     def initial_velocity(self) -> Array:
-        """Initial velocity and angular velocity."""
+        """Initial velocity [m/s] and angular velocity [rad/s], shape (3,)."""
         return np.array([*self.velocity, self.angular_velocity])
 
     @property
     def outline(self) -> Array:
-        """Points of the shape, or the center of mass."""
+        """Points of the shape, or the center of mass if there is no shape, (k, 2) [m]."""
         return np.array(self.shape or [self.center])
 
     def at(self, x: float, y: float) -> Attachment:
@@ -309,7 +309,7 @@ class RigidBody(Part):
         return [ForceStatement(self.name, _rigid_body_kernel(), (Piece(self, _ALL_ROWS),), data)]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
-        """Return the shape, or a line through the attachments or from one to the center of mass."""
+        """Return the shape or, without a shape, a line through attachments or to the center."""
         if self.shape:
             return Drawing("rigid", [self.at(*point) for point in self.shape])
         line = list(attached)

@@ -28,7 +28,8 @@ _COEFFICIENTS = ("kx", "ky", "ktheta", "cx", "cy", "ctheta")
 def _bushing_displacement(a: Any, b: Any, numbers: Any) -> SX:
     """Return the displacement in axes of the first body, and the relative rotation.
 
-    Numbers: angle of the axes, and vector between the points in the reference configuration.
+    `numbers` are the angle of the axes and the vector between the points, both in the reference
+    configuration.
     """
     (position_a, rotation_a), (position_b, rotation_b) = a, b
     vector = rotate(-rotation_a - numbers[0], position_b - position_a)
@@ -63,10 +64,11 @@ class Bushing(ForceElement):
         Angle of the x axis in the reference configuration [rad]; the axes rotate with the body of
         `a`. Defaults to the direction of the section on a beam, and to zero on a rigid body.
     law
-        Formula `law(x, rate)` in place of the coefficients. It returns (Fx, Fy, M), which oppose an
-        increase of x = (x, y, rotation). The energy balance treats it as in `SpringDamper`.
+        Formula `law(deformation, rate)` in place of the coefficients, with the deformation
+        (x, y, rotation) [m, m, rad]. The law returns (Fx, Fy, M) [N, N, N m], which oppose an
+        increase of the deformation. The energy balance treats the law as in `SpringDamper`.
     energy
-        Potential [J] of the law at zero rate, a formula of x.
+        Potential [J] of the law at zero rate, a formula of the deformation.
 
     Examples
     --------
@@ -128,6 +130,6 @@ class Bushing(ForceElement):
 
     @property
     def displacement(self) -> Quantity:
-        """Displacement (x, y) [m] in the axes of `a`, and relative rotation [rad]."""
+        """Displacement (x, y) [m] along the axes of the bushing, and relative rotation [rad]."""
         columns = (Variable("x", "m"), Variable("y", "m"), Variable("turn", "rad"))
         return self.observe(DeformationValues, columns)

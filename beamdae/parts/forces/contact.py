@@ -108,11 +108,12 @@ class _ContactForces(_ContactLaw):
 
 
 def hysteresis_factor(restitution: float, speed: float) -> float:
-    """Return X [s/m] in N = k d^n (1 + X d') for a given restitution and impact speed.
+    """Return X [s/m] in the contact force N = k d^n (1 + X d') at penetration d.
 
-    For m d'' = -N, the speeds v before and e v after an impact satisfy
-    X v (1 + e) = ln((1 + X v) / (1 - e X v)) for any m, k and n (Gonthier et al., Multibody System
-    Dynamics 11, 2004). As e approaches 1, this becomes X = 3 (1 - e) / (2 v) of Hunt and Crossley.
+    `speed` is the impact speed [m/s]. For a mass m with m d'' = -N, the speeds v before and e v
+    after an impact satisfy X v (1 + e) = ln((1 + X v) / (1 - e X v)) for any m, k and n (Gonthier
+    et al., Multibody System Dynamics 11, 2004). As e approaches 1, this becomes
+    X = 3 (1 - e) / (2 v) of Hunt and Crossley.
     """
     e = restitution
     if 1.0 - e < _MAX_SERIES_LOSS:
@@ -163,7 +164,7 @@ class Contact(Part):
         full value. At lower velocities, friction is nearly viscous, so a sticking contact creeps.
     longest_step
         Largest step of adaptive integrators [s]. A point in free flight may step over a small
-        circle; give a tenth of the time it takes to cross the circle. Lines need no limit.
+        circle; give a tenth of the time for crossing the circle. Lines need no limit.
 
     Examples
     --------
@@ -229,7 +230,7 @@ class Contact(Part):
         elif self.restitution < 1.0:
             raise BeamdaeError(
                 f"{self.name}: restitution={self.restitution:g} requires "
-                "impact_speed=, the impact speed with this restitution."
+                "impact_speed=; pass the impact speed [m/s] at which this restitution holds."
             )
 
     @property
@@ -239,7 +240,7 @@ class Contact(Part):
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """A constant law whose time scale limits the steps of integrators."""
+        """Constant law that limits steps to `longest_step`; empty without such a limit."""
         if self.longest_step is None:
             return ()
         time_scale = MIN_STEPS_PER_TIME_SCALE * self.longest_step
@@ -273,7 +274,7 @@ class Contact(Part):
         return (self.point.piece, self.surface.on.piece)
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return normal force and friction."""
+        """Return the normal force and the friction force as one statement."""
         kind = _ContactKernel(*self._law_arguments)
         size = self.point.size + self.surface.on.size
         kernel, data = build_formula_kernel(kind, self._functions, size)
@@ -291,5 +292,5 @@ class Contact(Part):
 
     @property
     def gap(self) -> Quantity:
-        """Distance of the point from the surface [m], negative if it penetrates."""
+        """Distance of the point from the surface [m], negative during penetration."""
         return self.surface.gap(self.point)

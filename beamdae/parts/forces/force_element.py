@@ -1,7 +1,7 @@
 """Force elements: forces that depend on a deformation between two attachments.
 
 A deformation is a column of elongations, displacements or angles. Forces are positive if they
-oppose its increase.
+oppose an increase of the deformation.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class ElementResponse(NamedTuple):
 
 @dataclass(frozen=True)
 class LinearLaw:
-    """Linear law. Numbers: stiffness of all entries, then damping, then preload.
+    """Linear law; `numbers` are the stiffnesses, dampings and preloads of all entries.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class UserLaw:
             if np.any(difference > _ENERGY_TOLERANCE * largest_force + _MIN_FORCE_DIFFERENCE):
                 raise BeamdaeError(
                     f"{self.part}: the derivative of energy must equal law at zero "
-                    f"rate, but at {sample * size:.3g} the values are "
+                    f"rate, but at a deformation of {sample * size:.3g} the values are "
                     f"{float(slope[0]):.6g} and {float(force[0]):.6g}."
                 )
 
@@ -192,7 +192,7 @@ class _ElementExpression:
         return x, self.law(x, local.dot(x), law_numbers())
 
     def observe(self, column: SX) -> SX:
-        """Return the column, or its norm if a single row is observed."""
+        """Return the column, or the norm of the column if a single row is observed."""
         return column if column.numel() == self.rows else ca.norm_2(column)
 
 

@@ -42,7 +42,7 @@ class PointMotion(NamedTuple):
     angle
         Angle of the section or body [rad]; 0 for a particle.
     velocity
-        Velocity of the point [m/s].
+        Velocity (vx, vy) of the point in the inertial frame [m/s].
     rate
         Rate of the angle [rad/s].
     """
@@ -74,7 +74,7 @@ class _AttachedLaw:
     dissipative: bool
 
     def evaluate(self, local: Local, *kinematics: Any) -> tuple[SX, SX, SX]:
-        """Return (placements, loads, energy), the first two with three rows per attachment."""
+        """Return placements (x, y, rotation) and loads (Fx, Fy, M) of all points, and energy."""
         placements, motions, first = [], [], 0
         for on, place in zip(self.on, kinematics, strict=True):
             position, rotation = place(local.q[first : first + on.size])
@@ -159,8 +159,8 @@ class ForceLaw(Part):
         must not have jumps; see `bd.positive_part` and `bd.smooth_sign`. Forces between attachments
         are not balanced automatically: return both action and reaction.
     energy
-        `energy(a, b, ...)`, a potential [J] of positions and angles. It counts as strain energy;
-        only the remaining power of the law counts as work of a load or as damping.
+        `energy(a, b, ...)`, a potential [J] of positions and angles. The potential counts as strain
+        energy; only the remaining power of the law counts as work of a load or as damping.
     dissipative
         If True, the power counts as damping instead of work of a load.
 
@@ -246,7 +246,7 @@ class ForceLaw(Part):
 
     @property
     def load(self) -> Quantity:
-        """Forces [N] and moment [N m] on each attachment, numbered from 1 if there are several."""
+        """Columns Fx, Fy [N] and M [N m] of each attachment; several attachments are numbered."""
         count = len(self.on)
         columns = tuple(
             Variable(f"{what}{k + 1}" if count > 1 else what, unit)

@@ -30,13 +30,13 @@ from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, 
 
 
 def _rim_travel(a: Any, b: Any, numbers: Any) -> SX:
-    """Return the travel of the rim of a bearing. Numbers: radius."""
+    """Return the travel of the rim of a bearing; `numbers` contains the radius."""
     (_, rotation_a), (_, rotation_b) = a, b
     return numbers[0] * (rotation_b - rotation_a)
 
 
 def _guide_travel(a: Any, b: Any, numbers: Any) -> SX:
-    """Return the travel along a line fixed to the first body. Numbers: radius, unit vector."""
+    """Return the travel along a line of the first body; `numbers` are radius and unit vector."""
     (position_a, rotation_a), (position_b, _) = a, b
     return ca.dot(rotate(rotation_a, (numbers[1], numbers[2])), position_b - position_a)
 
@@ -58,7 +58,7 @@ class _FrictionLaw:
     travel
         Function (placement of first point, placement of second point, numbers) -> travel [m].
     forces, moments
-        Indices of the multipliers that are forces, and indices of the moments.
+        Indices of the multipliers that are forces, and of the multipliers that are moments.
     """
 
     size: int
@@ -110,11 +110,11 @@ class Friction(Part):
 
     F = coefficient |N| tanh(v / regularization) (1 + (static / coefficient - 1)
     exp(-(v / stribeck)^2)), where v is the sliding velocity and N the reaction of the joint. In a
-    `Revolute`, v is the velocity of the rim of the bearing, and F acts at its radius. In a guide
-    (`PointOnLine`, `Prismatic` and other joints with a `slide_direction`), v is the velocity along
-    that direction. A moment M of the guide adds M / radius to the normal force, where radius is
-    half the length of the guide. Below the regularization velocity, friction decreases to zero, so
-    a sticking contact creeps.
+    `Revolute`, v is the velocity of the rim of the bearing, and F acts at the radius of the
+    bearing. In a guide (`PointOnLine`, `Prismatic` and other joints with a `slide_direction`), v is
+    the velocity along that direction. A moment M of the guide adds M / radius to the normal force,
+    where radius is half the length of the guide. Below the regularization velocity, friction
+    decreases to zero, so a sticking contact creeps.
 
     Stribeck effect as in Olsson, Astrom, Canudas de Wit, Gafvert & Lischinsky, Eur. J. Control 4
     (1998) 176.
@@ -134,8 +134,8 @@ class Friction(Part):
     radius
         Radius of the bearing, or half the length of a guide that carries a moment [m].
     smoothing
-        Reaction [N] below which the magnitude |N| is smoothed; above it, the error is at most
-        smoothing^2 / (2 |N|).
+        Reaction [N] below which the magnitude |N| is smoothed; above this value, the error is at
+        most smoothing^2 / (2 |N|).
 
     Examples
     --------
@@ -216,7 +216,7 @@ class Friction(Part):
         return isinstance(self.joint, Revolute)
 
     def _multipliers_in(self, unit: str) -> tuple[int, ...]:
-        """Return the indices of the multipliers of the joint in this unit."""
+        """Return the indices of the multipliers of the joint with the given unit."""
         return tuple(k for k, x in enumerate(self.joint.multipliers) if x.unit == unit)
 
     @property
@@ -243,7 +243,7 @@ class Friction(Part):
 
     @property
     def reaction(self) -> Quantity:
-        """Friction force F [N] or moment M [N m] on the body of `joint.b`, and velocity v."""
+        """Friction force F [N] or moment M [N m] on the body of `joint.b`, and velocity v [m/s]."""
         first = Variable("M", "N m") if self._is_bearing else Variable("F", "N")
         kind = _FrictionReaction(self._law, self._is_bearing)
         values, data = FormulaExpression.of(kind, self._functions)

@@ -18,7 +18,7 @@ def positive_part(x: Any) -> Any:
     Raises
     ------
     BeamdaeError
-        If x is of another type.
+        If x is not a number, an array of numbers or a symbol.
 
     Examples
     --------
@@ -37,7 +37,7 @@ def smooth_sign(x: Any, scale: Any) -> Any:
     Raises
     ------
     BeamdaeError
-        If x is not a number, array or symbol, or `scale` not a positive number or symbol.
+        If x is not a number, an array or a symbol, or `scale` is not a positive number or a symbol.
     """
     x = _require_numeric("smooth_sign", x)
     if not isinstance(scale, ca.SX):

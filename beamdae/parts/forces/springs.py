@@ -26,7 +26,7 @@ _COINCIDENT_RATIO = 1e-8
 
 
 def _elongation(a: Any, b: Any, numbers: Any) -> SX:
-    """Return the elongation. Numbers: free length and regularization length."""
+    """Return the elongation; `numbers` are the free length and the regularization length."""
     (position_a, _), (position_b, _) = a, b
     return ca.sqrt(ca.sumsqr(position_b - position_a) + numbers[1] ** 2) - numbers[0]
 
@@ -38,7 +38,7 @@ def _displacement(a: Any, b: Any, numbers: Any) -> SX:
 
 
 def _relative_angle(a: Any, b: Any, numbers: Any) -> SX:
-    """Return the relative rotation. Numbers: free angle."""
+    """Return the relative rotation minus the free angle, which is the only entry of `numbers`."""
     (_, rotation_a), (_, rotation_b) = a, b
     return rotation_b - rotation_a - numbers[0]
 
@@ -85,7 +85,7 @@ class SpringDamper(_SpringLaw):
     length; tension is positive and pulls the points together. The potential counts as strain
     energy. Where the points coincide, the direction of the force is undefined; the force fades to
     zero within 1e-8 of the length in the reference configuration. A spring of free length zero
-    without preload, damping and law has no such singularity: its force is the stiffness times the
+    without preload, damping or a law has no such singularity: its force is the stiffness times the
     vector between the points.
 
     Parameters
@@ -213,7 +213,8 @@ class TorsionSpring(_SpringLaw):
     preload
         Moment at the free angle [N m].
     law, energy
-        As in `SpringDamper`: moment [N m] of (angle, rate), and potential [J] of the angle.
+        As in `SpringDamper`, for the moment [N m] as a function of angle [rad] and rate [rad/s] and
+        the potential [J] as a function of the angle.
 
     Examples
     --------

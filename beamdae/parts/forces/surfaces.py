@@ -20,12 +20,12 @@ _CENTER_RATIO = 1e-8
 
 
 def perpendicular(vector: SX) -> SX:
-    """Return the vector rotated by 90 degrees."""
+    """Return the vector rotated counter-clockwise by 90 degrees."""
     return ca.vertcat(-vector[1], vector[0])
 
 
 def _line_gap(rotation: SX, arm: SX, numbers: Any) -> tuple[SX, SX]:
-    """Return the gap and the tangent of a line. Numbers: unit normal.
+    """Return the gap and the tangent of a line; `numbers` is the unit normal.
 
     `arm` is the vector from a point of the line to the contact point.
     """
@@ -34,9 +34,10 @@ def _line_gap(rotation: SX, arm: SX, numbers: Any) -> tuple[SX, SX]:
 
 
 def _circle_gap(rotation: SX, arm: SX, numbers: Any) -> tuple[SX, SX]:
-    """Return the gap and the tangent of a circle. Numbers: radius, and 1 outside or -1 inside.
+    """Return the gap and the tangent of a circle.
 
-    `arm` is the vector from the center to the contact point.
+    `arm` is the vector from the center to the contact point; `numbers` are the radius and the
+    allowed side, 1 for outside and -1 for inside.
     """
     distance = ca.sqrt(ca.sumsqr(arm) + (_CENTER_RATIO * numbers[0]) ** 2)
     return numbers[1] * (distance - numbers[0]), perpendicular(arm) / distance
@@ -56,7 +57,7 @@ class _SurfaceGap:
 
 
 class _Surface:
-    """Surface fixed to an attachment; `kind` is the function that returns gap and tangent."""
+    """Surface fixed to an attachment; the function `kind` returns gap and tangent."""
 
     on: Attachment
     kind: ClassVar[Callable[..., tuple[SX, SX]]]
@@ -67,7 +68,7 @@ class _Surface:
         raise NotImplementedError
 
     def gap(self, point: Attachment) -> Quantity:
-        """Return the distance of a point from the surface [m], negative if it penetrates."""
+        """Return the distance of a point from the surface [m], negative during penetration."""
         require_attachment("gap", "point", point)
         functions = (
             point.checked_kinematics,
@@ -80,9 +81,9 @@ class _Surface:
 
 @dataclass(frozen=True, eq=False)
 class LineSurface(_Surface):
-    """Straight line through `on` along `direction`; it keeps contact points on its left side.
+    """Straight line through `on` along `direction`; contact points stay on the left side.
 
-    `bd.LineSurface(mech.ground.at(0, 0))` is the level ground.
+    `bd.LineSurface(mech.ground.at(0, 0))` is a horizontal floor.
 
     Parameters
     ----------
@@ -114,7 +115,7 @@ class LineSurface(_Surface):
 
 @dataclass(frozen=True, eq=False)
 class CircleSurface(_Surface):
-    """Circle centered at `on`; it keeps contact points outside or inside.
+    """Circle centered at `on`; contact points stay outside or inside.
 
     Parameters
     ----------
@@ -142,5 +143,5 @@ class CircleSurface(_Surface):
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """Radius [m], and 1 outside or -1 inside."""
+        """Radius [m], and the allowed side: 1 for outside, -1 for inside."""
         return (self.radius, 1.0 if self.side == "outside" else -1.0)

@@ -32,7 +32,8 @@ class Distance(DrivenJoint):
         configuration, which a number must match. A law with a different initial value moves the
         bodies out of the reference configuration before the run, as in `Driver`.
 
-    The reaction F is the force in the link, tension positive.
+    The reaction F is the force in the link; tension is positive. L is the length, and r_a and r_b
+    are the positions of the points.
 
     Examples
     --------
@@ -82,7 +83,7 @@ class Distance(DrivenJoint):
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Initial length minus the length in the reference configuration."""
+        """Initial length minus the length in the reference configuration [m], by name."""
         return {
             "length at the start, beyond the drawing [m]": self._initial_value
             - self._reference_length

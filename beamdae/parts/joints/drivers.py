@@ -20,7 +20,7 @@ from beamdae.symbolic.statements import SX, Local, Quantity, Variable
 
 @dataclass(frozen=True)
 class _ReactionAndPower(PointFunction):
-    """Reaction of a driver and power it supplies.
+    """Reaction of a driver, and power supplied by the driver.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Driver(DrivenJoint):
 
     Rotations are measured from the reference configuration. If the law is not zero at the start,
     the bodies and all bodies joined to them are rotated before the run; `beamdae check` reports the
-    angle. The reaction M is the moment on the body of `b`.
+    initial angle. The reaction M is the moment on the body of `b`.
 
     Examples
     --------
@@ -104,7 +104,7 @@ class Driver(DrivenJoint):
 
     @staticmethod
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint, angle: SX) -> SX:
-        """Return the difference between the relative rotation and the prescribed angle."""
+        """Return the relative rotation minus the prescribed angle [rad]."""
         return b.rotation - a.rotation - angle
 
     @property
@@ -123,7 +123,7 @@ class Driver(DrivenJoint):
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Initial angle, measured from the reference configuration."""
+        """Initial angle from the reference configuration [rad], by name."""
         return {"angle at the start, from the drawing [rad]": self._initial_value}
 
 
@@ -162,7 +162,7 @@ class TranslationalDriver(DrivenJoint):
     def gap(
         t: SX, a: PlacedPoint, b: PlacedPoint, ex: SX, ey: SX, reference_distance: SX, travel: SX
     ) -> SX:
-        """Return the travel minus the prescribed travel."""
+        """Return the travel minus the prescribed travel [m]."""
         distance = ca.dot(rotate(a.rotation, (ex, ey)), b.position - a.position)
         return distance - reference_distance - travel
 
@@ -182,5 +182,5 @@ class TranslationalDriver(DrivenJoint):
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Initial travel, measured from the reference configuration."""
+        """Initial travel from the reference configuration [m], by name."""
         return {"travel at the start, from the drawing [m]": self._initial_value}

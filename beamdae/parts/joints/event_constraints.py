@@ -184,7 +184,7 @@ class ClosedGap(Part):
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:
-        """Empty, because the quantity contains its coordinates."""
+        """Empty, because the gap quantity contains the coordinates."""
         return ()
 
     def constraints(self) -> list[ConstraintStatement]:

@@ -86,7 +86,7 @@ class Gear(Joint):
 
     @staticmethod
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint, *carrier_and_ratio: Any) -> SX:
-        """Return the rotation of `b` minus the rotation that the gear prescribes."""
+        """Return the rotation of `b` minus the rotation that the gear prescribes [rad]."""
         *carriers, ratio = carrier_and_ratio
         carrier = carriers[0].rotation if carriers else 0
         return b.rotation - carrier - ratio * (a.rotation - carrier)
@@ -133,13 +133,13 @@ class RackAndPinion(Joint):
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """Unit vector of the direction, initial distance of the points along it, and radius [m]."""
+        """Unit vector of the direction, reference distance along the direction, and radius [m]."""
         return (*project_along(self.direction, self.a, self.b), self.radius)
 
     @staticmethod
     def gap(
         t: SX, a: PlacedPoint, b: PlacedPoint, ex: SX, ey: SX, reference_distance: SX, radius: SX
     ) -> SX:
-        """Return the travel of the rack minus the travel that the pinion prescribes."""
+        """Return the travel of the rack minus the travel that the pinion prescribes [m]."""
         distance = ca.dot(rotate(b.rotation, (ex, ey)), b.position - a.position)
         return distance - reference_distance - radius * (a.rotation - b.rotation)

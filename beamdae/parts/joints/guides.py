@@ -16,7 +16,7 @@ from beamdae.symbolic.statements import SX, Variable
 
 
 def require_direction(part: str, value: Any) -> tuple[float, float]:
-    """Return `value` if it is a nonzero vector (x, y)."""
+    """Return `value` if it is a nonzero vector (x, y), or raise BeamdaeError."""
     direction = require_point(part, "direction", value)
     if np.hypot(*direction) == 0.0:
         raise BeamdaeError(f"{part}: direction must not be zero, got (0, 0).")
@@ -33,7 +33,7 @@ def left_normal(part: str, direction: Any) -> tuple[float, float]:
 def project_along(
     direction: tuple[float, float], a: Attachment, b: Attachment
 ) -> tuple[float, float, float]:
-    """Return the unit vector of a direction, and the distance from `a` to `b` along it [m]."""
+    """Return the unit vector of a direction, and the distance [m] from `a` to `b` along it."""
     ex, ey = (float(x) for x in np.divide(direction, np.hypot(*direction)))
     return ex, ey, ex * (b.point[0] - a.point[0]) + ey * (b.point[1] - a.point[1])
 
@@ -41,7 +41,7 @@ def project_along(
 def project_across(
     direction: tuple[float, float], a: Attachment, b: Attachment
 ) -> tuple[float, float, float]:
-    """Return the left unit normal of a direction, and the distance from `a` to `b` along it [m]."""
+    """Return the left unit normal, and the distance from `a` to `b` along the normal [m]."""
     return project_along((-direction[1], direction[0]), a, b)
 
 
@@ -49,8 +49,8 @@ def project_across(
 class PointOnLine(Joint):
     """Point `b` stays on the line through `a` along `direction`: g = n . (r_b - r_a).
 
-    The line is fixed to the body of `a` and rotates with it; n is its left normal. The reaction F
-    is the force on the body of `b` along n.
+    The line is fixed to the body of `a` and rotates with it; n is its left normal, and r_a and r_b
+    are the positions of the points. The reaction F is the force on the body of `b` along n.
     """
 
     direction: tuple[float, float] = (1.0, 0.0)
@@ -127,6 +127,6 @@ class Prismatic(Joint):
 
     @staticmethod
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint, nx: SX, ny: SX, offset: SX) -> SX:
-        """Return the change of the offset of `b`, and the relative rotation."""
+        """Return the change of the offset of `b` [m], and the relative rotation [rad]."""
         normal = rotate(a.rotation, (nx, ny))
         return ca.vertcat(ca.dot(normal, b.position - a.position) - offset, b.rotation - a.rotation)

@@ -43,7 +43,7 @@ class Joint(KinematicConstraint):
     """Constraint between two attachments; the base class of all joints.
 
     A joint is defined by its gap function g, which is zero while the joint is closed. The
-    constraint kernel, g', g'', reactions and switching by events follow from it. Subclasses are
+    constraint kernel, g', g'', reactions and switching by events follow from g. Subclasses are
     frozen dataclasses that define
 
     - `gap`, a static method `gap(t, a, b, *gap_parameters, *law_values)` that returns g, a CasADi
@@ -62,12 +62,13 @@ class Joint(KinematicConstraint):
     - `slide_direction`, if the joint is a guide that can have `Friction`.
     - `slip`, instead of the gap or besides it, for a nonholonomic constraint: a static method with
       the arguments of `gap`, whose points have a `velocity` [m/s] and an `angular_velocity` [rad/s]
-      as well. It must be linear in both.
+      as well. The slip must be linear in both.
 
     Sign convention: `reaction` is -lambda, where G^T lambda enters the equations of motion
-    M a - f + G^T lambda = 0. It acts on the body of `b` in the direction in which g grows, and its
-    power is the reaction times g'. With g = |r_b - r_a| - L, a positive reaction pushes the points
-    apart (compression is positive); with g = L - |r_b - r_a|, tension is positive.
+    M a - f + G^T lambda = 0 (mass matrix M, accelerations a, forces f, Jacobian G of g). The
+    reaction acts on the body of `b` in the direction in which g grows; its power is the reaction
+    times g'. With g = |r_b - r_a| - L, a positive reaction pushes the points apart (compression is
+    positive); with g = L - |r_b - r_a|, tension is positive.
 
     Parameters
     ----------
@@ -140,7 +141,7 @@ class Revolute(Joint):
 
     @staticmethod
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint) -> SX:
-        """Return the gap r_b - r_a."""
+        """Return the gap r_b - r_a [m]."""
         return b.position - a.position
 
     @property
@@ -165,7 +166,7 @@ class Weld(Joint):
 
     @staticmethod
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint) -> SX:
-        """Return r_b - r_a and the relative rotation."""
+        """Return the gap r_b - r_a [m] and the relative rotation [rad]."""
         return ca.vertcat(b.position - a.position, b.rotation - a.rotation)
 
     @property

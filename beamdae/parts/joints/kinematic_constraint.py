@@ -238,7 +238,7 @@ class KinematicConstraint(Part):
 
     @property
     def reaction(self) -> Quantity:
-        """Reaction of each constraint [N] or [N m], positive if it opens the gap."""
+        """Reaction of each constraint [N] or [N m]; a positive reaction opens the gap."""
         if len(self.reactions) != len(self.multipliers):
             raise BeamdaeError(
                 f"{self.name}: reactions must have one name per multiplier, got "
@@ -300,7 +300,7 @@ class KinematicConstraint(Part):
         return statements
 
     def observe(self, build: Callable[..., SX], columns: tuple[Variable, ...]) -> Quantity:
-        """Return a quantity of the points and multipliers; `build` acts like a `PointFunction`."""
+        """Return a quantity of the points and multipliers; call `build` like a `PointFunction`."""
         values, data = FormulaExpression.of(
             build, self.argument_functions(self.gap_parameters, self.laws)
         )

@@ -48,8 +48,9 @@ class RollingOnLine(_RollingJoint):
 
     The line is fixed to the body of `a` and rotates with it; n is its left normal, t its direction.
     The distance of the center from the line is constant, n . (r_b - r_a) = h = +-radius. In the
-    plane, rolling is holonomic: t . (r_b - r_a) + h (rotation_b - rotation_a) is constant.
-    Reactions Fn and Ft are the components along n and t of the force on the disk at the contact.
+    plane, rolling on a line is holonomic: t . (r_b - r_a) + h (rotation_b - rotation_a) is
+    constant. Reactions Fn and Ft are the components along n and t of the force on the disk at the
+    contact.
 
     Parameters
     ----------
@@ -87,7 +88,7 @@ class RollingOnLine(_RollingJoint):
     def gap(
         t: SX, a: PlacedPoint, b: PlacedPoint, nx: SX, ny: SX, height: SX, reference_travel: SX
     ) -> SX:
-        """Return the change of the distance from the line, and the accumulated slip."""
+        """Return the change of the distance from the line, and the accumulated slip [m]."""
         normal, arm = rotate(a.rotation, (nx, ny)), b.position - a.position
         along = normal[1] * arm[0] - normal[0] * arm[1]
         slip = along - reference_travel + height * (b.rotation - a.rotation)
@@ -144,12 +145,12 @@ class RollingOnCircle(_RollingJoint):
 
     @staticmethod
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint, arm_a: SX, arm_b: SX) -> SX:
-        """Return the change of the distance of the centers."""
+        """Return the change of the distance of the centers [m]."""
         return ca.norm_2(b.position - a.position) - (arm_a - arm_b)
 
     @staticmethod
     def slip(t: SX, a: MovingPoint, b: MovingPoint, arm_a: SX, arm_b: SX) -> SX:
-        """Return the velocity of the disk relative to the circle at the contact."""
+        """Return the velocity of the disk relative to the circle at the contact [m/s]."""
         arm, rate = b.position - a.position, b.velocity - a.velocity
         across = (arm[0] * rate[1] - arm[1] * rate[0]) / ca.norm_2(arm)
         return across + arm_b * b.angular_velocity - arm_a * a.angular_velocity
@@ -196,7 +197,7 @@ class Skate(KinematicConstraint):
 
     @staticmethod
     def slip(t: SX, on: MovingPoint, nx: SX, ny: SX) -> SX:
-        """Return the velocity of the point across the blade."""
+        """Return the velocity of the point across the blade [m/s]."""
         return ca.dot(rotate(on.rotation, (nx, ny)), on.velocity)
 
     def reaction_on(self, place: str = "on", axes: str = "inertial") -> Quantity:
