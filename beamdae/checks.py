@@ -323,7 +323,7 @@ def _assess_meshes(mechanism: Mechanism | None) -> tuple[MeshAssessment, ...]:
         verdict = "good"
         if not error <= _MAX_GOOD_MESH_ERROR:
             grade = "fair" if error <= _MAX_FAIR_MESH_ERROR else "coarse"
-            verdict = f"{grade}, elements={2 * part.mesh.elements} would be better"
+            verdict = f"{grade}; use elements={2 * part.mesh.elements}"
         assessments.append(MeshAssessment(part.name, length, curvature, verdict))
     return tuple(assessments)
 

@@ -98,7 +98,7 @@ class StepHistory:
         if stored_bytes > _UNCHECKED_BYTES and available_memory() < _RESULT_COPIES * stored_bytes:
             raise OutOfMemoryError(
                 f"the {self._count} stored states take "
-                f"{format_gigabytes(stored_bytes)} and memory is too short for more; "
+                f"{format_gigabytes(stored_bytes)}, and not enough memory is left for more; "
                 "use longer steps, fewer elements or an earlier end time"
             )
 

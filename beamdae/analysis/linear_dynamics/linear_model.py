@@ -226,8 +226,8 @@ def _resolve_inputs(
         if not isinstance(name, str) or name not in candidates:
             raise BeamdaeError(
                 "linearize: there is no input "
-                f"{short_repr(name)}{suggest(name, candidates)}; inputs are names of "
-                "forces, moments and drivers of the mechanism."
+                f"{short_repr(name)}{suggest(name, candidates)}; use the name of a "
+                "force, moment or driver of the mechanism."
             )
         inputs += _part_inputs(mechanism, candidates[name], lin)
     return inputs
@@ -293,8 +293,8 @@ def _resolve_outputs(
         if not isinstance(name, str) or name not in observables:
             raise BeamdaeError(
                 "linearize: there is no output "
-                f"{short_repr(name)}{suggest(name, observables)}; outputs are names of "
-                "observables."
+                f"{short_repr(name)}{suggest(name, observables)}; use the name of an "
+                "observable."
             )
     return [observables[name] for name in names]
 

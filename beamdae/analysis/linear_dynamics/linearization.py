@@ -129,7 +129,7 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
         return _linearize_rest(as_equations(name, model, AS_DRAWN), REFERENCE, t)
     if not isinstance(about, (str, Mapping)):
         raise BeamdaeError(
-            "linearization: about must be 'reference', 'equilibrium', positions by "
+            f"{name}: about must be 'reference', 'equilibrium', positions by "
             "name, bd.rotation(...), solution.at(t) or a result of bd.equilibrium, "
             f"got {short_repr(about)}."
         )

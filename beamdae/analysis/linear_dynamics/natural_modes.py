@@ -250,7 +250,7 @@ def modes(
     if growing:
         number = "one mode grows" if len(growing) == 1 else f"{len(growing)} modes grow"
         warnings.append(
-            f"the state is unstable: {number}, the fastest by a factor e in "
+            f"the state is unstable: {number}, and the fastest grows by a factor of e in "
             f"{1.0 / max(growing):.3g} s."
         )
     return Modes(

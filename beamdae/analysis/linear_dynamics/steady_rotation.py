@@ -303,6 +303,6 @@ def _require_rotating_forces(
         worst = int(np.argmax(np.where(is_different, difference, 0.0)))
         raise BeamdaeError(
             f"{e.q_names[worst]}: the forces on this coordinate do not rotate with the "
-            "mechanism; remove weight, loads of fixed direction, and springs and "
-            "dampers to the ground off the center."
+            "mechanism; remove such forces: weight, loads of fixed direction, "
+            "and springs and dampers to the ground off the center."
         )

@@ -178,7 +178,10 @@ def _follow_curve(
             step = min(step * _GROWTH_FACTOR, max_step)
         elif point.iterations >= _MIN_ITERATIONS_TO_SHRINK:
             step *= _CUT_FACTOR
-    sentence = f"stopped at the maximum of {max_points} points, at {curve.describe(point.value)}"
+    sentence = (
+        f"stopped at the maximum of {max_points} points at {curve.describe(point.value)}; "
+        "increase most_points"
+    )
     return tuple(points), Status("limited", sentence)
 
 
@@ -259,7 +262,8 @@ class ResponseCurve:
             period = self.period(value)
         except Exception as error:
             raise BeamdaeError(
-                f"{_NAME}: the period failed at {self.describe(value)}: {format_exception(error)}."
+                f"{_NAME}: the function period= failed at {self.describe(value)}: "
+                f"{format_exception(error)}."
             ) from error
         period = require_positive(_NAME, "period", period)
         equations = build_periodic_equations(_NAME, self.model(**{self.parameter: value}))

@@ -121,7 +121,7 @@ def periodic(
         if deviation > tolerance:
             sentence = (
                 f"after {iterations} iterations the end of the period differs from the "
-                f"start by {deviation:.3g} of the amplitude"
+                f"start by {deviation:.3g} times the amplitude"
             )
             if deviation < _INTEGRATOR_LIMITED_DEVIATION:
                 sentence += ", possibly limited by the integrator; use a tighter rtol"

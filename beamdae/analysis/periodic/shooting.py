@@ -59,8 +59,8 @@ def build_periodic_equations(function: str, model: Any, start: Any = None) -> Eq
     equations = as_equations(function, model, start)
     if equations.configurations is not None or any(x.do != "record" for x in equations.events):
         raise BeamdaeError(
-            f"{function}: events must not stop a run or switch parts; replace events "
-            "by smooth forces such as Contact."
+            f"{function}: events must not stop a run or switch parts; replace such "
+            "events by smooth forces, for example Contact."
         )
     return equations
 

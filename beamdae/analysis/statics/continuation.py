@@ -42,7 +42,7 @@ _ROUNDING_RATIO = 1.001
 _SAME_POINT_RATIO = 1e-2
 _CLOSED_PATH = (
     "the path is closed and returns to a branch point passed before; switch at one "
-    "more branch point, as in switch=[1, 1]"
+    "more branch point, for example with switch=[1, 1]"
 )
 
 
@@ -158,7 +158,8 @@ def follow_path(
         while not is_target_reached:
             if len(path.points) >= settings.max_points:
                 path.status = Status(
-                    "limited", f"stopped at the maximum of {len(path.points)} points"
+                    "limited",
+                    f"stopped at the maximum of {len(path.points)} points; increase most_points",
                 )
                 return
             before = len(path.branch_points)

@@ -94,7 +94,7 @@ def _require_load(mechanism: Mechanism, name: Any) -> None:
     if len(part.coordinates) or part.constraints():
         raise BeamdaeError(
             f"equilibrium: loads must name parts that only apply forces, but {name} is "
-            f"a {type(part).__name__}."
+            f"a {type(part).__name__}; omit this name."
         )
 
 

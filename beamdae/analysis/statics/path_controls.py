@@ -47,7 +47,7 @@ class DisplacementControl:
     equations
         Equations with the observable.
     observable, column
-        Observable, and index of the column in it.
+        Observable, and index of its column.
     time
         (t, branch).
     """

@@ -393,7 +393,7 @@ def _remedy(path: StagePath, e: EquationsOfMotion, control: str) -> str:
     coordinate = _dominant_coordinate(e, stability.mode(stability.negative_count))
     return (
         f", where {coordinate} has lost {1.0 - now / before:.0%} of the initial "
-        "stiffness, as near a limit point; use control='arc length' to continue past "
+        "stiffness, which suggests a limit point; use control='arc length' to continue past "
         "this point"
     )
 

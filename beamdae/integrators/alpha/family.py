@@ -111,8 +111,8 @@ class AlphaStart:
     def initial_motion(self, time: Array, state: State, h: float) -> Motion:
         """Return the starting values at time = (t, branch) for steps `h` [s].
 
-        To avoid spurious oscillations, only the jerk prescribed by the joints is used, and modes
-        too stiff for the step start from their response after the step.
+        To avoid spurious oscillations, only the jerk prescribed by the joints is used, and the
+        accelerations of modes too fast for the step are reduced.
         """
         q, v, ddq, lam = (x.copy() for x in state)
         if not self.cured:

@@ -207,7 +207,7 @@ class MethodCache:
             if flight < _MIN_FLIGHT * duration:
                 return (
                     f"impacts of event {event.name} accumulate, and the last two are "
-                    f"{flight:.2g} s apart; switch on a joint that keeps the bodies "
+                    f"{flight:.2g} s apart; activate a joint that keeps the bodies "
                     "together, or use a Contact"
                 )
         self._switch_times.append(t)
