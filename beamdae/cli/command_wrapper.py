@@ -128,7 +128,7 @@ class Command(_PlainHelp, TyperCommand):
 
 
 class Commands(_PlainHelp, TyperGroup):
-    """Group of all commands; it reports usage errors in one line."""
+    """Group of all commands, which reports usage errors in one line."""
 
     def make_context(self, info_name: Any, args: list[str], *rest: Any, **more: Any) -> Any:
         """Return the context of a command line; its `obj` is True if --json is given."""

@@ -216,12 +216,13 @@ def require_writable(folder: Path, files: tuple[str, ...] = (), option: str = "-
         raise BeamdaeError(f"{option} {folder}: the folder cannot be written: {reason}.") from None
     if not existing.is_dir():
         raise BeamdaeError(
-            f"{option} {folder}: the folder cannot be written because {existing} is not a folder."
+            f"{option} {folder}: the folder cannot be written because {existing} is not a folder; "
+            "choose another folder."
         )
     if not os.access(existing, os.W_OK | os.X_OK):
         raise BeamdaeError(
             f"{option} {folder}: the folder cannot be written because {existing} does "
-            "not allow new files."
+            "not allow new files; choose another folder."
         )
     if blocked is not None:
         raise BeamdaeError(

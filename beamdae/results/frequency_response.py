@@ -63,7 +63,7 @@ class FrequencyResponse:
     points
         The motions, in order along the curve.
     status
-        Outcome of the continuation; `status.kind` is "ok" if it covered the whole range.
+        Outcome of the continuation; `status.kind` is "ok" if the whole range is covered.
     """
 
     parameter: str

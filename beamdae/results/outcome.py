@@ -17,7 +17,7 @@ class Status:
     ----------
     kind
         "ok" if the run was completed, "limited" if a limit stopped it, "interrupted" if the
-        user stopped it, "failed" if it could not continue.
+        user stopped it, "failed" if the run could not continue.
     sentence
         The reason why the run ended.
     """

@@ -32,7 +32,8 @@ class PeriodicMotion:
         Period [s].
     multipliers
         Floquet multipliers, sorted by descending modulus: eigenvalues of the monodromy matrix for
-        the motions that the joints allow. They are the growth factors of perturbations per period.
+        the motions that the joints allow. A multiplier is the growth factor of a perturbation per
+    period.
         Perturbations in modes that the steps do not resolve decay numerically, whether or not the
         modes are damped.
     multiplier_error
@@ -43,7 +44,7 @@ class PeriodicMotion:
     iterations
         Number of Newton iterations.
     status
-        Outcome of the search; `status.kind` is "ok" if it converged.
+        Outcome of the search; `status.kind` is "ok" if the search converged.
     """
 
     solution: Solution

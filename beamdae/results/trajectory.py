@@ -28,11 +28,11 @@ class Interval:
     For multistep methods and one-step methods without stages, the dense output within a step is the
     Lagrange polynomial through the states at the end of the step and at the preceding steps
     (Hairer, Norsett & Wanner, Solving ODEs I, 1993, section III.6), of degree 4 for q and v and
-    degree 3 for a and lam. For methods with stages it is the collocation polynomial through the
+    degree 3 for a and lam. For methods with stages, it is the collocation polynomial through the
     start of the step, the stages and the end (Hairer & Wanner, Solving ODEs II, 1996, section
     IV.8); q is then the integral of v, one degree higher, with a linear correction so that it
     equals q at the end of the step. Hermite interpolation is not used: h v and h^2 a contain modes
-    that the step does not resolve, and stiff sections would amplify these to spurious forces far
+    that the step does not resolve, and stiff sections would amplify them to spurious forces far
     larger than the forces at the steps.
 
     The first state of an interval is consistent with the laws, but fast modes have not yet
@@ -110,7 +110,7 @@ class Interval:
         return integrals
 
     def integrate_to(self, t: Array, rates: Array, to_steps: Array) -> Array:
-        """Integrate rates from the start of the interval to times [s] inside it.
+        """Integrate rates from the start of the interval to times [s] inside the interval.
 
         Parameters
         ----------
@@ -211,8 +211,8 @@ class Instant(NamedTuple):
     Attributes
     ----------
     time
-        (t, branch): the time [s], and a time inside the interval that contains it, which selects
-        the active piece of piecewise laws.
+        (t, branch): the time t [s], and a time [s] inside the interval that contains t, which
+        selects the active piece of piecewise laws.
     state
         Coordinates q (n,), velocities v (n,), accelerations a (n,) and multipliers lam (m,).
     configuration

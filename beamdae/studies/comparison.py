@@ -44,7 +44,7 @@ def compare(
     cases
         Cases to run.
     reference
-        Solution that errors are measured against, or a case that is run to compute it. Without a
+        Solution that errors are measured against, or a case that is run to obtain one. Without a
         reference, no errors are computed.
     columns
         Observed columns used for the errors. Defaults to all positions and angles that move.

@@ -237,7 +237,7 @@ def study(
     Raises
     ------
     BeamdaeError
-        If a setting is invalid, the function fails, or it returns no cases.
+        If a setting is invalid, or the function fails or returns no cases.
     """
     for name, value in (
         ("time_limit", time_limit),

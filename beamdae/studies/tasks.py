@@ -107,7 +107,7 @@ class Outcome:
     values
         Cost and quality by column of the case table.
     rows
-        Trajectory table, or a function that reads it from the store.
+        Trajectory table, or a function that reads the table from the store.
     frames
         Shapes of the bodies over time for an animation; None unless requested.
     read

@@ -35,8 +35,8 @@ class BeamRange:
     error
         Predicted relative error of the deformation due to the strain measure. None if the strain
         measure does not limit the rotation. Measured errors of a single beam (see validation/)
-        range from a thirtieth of this value in pure bending to three times this value; they are
-        smaller for one of several welded beams.
+        range from a thirtieth of this value in pure bending to three times this value and
+        are smaller for one of several welded beams.
     remedies
         Settings of the beam that reduce the error, as alternatives to splitting the beam.
     """

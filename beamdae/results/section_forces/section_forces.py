@@ -57,9 +57,9 @@ class SectionForces:
     N [N] acts normal to the deformed section, and Q [N] acts parallel to it, positive to the left.
     M [N m] is positive if it stretches the left side of the beam. The section forces are in
     equilibrium with all loads on the beam before the section: joint reactions, concentrated and
-    distributed forces, weight and inertia. They therefore equal the reactions at the ends, jump at
-    concentrated forces, and are accurate between nodes, unlike section forces computed from strains
-    (`strained`).
+    distributed forces, weight and inertia. N, Q and M therefore equal the reactions at the ends,
+    jump at concentrated forces, and are accurate between nodes, unlike section forces computed from
+    strains (`strained`).
 
     Attributes
     ----------
@@ -96,12 +96,12 @@ class SectionForces:
         """Estimated errors of N, Q and M, (3, k, l): differences from `strained`.
 
         The estimate covers the errors of the mesh, the integrator and the moderate-rotation
-        assumption of a floating frame. It does not cover errors of the overall motion, for example
-        due to a coarse mesh, or the forces of `RayleighDamping`, which do not appear in the
-        strains. Asymptotically it equals the error of `strained`, of order 3; the error of N, Q and
-        M is of order 5 to 6 and much smaller. For a hub-mounted beam with 2, 4
-        and 8 elements of any formulation, the error of M is 1.9e-3, 4e-5 and 7e-7 of its largest
-        value, and the estimate is 1.3e-2, 1.6e-3 and 2e-4 (tests/results/test_section_forces.py).
+        assumption of a floating frame. It excludes errors of the overall motion, for example due to
+        a coarse mesh, and the forces of `RayleighDamping`, which do not appear in the strains.
+        Asymptotically, the estimate equals the error of `strained`, of order 3; the error of N, Q
+        and M is of order 5 to 6 and much smaller. For a hub-mounted beam with 2, 4 and 8 elements
+        of any formulation, the error of M is 1.9e-3, 4e-5 and 7e-7 of the largest M, and the
+        estimate is 1.3e-2, 1.6e-3 and 2e-4 (tests/results/test_section_forces.py).
         """
         return np.abs(np.stack([self.N, self.Q, self.M]) - self.strained)
 
@@ -135,7 +135,7 @@ class SectionForces:
         The longitudinal stress is sigma = N / A + M offset / I. The shear stress tau is the maximum
         over the section, `Section.shear_peak` Q / A, which occurs on the axis. The effect of an
         initial curvature on the bending stress (Winkler) is neglected; on the inner side of a
-        rectangular section it is h / (3 R) of the bending stress.
+        rectangular section of height h, this error is h / (3 R) of the bending stress.
 
         Parameters
         ----------

@@ -36,7 +36,7 @@ class Checkpoint:
     q, v
         Coordinates and velocities by coordinate name.
     events
-        Events that were executed at this time; they do not occur again at the start of the resumed
+        Events that were executed at this time and do not occur again at the start of the resumed
         run.
     due
         Events that occurred at this time but were not executed: direction "up" or "down" by event

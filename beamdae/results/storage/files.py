@@ -106,7 +106,7 @@ def _format_cells(values: Any) -> list[str]:
 
 def _quote_cell(value: Any) -> str:
     cell = io.StringIO()
-    # The writer quotes cells that contain the line terminator, so it must know it.
+    # The writer needs the line terminator to quote cells that contain it.
     csv.writer(cell, lineterminator=os.linesep).writerow([value])
     return cell.getvalue().removesuffix(os.linesep)
 

@@ -105,7 +105,7 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
 
 @dataclass(frozen=True)
 class _EquationsKey:
-    """Cache key of equations: the fingerprint of the mechanism, and the case to build it from."""
+    """Cache key of equations: the fingerprint of the mechanism, and a case that builds them."""
 
     fingerprint: str
     case: Case = field(compare=False)

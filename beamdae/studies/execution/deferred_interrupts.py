@@ -18,8 +18,8 @@ class DeferredInterrupts:
     received
         True once an interrupt has arrived.
     immediate
-        If True, the next interrupt is raised immediately and resets this flag. Set it while nothing
-        can be lost.
+        If True, the next interrupt is raised immediately and resets this flag. Set the flag
+        while no results can be lost.
     """
 
     def __init__(self) -> None:

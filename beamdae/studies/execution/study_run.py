@@ -111,7 +111,7 @@ class StudyResults:
     frames
         Shapes of the bodies over time, by `Case.mechanism_fingerprint`.
     interrupted
-        True if the study was interrupted; running it again resumes it.
+        True if the study was interrupted; run the study again to resume.
     notes
         Messages about damaged stored results.
     task_by_case

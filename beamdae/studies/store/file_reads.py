@@ -1,7 +1,7 @@
 """Recorder of the files that a run reads; stored results expire if one of these files changes.
 
-A Python audit hook reports opened files. It misses files that libraries open without Python (HDF5,
-SQLite); models declare such files with `@bd.model(data=...)`.
+A Python audit hook reports opened files. The hook misses files that libraries open without Python
+(HDF5, SQLite); models declare such files with `@bd.model(data=...)`.
 """
 
 from __future__ import annotations

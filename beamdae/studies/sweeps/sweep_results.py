@@ -120,7 +120,7 @@ class SweepResults:
 
     @property
     def interrupted(self) -> bool:
-        """True if the sweep was interrupted. If it has a folder, running it again resumes it."""
+        """True if the sweep was interrupted. Run a sweep with a folder again to resume."""
         return self.results.interrupted
 
     @cached_property
