@@ -35,7 +35,7 @@ _MIN_COSINE_TO_GROW = 0.95
 # corner.
 _CORNER_STEP_RATIO = 1e-3
 # A remaining distance up to this ratio to the step is split in two, so that the last step is not
-# tiny. Up to the second ratio, which allows for rounding, it is covered in one step.
+# tiny. Up to the second ratio, which allows for rounding, one step covers the whole distance.
 _SPLIT_RATIO = 1.2
 _ROUNDING_RATIO = 1.001
 # Distance, relative to the step, within which two branch points are considered equal.

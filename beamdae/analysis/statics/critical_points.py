@@ -26,8 +26,8 @@ _POSITION_TOLERANCE = 1e-6
 # If Newton's method does not converge at the critical point, it is interpolated from four points at
 # this distance from each other.
 _SAMPLE_DISTANCE = 1e-3
-# This distance if an eigenvalue touches zero without a sign change: closer points might lie on the
-# crossing path.
+# Distance used instead if an eigenvalue touches zero without a sign change: closer points might lie
+# on the crossing path.
 _TOUCH_SAMPLE_DISTANCE = 0.1
 # An eigenvalue touches zero if it falls below this fraction of its size at the ends of the segment.
 _TOUCH_RATIO = 1e-2
