@@ -69,7 +69,7 @@ class EventSide:
         return np.where(away, np.sign(finite), 0.0)
 
     def begin_near(self, difference: float) -> None:
-        """Start at the threshold, within rounding and the changes that make the start consistent."""
+        """Start at the threshold within rounding and the changes for a consistent start."""
         self.near = max(_LEAVING_FACTOR * abs(difference), _CONSTRAINED_SHARE * self.largest)
 
     def begin_from(self, sign: float, difference: float) -> None:

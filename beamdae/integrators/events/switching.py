@@ -24,7 +24,8 @@ from beamdae.results.outcome import Statistics
 Array = np.ndarray
 
 # Largest gap of a joint that is activated, relative to the length of the mechanism, or to 1 m for
-# longer mechanisms. Gaps are not exactly zero because events are located to the accuracy of the run.
+# longer mechanisms. Gaps are not exactly zero because events are located to the accuracy of the
+# run.
 _MAX_GAP = 1e-3
 # A run stalls if this many switches occur ...
 _MAX_SWITCHES = 200
