@@ -89,8 +89,8 @@ def _require_drawable(name: str, modes: Any) -> Mechanism:
         )
     if modes.mechanism is None or not len(modes):
         raise BeamdaeError(
-            f"{name}: the modes belong to a system without a mechanism; only mechanisms "
-            "can be drawn."
+            f"{name}: there are no modes, or the modes belong to a system without a mechanism; "
+            "only modes of mechanisms can be drawn."
         )
     if not collect_drawings(modes.mechanism, 2):
         raise BeamdaeError(f"{name}: the mechanism has no parts that can be drawn; add a body.")
@@ -115,7 +115,7 @@ def draw_modes(modes: Modes) -> Plot:
     Raises
     ------
     BeamdaeError
-        If `modes` is empty, or the mechanism has no parts that can be drawn.
+        If there are no modes, or no mechanism with parts that can be drawn.
     """
     return Plot(create_modes_figure(modes))
 

@@ -83,7 +83,7 @@ def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
         return summary
     warning = (
         f"{change.part}: the joints are not closed in the reference configuration, and "
-        f"closing displaces this part by {change.displacement:.3g} m (mostly "
+        f"closing them displaces this part by {change.displacement:.3g} m (mostly "
         f"{change.coordinate}) in a mechanism of {e.length:.3g} m; correct the "
         "positions of the parts, or pass start= by name."
     )
