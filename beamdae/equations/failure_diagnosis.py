@@ -41,7 +41,7 @@ def diagnose_failure(
     Returns
     -------
     str
-        "cause; cause; remedy", or "" if no cause is evident.
+        Causes, some followed by a remedy, separated by "; "; "" if no cause is evident.
     """
     with np.errstate(all="ignore"):
         not_finite = _describe_non_finite(equations, np.array([ahead, time[1]]), state)
@@ -60,11 +60,11 @@ def _describe_non_finite(e: EquationsOfMotion, time: Array, state: State) -> str
     force = evaluator.force(time, state.q, state.v)
     rows = np.flatnonzero(~np.isfinite(force))
     if len(rows):
-        return f"the force on {e.q_names[rows[0]]} is not finite after this time; check the law"
+        return f"the force on {e.q_names[rows[0]]} is not finite after this time; check the laws"
     levels = evaluator.constraint_levels(time, state.q, state.v)
     rows = np.flatnonzero(~np.isfinite(levels).all(axis=0))
     return (
-        f"{e.lam_names[rows[0]]} is not finite after this time; check the law" if len(rows) else ""
+        f"{e.lam_names[rows[0]]} is not finite after this time; check the laws" if len(rows) else ""
     )
 
 
@@ -83,7 +83,7 @@ def _describe_rank_loss(e: EquationsOfMotion, time: Array, state: State) -> str:
 
 
 def _describe_largest_residual(e: EquationsOfMotion, state: State, residual: Array | None) -> str:
-    """Name the equation with the largest residual, relative to the size of its terms."""
+    """Return a phrase naming the equation with the largest relative residual; "" if small."""
     if residual is None or not np.isfinite(residual).all():
         return ""
     n, m = e.n, e.m
@@ -105,7 +105,7 @@ def _describe_largest_residual(e: EquationsOfMotion, state: State, residual: Arr
 
 
 def _describe_fastest_coordinate(e: EquationsOfMotion, state: State) -> str:
-    """Name the coordinate with the largest acceleration, relative to its scale."""
+    """Return a phrase naming the coordinate with the largest scaled acceleration, or ""."""
     rates = np.abs(state.a) / e.position_scales
     if not np.isfinite(rates).all() or not np.any(rates):
         return ""

@@ -28,8 +28,8 @@ def estimate_fastest_modes(
     """Estimate the fastest natural mode of each elastic body of the constrained mechanism.
 
     The method is power iteration with M^-1 K under the constraints. Coordinates coupled by M or K
-    form a body. Each body is normalized separately, so that the fastest body does not mask slower
-    bodies.
+    count as one body. Each body is normalized separately, so that the fastest body does not mask
+    slower bodies.
     """
     stiffness, damping, mass = solver.linearize_forces(time, state)
     solve = solver.mass_solver(time, state)

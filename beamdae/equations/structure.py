@@ -39,8 +39,8 @@ class ForceTerm:
     Attributes
     ----------
     operator, rotation
-        The operator selects global coordinates; the rotation, if any, transforms them to local
-        coordinates.
+        The operator selects global coordinates; the rotation, if any, transforms the selected
+        coordinates to local coordinates.
     data
         Slice of p with the numbers of the copies, followed by the numbers of the rotation.
     count
@@ -59,7 +59,10 @@ class ForceTerm:
 
 @dataclass(frozen=True, eq=False)
 class ConstraintTerm:
-    """Copies of one constraint kernel on the global coordinates; `rows` selects their rows of g."""
+    """Copies of one constraint kernel on the global coordinates.
+
+    `operator` selects the local coordinates of all copies, `rows` the constraints in g.
+    """
 
     kernel: ConstraintKernel
     operator: sp.csr_array

@@ -14,9 +14,9 @@ from threadpoolctl import ThreadpoolController
 class _SingleThreadedBlas(contextlib.ContextDecorator):
     """Context in which BLAS uses one thread.
 
-    Threads do not speed up matrices of this size, and slow them down by a factor of ten if cores
-    are busy. Contexts of several threads may overlap: the last context to end restores the limits
-    that the first context replaced.
+    Threads do not speed up operations on matrices as small as those of mechanisms. If cores are
+    busy, threads slow these operations down by a factor of ten. Contexts of several Python threads
+    may overlap: the last context to end restores the limits that the first context replaced.
     """
 
     def __init__(self) -> None:

@@ -51,12 +51,12 @@ class Ordering(NamedTuple):
 
 
 def compute_bordered_ordering(pattern: sp.csc_array) -> Ordering:
-    """Order unknowns as definitions, a band, and a border of unknowns that would fill the band.
+    """Order unknowns: definitions such as q' = v, a band, and a border that would fill the band.
 
-    The nodes of a beam, in order along it, form a band. Its floating frame is coupled with all of
-    them, and multipliers have no diagonal entry: both form the border, in their order along the
-    mechanism. Band and border are ordered by the reverse algorithm of Cuthill & McKee, Proc. 24th
-    Nat. Conf. ACM (1969) 157.
+    The nodes of a beam, in order along the beam, form a band. The floating frame of the beam is
+    coupled with all nodes, and multipliers have no diagonal entry: frames and multipliers form the
+    border, in their order along the mechanism. Band and border are ordered by the reverse algorithm
+    of Cuthill & McKee, Proc. 24th Nat. Conf. ACM (1969) 157.
     """
     size = pattern.shape[0]
     ones = (np.ones(pattern.nnz), pattern.indices, pattern.indptr)

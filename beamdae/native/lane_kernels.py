@@ -37,7 +37,7 @@ _N_TEST_COPIES = 3 * LANE_WIDTH
 
 
 def pad_copies(copies: int) -> int:
-    """Return the row length for `copies`: whole vectors, without cache conflicts."""
+    """Return the number of lanes for `copies`: whole vectors, without cache conflicts."""
     length = -(-copies // LANE_WIDTH) * LANE_WIDTH
     return length + LANE_WIDTH if length and length % _CACHE_CONFLICT_STRIDE == 0 else length
 
@@ -48,7 +48,7 @@ class LaneKernel:
 
     Its C prototype is void f(const double *shared, const double *local, double *out,
     int64_t padded), where `local` is [n_local][padded] and `out` is [n_out][padded]. The address is
-    valid as long as this object lives.
+    valid as long as the `LaneKernel` exists.
 
     Attributes
     ----------

@@ -39,7 +39,7 @@ class KernelGroup(NamedTuple):
     kernel
         Kernel that the statements share.
     members
-        Indices of the statements.
+        Indices of the statements that share the kernel.
     data
         Data of the copies of all members, one column per copy, in the order of the statements.
     """
@@ -71,7 +71,7 @@ def _form_group(key: Any, members: list[int], statements: Sequence[Statement]) -
 
 
 def generalize_quantity(kernel: QuantityKernel) -> tuple[Any, Array]:
-    """Return the kernel with its numbers as additional data, and the numbers."""
+    """Return the kernel with the numbers in it as additional data, and these numbers."""
     recipe = _describe_kernel(kernel)
     if recipe is None:
         return kernel, np.zeros(0)

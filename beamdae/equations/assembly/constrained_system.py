@@ -74,8 +74,8 @@ class ConstrainedSystem(HasOrigin):
         A(t, q) v + b(t, q), shape (k,), or a dict as for `constraints`. Their multipliers come
         after the multipliers of `constraints`.
     q0, v0
-        Initial coordinates and velocities, (n,) each; they are made consistent with the
-        constraints.
+        Initial coordinates and velocities, (n,) each. A run changes both as little as possible to
+        satisfy the constraints.
     names
         Names of the coordinates. Defaults to q0, q1, ...
     units
@@ -105,7 +105,7 @@ class ConstrainedSystem(HasOrigin):
         `rtol` is relative to the amplitude. By default, adaptive integrators estimate the
         amplitudes by a pilot run with a loose tolerance.
     events
-        `Event`s that monitor coordinates or observed columns, given by name.
+        `Event`s that monitor coordinates or observed columns by name.
 
     Raises
     ------

@@ -64,7 +64,7 @@ class Formulation:
     Attributes
     ----------
     name, index
-        Name and differentiation index.
+        Name of the form, and differentiation index of its equations.
     levels
         Levels of the constraints in the equations: g (0), g_dot (1) and g_ddot (2).
     stabilized
@@ -83,7 +83,7 @@ class Formulation:
     note: str = ""
 
 
-_DRIFT_NOTE = "positions drift off the joints and, at singular positions, to another branch"
+_DRIFT_NOTE = "positions drift off the joints and may change branch at singular positions"
 # Measured on a rigid slider-crank: position errors of 20 to 170 rtol and velocity errors of 160 to
 # 1400 rtol, against 0.5 and 4 to 19 with stabilized-index1; equal on the hub beam.
 _TOLERANCE_NOTE = "rtol is not met: positions of rigid mechanisms were off by up to 170 rtol"
@@ -106,6 +106,8 @@ class FirstOrderForm:
 
     Attributes
     ----------
+    equations, formulation
+        Equations of motion, and the form to which they are converted.
     pattern
         CSC pattern of the Jacobian.
     sums
@@ -173,7 +175,7 @@ class FirstOrderForm:
         return all(total.is_native for total in self.sums)
 
     def buffers(self, native: bool = False) -> FirstOrderBuffers:
-        """Return the buffers in which one run evaluates R and its Jacobian."""
+        """Return new buffers for evaluating R and its Jacobian in one run."""
         residual, jacobian = (total.sum(native, self.equations.p) for total in self.sums)
         return FirstOrderBuffers(
             self.equations.n, self.size, np.zeros(2 * self.size), residual, jacobian

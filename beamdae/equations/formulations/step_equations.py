@@ -37,7 +37,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class StepEquations:
-    """Equations of one implicit step of a second-order integrator, scaled by the step.
+    """Equations of one implicit step of a second-order integrator, scaled by the step size.
 
     The unknowns x = (d, lam_bar[, eta_bar]) are increments d to a prediction and scaled multipliers
     lam_bar = c_f lam, with
@@ -49,9 +49,9 @@ class StepEquations:
         c_f F + G^T lam_bar = 0,   g = 0 [, g_dot / c_v = 0],
 
     where the terms in brackets belong to the stabilized index-2 form. For nonholonomic constraints,
-    g_dot / c_v = 0 [eta_bar = 0] replaces g = 0. With c_f ~ h^2 the condition number of the
-    iteration matrix does not depend on the step (Bottasso, Bauchau & Cardona, SIAM J. Sci. Comput.
-    29 (2007) 397).
+    g_dot / c_v = 0 [eta_bar = 0] replaces g = 0. If c_f is proportional to the square of the step
+    size, the condition number of the iteration matrix does not depend on the step size (Bottasso,
+    Bauchau & Cardona, SIAM J. Sci. Comput. 29 (2007) 397).
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class StepEquations:
         return all(total.is_native for total in self.sums)
 
     def buffers(self, native: bool = False) -> StepBuffers:
-        """Return the buffers in which one run evaluates the equations."""
+        """Return new buffers for evaluating the equations in one run."""
         n, m = self.equations.n, self.equations.m
         motion = np.zeros(4 * n + 2 * m)
         sums = (total.sum(native, self.equations.p) for total in self.sums)

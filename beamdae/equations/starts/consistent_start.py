@@ -47,7 +47,7 @@ class ConsistencySolver(StateEvaluator):
 
         [[M, G^T], [G, 0]] (a, lam) = (f, gamma),
 
-    where f is -F and gamma is -g_ddot, both at a = 0 (and lam = 0).
+    where f = -F and gamma = -g_ddot at a = 0 and lam = 0.
 
     Times are arrays (t, branch) with t [s]. Do not share an instance between threads.
     """
@@ -284,7 +284,7 @@ class ConsistencySolver(StateEvaluator):
 
 
 def _smallest_inertia(mass: sp.csc_array) -> tuple[float, int]:
-    """Return the smallest eigenvalue, or 0 if all are positive, and its dominant coordinate.
+    """Return the smallest eigenvalue and its dominant coordinate; (0, 0) if all are positive.
 
     For more than 300 coordinates, return the smallest diagonal entry and its coordinate.
     """

@@ -188,7 +188,7 @@ class RowSelection:
 def select_independent_rows(matrix: Array) -> RowSelection:
     """Select independent rows of a matrix (m, n) by QR with pivoting of its transpose.
 
-    The rows are not scaled; scale them before the call.
+    The caller scales the rows.
     """
     m = len(matrix)
     if m == 0:
@@ -212,7 +212,7 @@ class ConstraintRank:
     matrix
         G with columns scaled by `position_scales` and rows of length one, (m, n).
     lengths
-        Lengths of the rows before normalization, (m,).
+        Lengths of the rows after the columns are scaled and before the rows are, (m,).
     rows
         Selection of independent rows.
     """
@@ -228,7 +228,7 @@ class ConstraintRank:
 
 
 def analyze_constraint_rank(evaluator: StateEvaluator, time: Array, q: Array) -> ConstraintRank:
-    """Return the scaled G at `q` and its independent rows."""
+    """Return the scaled G at positions `q`, (n,), and a selection of independent rows."""
     scales = evaluator.equations.position_scales
     matrix = evaluator.constraint_matrix(time, q).toarray() * scales
     lengths = np.linalg.norm(matrix, axis=1)

@@ -96,7 +96,7 @@ def _split_by_kind(
 def _close_with_positions(
     e: EquationsOfMotion, time: Array, prescribed: Mapping[int, float]
 ) -> Array:
-    """Return positions with the prescribed values that satisfy the constraints."""
+    """Return positions (n,) with the prescribed values that satisfy the constraints."""
     solver, selection = ConsistencySolver(e), build_selection(list(prescribed), e.n)
     q = drawn_q = solver.state(time, e.q0, e.v0).q
     if not prescribed:

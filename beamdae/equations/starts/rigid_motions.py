@@ -35,8 +35,8 @@ class Body(NamedTuple):
     name
         Name of the part.
     position, angle
-        Indices of the rigid coordinates (x, y) and of the angle, or None. Bodies without a floating
-        frame have the indices of their first node here.
+        Indices of the rigid coordinates (x, y) and of the angle, or None. For bodies without a
+        floating frame, these are the coordinates of the first node.
     others
         Indices of elastic and other coordinates.
     nodes
@@ -51,7 +51,7 @@ class Body(NamedTuple):
 
 
 def collect_bodies(e: EquationsOfMotion) -> tuple[Body, ...]:
-    """Return the parts that have coordinates."""
+    """Return a `Body` for each part of the equations."""
     bodies = []
     for part in e.parts:
         index = {e.q_names[k].rpartition(".")[2]: k for k in range(part.rows.start, part.rows.stop)}
@@ -108,7 +108,7 @@ def _rigid_motions_of_nodes(e: EquationsOfMotion, q: Array, nodes: Array) -> Arr
 def _motion_sizes(
     e: EquationsOfMotion, q: Array, body: Body, motion: Array
 ) -> tuple[float, float, float]:
-    """Return translation, rotation [rad] and deformation; lengths relative to the mechanism."""
+    """Return translation, rotation [rad] and deformation, scaled by `position_scales`."""
     scaled_motion = motion / e.position_scales
     if body.nodes is not None:
         indices, rigid = body.nodes.ravel(), _rigid_motions_of_nodes(e, q, body.nodes)
@@ -139,7 +139,7 @@ def describe_largest_motion(e: EquationsOfMotion, q: Array, motion: Array) -> st
 
 
 def describe_free_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
-    """Describe an unconstrained motion of all bodies: "crank can rotate about (0, 0), ..."."""
+    """Describe an unconstrained motion (n,) of bodies: "crank can rotate about (0, 0), ..."."""
     names_by_motion: dict[str, list[str]] = {}
     bodies = collect_bodies(e)
     for body in bodies:
@@ -209,5 +209,5 @@ class DisplacementMeasure:
         return np.asarray(np.sqrt(squares)[self.point])
 
     def farthest(self, change: Array) -> float:
-        """Return the largest displacement, relative to the scale of the coordinate."""
+        """Return the largest displacement, divided by the scale of the coordinate."""
         return float(np.max(self.distances(change) / self.scale, initial=0.0))
