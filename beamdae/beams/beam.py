@@ -238,12 +238,12 @@ class Beam(Part):
 
     @property
     def initial_position(self) -> Array:
-        """Coordinates in the reference configuration, shape (n,)."""
+        """Coordinates [m, rad] in the reference configuration, shape (n,)."""
         return self.kinematics.initial_position
 
     @property
     def initial_velocity(self) -> Array:
-        """Initial rates of the coordinates, shape (n,)."""
+        """Initial rates of the coordinates [m/s, rad/s], shape (n,)."""
         return self.kinematics.initial_velocity(self.velocity, self.angular_velocity)
 
     @cached_property
@@ -285,7 +285,7 @@ class Beam(Part):
 
     @property
     def floating_frame(self) -> Attachment:
-        """Floating frame as an attachment that can be observed."""
+        """Floating frame as an attachment for `Mechanism.observe`."""
         return self._create_attachment(self.kinematics.floating_frame)
 
     def _create_attachment(self, point: MaterialPoint, s: float | None = None) -> Attachment:

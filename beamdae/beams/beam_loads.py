@@ -46,7 +46,7 @@ _MAX_PASSAGE_TIME = 1e30
 class _LineLoad:
     """Load per length on a section, given by laws of time in the axes `axes`.
 
-    Numbers: quadrature weight, inclination of the section, arc length.
+    `numbers` are the quadrature weight, the inclination of the section and the arc length.
     """
 
     axes: str
@@ -197,9 +197,9 @@ class DistributedForce(Part):
 class _NodalForce:
     """Nodal force of an element while a moving force is at the local coordinate a + b t.
 
-    The force is distributed by the Lagrange polynomial of the node. Numbers: the force divided by
-    the product of the distances from the node to the other nodes, a, b, and the local coordinates
-    of the other nodes.
+    The force is distributed by the Lagrange polynomial of the node. `numbers` are the force divided
+    by the product of the distances from the node to the other nodes, a, b, and the local
+    coordinates of the other nodes.
     """
 
     nodes: int

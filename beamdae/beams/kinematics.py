@@ -308,7 +308,7 @@ class FormulationKinematics(Kinematics):
         return assemble_element_data(self._point_data, self.section, gravity)
 
     def material_point(self, s: float) -> MaterialPoint:
-        """Return the section at arc length s [m] as a function of nodal coordinates."""
+        """Return the section at arc length s [m], on the reference curve."""
         # Cached because joints, observables and drawings request the same sections.
         if s not in self._material_points:
             self._material_points[s] = self._create_section(s, on_axis=False)

@@ -286,12 +286,12 @@ class SlidingOnBeam(Part):
 
     @property
     def coordinates(self) -> tuple[Variable, ...]:
-        """Arc length of the point."""
+        """Name and unit of the arc length of the point."""
         return (Variable("s", "m"),)
 
     @property
     def initial_position(self) -> Array:
-        """Arc length of the point in the reference configuration, shape (1,)."""
+        """Arc length [m] of the point in the reference configuration, shape (1,)."""
         return np.array([self._initial_arc_length])
 
     @property

@@ -72,8 +72,8 @@ class _StrainElement(Protocol):
 class InterpolatedStrains:
     """Strains at a section, interpolated between the stiffness points of its element.
 
-    Numbers: the interpolation weight of each point; then each value of `layout.stiffness_point`
-    except the quadrature weight, at all points.
+    `numbers` are the interpolation weights of the points, then each value of
+    `layout.stiffness_point` except the quadrature weight, at all points.
     """
 
     element: _StrainElement
@@ -91,20 +91,20 @@ class InterpolatedStrains:
 
 
 def fiber_strain(local: Local, strains: Callable[[Local], SX], offset: Callable[[], Any]) -> SX:
-    """Return the longitudinal strain of a fiber off the axis (eq. 5). Numbers: offset."""
+    """Return the longitudinal strain of a fiber (eq. 5) at the distance `offset` from the axis."""
     strain = strains(local)
     return strain[AXIAL] + offset()[0] * strain[BENDING]
 
 
 def fiber_stress(local: Local, strains: Callable[[Local], SX], numbers: Callable[[], Any]) -> SX:
-    """Return the longitudinal stress of a fiber off the axis. Numbers: offset, E, damping."""
+    """Return the longitudinal stress of a fiber; `numbers` are offset, E and damping."""
     offset, modulus, damping = (numbers()[k] for k in range(3))
     strain = fiber_strain(local, strains, lambda: (offset,))
     return modulus * (strain + damping * local.dot(strain))
 
 
 def section_forces(local: Local, strains: Callable[[Local], SX], numbers: Callable[[], Any]) -> SX:
-    """Return (N, Q, M) on the axis (eqs. 5-7). Numbers: EA, GA, EI, damping."""
+    """Return (N, Q, M) on the axis (eqs. 5-7); `numbers` are EA, GA, EI and damping."""
     *stiffness, damping = (numbers()[k] for k in range(STRAIN_SIZE + 1))
     strain = strains(local)
     viscous = damping * local.dot(strain)

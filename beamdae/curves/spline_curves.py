@@ -94,13 +94,13 @@ class _SplineCurve:
             x, y = self._spline(grid[int(np.argmin(np.nan_to_num(speed)))])
             raise BeamdaeError(
                 f"{part}: the curve folds onto itself or has a cusp near ({x:.6g}, "
-                f"{y:.6g}); the curve must not reverse its direction."
+                f"{y:.6g}) m; the curve must not reverse its direction."
             )
         cosine = np.einsum("ij,ij->i", tangent[:-1], tangent[1:]) / (speed[:-1] * speed[1:])
         if cosine.min() < _MIN_TANGENT_COSINE:
             x, y = self._spline(grid[int(np.argmin(cosine))])
             raise BeamdaeError(
-                f"{part}: the curve folds onto itself near ({x:.6g}, {y:.6g}); the "
+                f"{part}: the curve folds onto itself near ({x:.6g}, {y:.6g}) m; the "
                 "tangent must turn gradually."
             )
 
@@ -345,7 +345,7 @@ class Curve(_SplineCurve):
         if cosine.min() < _MIN_STEP_COSINE:
             x, y = points[int(np.argmin(cosine)) + 1]
             raise BeamdaeError(
-                f"Curve: the curve folds onto itself at the point ({x:g}, {y:g}); list "
+                f"Curve: the curve folds onto itself at the point ({x:g}, {y:g}) m; list "
                 "the points in their order along the curve."
             )
 

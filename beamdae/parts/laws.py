@@ -146,7 +146,7 @@ def _evaluate_piece(piece: Callable[[Any], Any], t: SX) -> Any:
 
 @dataclass(frozen=True)
 class _PiecewiseKind:
-    """Kind of a piecewise law. Numbers: the breakpoints, then the numbers of each piece.
+    """Kind of a piecewise law; `numbers` are the breakpoints, then the numbers of each piece.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ class _PiecewiseKind:
 
 @dataclass(frozen=True)
 class _ShiftedKind:
-    """Kind of a law shifted in time. Numbers: the start time, then the numbers of the law."""
+    """Kind of a law shifted in time; `numbers` are the start time and the numbers of the law."""
 
     kind: Callable[..., Any]
 
@@ -413,7 +413,7 @@ def _require_formula_in_time(part: str, piece: Callable[[Any], Any], t: SX, star
 def _require_numeric_agreement(
     part: str, piece: Callable[[Any], Any], function: ca.Function, start: float
 ) -> None:
-    """Raise an error if the symbolic expression of a law differs from the values of its function.
+    """Raise an error if the symbolic expression of a law differs from the function values.
 
     For example, float(t) is nan if t is a symbol.
     """

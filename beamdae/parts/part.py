@@ -22,7 +22,7 @@ Array = np.ndarray
 
 
 class Drawing(NamedTuple):
-    """Line style of a body in drawings, and the points on its line."""
+    """Line style of a body in drawings, and the attachments on the line."""
 
     kind: str
     places: list[Attachment]
@@ -69,7 +69,7 @@ class Part:
 
     @property
     def coordinates(self) -> tuple[Variable, ...]:
-        """Name and unit of each generalized coordinate of a body; angles are in "rad"."""
+        """Name and unit of each generalized coordinate of a body; the unit of angles is "rad"."""
         return ()
 
     @property

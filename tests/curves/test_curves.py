@@ -298,7 +298,7 @@ nan = float("nan")
         ),
         (
             lambda: bd.Curve(points=[(0, 0), (1, 0), (2, 0), (1.5, 0), (3, 0)]),
-            r"Curve: the curve folds onto itself at the point \(2, 0\)",
+            r"Curve: the curve folds onto itself at the point \(2, 0\) m",
         ),
         (
             lambda: bd.Curve(lambda x: abs(x) ** (1.0 / 3.0), x=(-1.0, 1.0)),

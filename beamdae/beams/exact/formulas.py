@@ -20,10 +20,10 @@ from beamdae.symbolic.statements import SX, Local
 class ExactSectionMotion:
     """Position and rotation of a section between the nodes of an element.
 
-    Numbers: angle of the section in the reference configuration, shape functions; with an offset
-    also the vector (x, y) in the reference configuration from the interpolated axis to the section,
-    which rotates with the section. Without an offset, for example at nodes, the motion is linear
-    in the coordinates.
+    `numbers` are the angle of the section in the reference configuration and the shape functions;
+    with an offset also the vector (x, y) in the reference configuration from the interpolated axis
+    to the section, a vector that rotates with the section. Without an offset, for example at nodes,
+    the motion is linear in the coordinates.
     """
 
     nodes: int
@@ -49,7 +49,7 @@ class ExactSectionMotion:
 def chord_motion(q: SX, numbers: Any) -> tuple[SX, SX]:
     """Return the position of the first of two nodes and the rotation of the chord between them.
 
-    Numbers: angle of the first section and vector (x, y) of the chord, both in the reference
+    `numbers` are the angle of the first section and the vector (x, y) of the chord in the reference
     configuration. The rotation is continuous while the chord deviates by less than half a
     revolution from a chord that rotates rigidly with the first section.
     """
@@ -62,11 +62,11 @@ def chord_motion(q: SX, numbers: Any) -> tuple[SX, SX]:
 
 @dataclass(frozen=True)
 class ExactDeformation:
-    """(u, v, phi) of a section relative to a reference frame, in the axes `axes`.
+    """Deformation (u, v, phi) of a section relative to a reference frame, in the axes `axes`.
 
-    Local coordinates: coordinates of the frame, then coordinates of the section. Numbers: numbers
-    of the frame motion, then of the section motion; vector (x, y) from the frame to the section and
-    the angles of frame and section, all in the reference configuration.
+    The local coordinates are the coordinates of the frame, then those of the section. `numbers` are
+    the numbers of the frame motion and of the section motion, the vector (x, y) from the frame to
+    the section and the angles of frame and section, all in the reference configuration.
     """
 
     frame: Any

@@ -28,8 +28,9 @@ from beamdae.symbolic.statements import SX, Local
 class SectionMotion:
     """Position and rotation of a section between the nodes of an element.
 
-    Numbers: undeformed position (x, y) in the frame, cosine and sine of the axis angle at this
-    position, angle of the frame in the reference configuration, shape functions.
+    `numbers` are the undeformed position (x, y) in the frame, the cosine and sine of the axis angle
+    at this position, the angle of the frame in the reference configuration, and the shape
+    functions.
     """
 
     nodes: int
@@ -43,13 +44,16 @@ class SectionMotion:
 
 
 def frame_motion(q: SX, frame_angle: Any) -> tuple[SX, SX]:
-    """Return the position and rotation of the frame. Numbers: reference angle of the frame."""
+    """Return position and rotation of the frame, whose reference angle is `frame_angle`."""
     return q[ORIGIN], q[THETA] - frame_angle[0]
 
 
 @dataclass(frozen=True)
 class FloatingFrameDeformation:
-    """(u, v, phi) of a section in the axes `axes`. Numbers: angle of the axis, shape functions."""
+    """Deformation (u, v, phi) of a section in the axes `axes`.
+
+    `numbers` are the angle of the axis and the shape functions.
+    """
 
     nodes: int
     axes: str

@@ -89,7 +89,7 @@ class FloatingFrame(FormulationKinematics):
 
     @cached_property
     def coordinates(self) -> tuple[Variable, ...]:
-        """Coordinates of the frame, then the free nodal coordinates."""
+        """Name and unit of each coordinate: the frame, then the free nodal coordinates."""
         frame = (Variable("x0", "m"), Variable("y0", "m"), Variable("theta", "rad"))
         nodal = [
             Variable(f"{name}{i}", unit)
@@ -102,7 +102,7 @@ class FloatingFrame(FormulationKinematics):
 
     @property
     def initial_position(self) -> Array:
-        """Coordinates in the reference configuration."""
+        """Coordinates in the reference configuration, shape (n,)."""
         return self._without_deformation([*self.origin, self.frame_angle])
 
     def initial_velocity(self, velocity: tuple[float, float], angular_velocity: float) -> Array:

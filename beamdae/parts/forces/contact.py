@@ -47,7 +47,7 @@ _MAX_BISECTIONS = 200
 
 @dataclass(frozen=True)
 class _ContactLaw:
-    """Gap, slip and contact forces in the local coordinates of a point and a surface.
+    """Gap, slip velocity and contact forces in the local coordinates of a point and a surface.
 
     Attributes
     ----------

@@ -32,8 +32,8 @@ class Distance(DrivenJoint):
         configuration, which a number must match. A law with a different initial value moves the
         bodies out of the reference configuration before the run, as in `Driver`.
 
-    The reaction F is the force in the link; tension is positive. L is the length, and r_a and r_b
-    are the positions of the points.
+    L is the length, and r_a and r_b are the positions of the points. The reaction F is the force in
+    the link; tension is positive.
 
     Examples
     --------

@@ -81,7 +81,7 @@ class Gear(Joint):
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """Gear ratio, passed to the gap function."""
+        """Gear ratio [-], passed to the gap function."""
         return (self.ratio,)
 
     @staticmethod

@@ -79,7 +79,7 @@ class RollingOnLine(_RollingJoint):
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """Normal of the line, and reference height and travel of the disk [m]."""
+        """Unit normal of the line, and reference height and travel of the disk [m]."""
         nx, ny = left_normal(self.name, self.direction)
         dx, dy = self._reference_arm.tolist()
         return (nx, ny, nx * dx + ny * dy, ny * dx - nx * dy)
@@ -125,7 +125,7 @@ class RollingOnCircle(_RollingJoint):
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """Distances along e from the centers of circle and disk to the contact [m]."""
+        """Distances from the centers of circle and disk to the contact, along e [m]."""
         distance, (circle, disk) = float(np.hypot(*self._reference_arm)), self.radii
         arms_by_distance = {
             circle + disk: (circle, -disk),
