@@ -176,10 +176,12 @@ def _invert_largest(values: Array, starts: Array) -> Array:
 def create_factorization(
     pattern: sp.csc_array, method: str = "auto", dtype: type = float
 ) -> Factorization:
-    """Return a factorization of matrices with this pattern.
+    """Return a `Factorization` for matrices with this pattern.
 
     Parameters
     ----------
+    pattern
+        CSC pattern of a square matrix; its values are not used.
     method
         "dense", "sparse", or "auto": dense up to `DENSE_LIMIT` unknowns.
     dtype

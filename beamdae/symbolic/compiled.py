@@ -64,7 +64,8 @@ class RowFunction:
     def __call__(self, *arguments: Array) -> Array:
         """Return values of shape (rows, size).
 
-        Arguments have shape (rows, .), or (.,) if all rows share them; at least one has rows.
+        Arguments have shape (rows, k), or (k,) if all rows share the argument; at least one
+        argument must have rows.
         """
         shared = [i for i, a in enumerate(arguments) if np.ndim(a) == 1]
         rows = max(len(a) for a in arguments if np.ndim(a) == 2)

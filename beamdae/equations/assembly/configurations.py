@@ -40,7 +40,7 @@ _SHARED_FIELDS = ("q0", "v0", "length", "parts")
 class MechanismConfigurations:
     """Configurations of a mechanism, assembled when they are first needed.
 
-    Implements the protocol `Configurations`.
+    Implements the protocol `Configurations`; `whole` denotes the equations of all parts.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ class MechanismConfigurations:
         return replace(gap, offsets=evaluate_frozen_gap(joint, law, law_time, local))
 
     def _event_law(self, name: str, gap: FrozenGap) -> Law | None:
-        """Return the law that an event gave to a joint; None if no event replaced its law."""
+        """Return the law that an event set for joint `name`; None if no event did."""
         if not gap.event:
             return None
         for event in self.mechanism.events:

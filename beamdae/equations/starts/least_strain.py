@@ -40,7 +40,7 @@ def solve_least_change(weight: Any, rows: Any, values: Array, force: Array | Non
     Returns
     -------
     Array
-        Shape (n,); nan if the matrix is singular.
+        x, (n,); nan if `weight` is singular on the null space of `rows`.
     """
     n, count = weight.shape[0], rows.shape[0]
     size = float(abs(weight).max()) or 1.0

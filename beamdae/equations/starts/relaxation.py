@@ -112,7 +112,10 @@ class GradientFlow:
         return _PERTURBATION * self.measure.scale * signs
 
     def try_step(self, q: Array, lam: Array, square: float) -> FlowStep | None:
-        """Return a trial step of pseudo-time T, T^2 = `square`; None if singular or too large."""
+        """Return a trial step of pseudo-time T, where T^2 = `square`.
+
+        Returns None if the matrix is singular or the step exceeds `_MAX_STEP`.
+        """
         static, n, m = self.static, len(q), len(lam)
         mass = self.solver.linearize_forces(static.time, self.solver.rest_state(q))[2]
         weight = sp.block_diag([mass / square, sp.csc_array((m, m))], format="csc")
@@ -158,7 +161,7 @@ def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
     Raises
     ------
     BeamdaeError
-        If no equilibrium is found; the message names the coordinate that moved most.
+        If no equilibrium is found; the message names the coordinate that moved farthest.
     """
     e, solver = static.equations, ConsistencySolver(static.equations)
     begin = solver.state(static.time, q, np.zeros(e.n))
