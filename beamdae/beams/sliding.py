@@ -269,7 +269,7 @@ class SlidingOnBeam(Part):
             raise BeamdaeError(
                 f"{self.name}: the beam must have at most {_MAX_ELEMENTS} elements, "
                 f"but {self.beam.name} has {self.beam.mesh.elements}; use fewer "
-                "elements, for example cubic ones."
+                "elements with more nodes each, up to 4."
             )
         section = self.beam.at(self._initial_arc_length)
         gap = float(np.hypot(*np.subtract(section.point, self.a.point)))

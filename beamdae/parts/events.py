@@ -65,7 +65,7 @@ def select_impacts(do: Any) -> tuple[Impact, ...]:
 class Event:
     """Crossing of a value by a quantity, and the actions it triggers.
 
-    A quantity that only touches the value, starts at the value or stays there does not cross.
+    There is no crossing if the quantity only touches the value, starts at the value or stays there.
 
     Parameters
     ----------

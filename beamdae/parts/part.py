@@ -40,7 +40,7 @@ class Part:
     name
         Unique name in the mechanism.
     is_load
-        True for loads. The load factor of an equilibrium scales all loads unless loads are named.
+        True for loads. By default, the load factor of an equilibrium scales all loads.
     symbol
         Name of the symbol of the part in drawings. Defaults to a diamond at each attachment.
     """

@@ -300,7 +300,7 @@ class KinematicConstraint(Part):
         return statements
 
     def observe(self, build: Callable[..., SX], columns: tuple[Variable, ...]) -> Quantity:
-        """Return a quantity of the points and multipliers; call `build` like a `PointFunction`."""
+        """Return a quantity of the points and multipliers; see `PointFunction` for `build`."""
         values, data = FormulaExpression.of(
             build, self.argument_functions(self.gap_parameters, self.laws)
         )
