@@ -240,7 +240,7 @@ class MovingForce(Part):
     Raises
     ------
     BeamdaeError
-        If `speed` is zero or too small to pass the beam in a finite time.
+        If `speed` is zero or too small to pass the beam within 1e30 s.
 
     Examples
     --------

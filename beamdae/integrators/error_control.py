@@ -179,7 +179,7 @@ def resolve_error_control(
     - With stiff modes, only positions are tested: resolving axial vibrations would cost 20 to 1000
       times as much. BDF of orders 3 to 5 is unstable near the imaginary axis, where undamped modes
       lie. The order is therefore limited to 2, unless all modes that second-order steps would not
-      resolve are overdamped, for example by strong material damping.
+      resolve have damping ratios above 0.62, for example by strong material damping.
     - On index 3, only positions are tested, because the error of velocities grows as the step
       shrinks.
     - Testing multipliers would make "ggl", "index2" and, once it drifts, "index1" stall. With

@@ -32,7 +32,7 @@ class MatrixFactors(NamedTuple):
     c_l
         Factor of derivatives with respect to multipliers.
     c_h
-        Factor of constraints on velocity level.
+        Factor of constraints at velocity level.
     c_r
         Factor that converts the input multipliers to the multipliers of the equations.
     """

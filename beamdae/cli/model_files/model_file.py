@@ -207,8 +207,8 @@ def _compile_file(path: Path) -> CodeType:
         source = importlib.util.decode_source(content)
     except (SyntaxError, UnicodeDecodeError):
         raise BeamdaeError(
-            f"{path}: the file is neither in UTF-8 nor in the encoding declared in the "
-            "first line; declare the encoding as in '# coding: latin-1'."
+            f"{path}: the file cannot be decoded in its declared encoding (default UTF-8); "
+            "declare the encoding on the first or second line, as in '# coding: latin-1'."
         ) from None
     if "\0" in source:
         raise BeamdaeError(f"{path}: the file contains NUL bytes; a model file must be text.")

@@ -1,4 +1,4 @@
-"""Rejection, search and description of dependent (redundant) constraints."""
+"""Detection, description and rejection of dependent (redundant) constraints."""
 
 from __future__ import annotations
 

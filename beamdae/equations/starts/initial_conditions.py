@@ -171,7 +171,7 @@ def _project_velocities(
     if not error <= _VELOCITY_TOLERANCE * size:
         values = ", ".join(f"{e.q_names[k]}{_RATE_SUFFIX} = {requested[k]:g}" for k in prescribed)
         raise BeamdaeError(
-            f"start: the joints do not allow {values}; give fewer or other velocities."
+            f"start: the joints do not allow {values}; specify fewer or different velocities."
         )
     v[prescribed] = requested[prescribed]
     return v

@@ -138,14 +138,14 @@ class RollingOnCircle(_RollingJoint):
                 return arms
         raise BeamdaeError(
             f"{self.name}: the disk must touch the circle in the reference "
-            f"configuration, but the distance of the centers {self.b} and {self.a}, "
+            f"configuration, but the distance between the centers {self.b} and {self.a}, "
             f"{distance:.6g} m, is neither the sum nor the difference of the radii "
             f"{circle:.6g} m and {disk:.6g} m."
         )
 
     @staticmethod
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint, arm_a: SX, arm_b: SX) -> SX:
-        """Return the change of the distance of the centers [m]."""
+        """Return the change of the distance between the centers [m]."""
         return ca.norm_2(b.position - a.position) - (arm_a - arm_b)
 
     @staticmethod

@@ -112,7 +112,7 @@ def _quote_cell(value: Any) -> str:
 
 
 def escape_table(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a copy of the table with headers and texts escaped by `escape_cell`."""
+    """Return a copy of the table with headers and strings escaped by `escape_cell`."""
     import pandas as pd
 
     escaped = table.rename(columns=escape_cell)
