@@ -233,7 +233,7 @@ def mechanism_of(body):
         ),
         ({"formulation": "exact", "frame": "mean"}, "frame must be one of 'tangent', 'chord'"),
         ({"formulation": "exact", "quadrature": "none"}, "quadrature must be one of"),
-        ({"formulation": "exact", "kinematics": print}, "formulation belong"),
+        ({"formulation": "exact", "kinematics": print}, "formulation must be omitted"),
     ],
 )
 def test_settings_of_other_formulations_are_rejected(words, match):

@@ -179,15 +179,15 @@ def test_mass_and_inertia_per_length_override_the_material():
         ),
         (
             lambda: bd.Section.pipe(ALLOY, 0.1, 0.05),
-            "Section.pipe: wall must be less than half the diameter, 0.05 m, got 0.05",
+            "Section.pipe: wall must be less than half the diameter .0.05 m., got 0.05",
         ),
         (
             lambda: bd.Section.i_profile(ALLOY, 0.1, 0.2, 0.1, 0.01),
-            "Section.i_profile: flange must be less than half the height, 0.1 m, got 0.1",
+            "Section.i_profile: flange must be less than half the height .0.1 m., got 0.1",
         ),
         (
             lambda: bd.Section.i_profile(ALLOY, 0.1, 0.2, 0.01, 0.1),
-            "Section.i_profile: web must be less than the width, 0.1 m, got 0.1",
+            "Section.i_profile: web must be less than the width .0.1 m., got 0.1",
         ),
         (
             lambda: bd.Material.of("stel"),

@@ -118,7 +118,7 @@ def create_frame(points=None, members=("AB",), section=SLENDER):
     ("make", "message"),
     [
         (lambda: create_frame(points=[(0, 0)]), "f: points must be a dictionary of positions"),
-        (lambda: create_frame(members=["AC"]), "f: no point 'C' of the member 'AC'"),
+        (lambda: create_frame(members=["AC"]), "f: the member 'AC' names an unknown point 'C'"),
         (lambda: create_frame(members=["ABA"]), "f A-B: section must be a Section"),
         (lambda: create_frame(members=["A"]), "f: a member must be a pair of point names"),
         (lambda: create_frame(members=["AB", "BA"]), "f: the member B-A is listed twice"),

@@ -82,18 +82,21 @@ def test_encodings_of_python_files_are_read(file, content):
     [
         (
             ("# \xe4\n" + HEAD).encode("latin-1"),
-            "model.py: the file is neither in UTF-8 nor in the enc",
+            "model.py: the file cannot be decoded in its declared enc",
         ),
         (
             ("# coding: klingon\n" + HEAD).encode(),
-            "model.py: the file is neither in UTF-8 nor in the enc",
+            "model.py: the file cannot be decoded in its declared enc",
         ),
-        ((HEAD + MODEL).encode("utf-16"), "model.py: the file is neither in UTF-8 nor in the enc"),
+        (
+            (HEAD + MODEL).encode("utf-16"),
+            "model.py: the file cannot be decoded in its declared enc",
+        ),
         (
             b"import beamdae\0\n",
             "model.py: the file contains NUL bytes; a model file must be text.",
         ),
-        (bytes(range(256)), "model.py: the file is neither in UTF-8 nor"),
+        (bytes(range(256)), "model.py: the file cannot be decoded in its declared encoding"),
         (b"", "model.py: the file contains no model; decorate a function"),
         (b"#" * 10_000_001, "model.py: the file is larger than 10 MB; move data"),
         (HEAD + "def broken(:\n", "model.py: the import failed: SyntaxError at line 2: "),
@@ -274,8 +277,8 @@ def test_parameter_values_of_another_type_are_refused(file, default, value, mess
     ("line", "message"),
     [
         ("model = bd.model(t_end=1.0)(3)", "model: build must be a function, got 3."),
-        ("@bd.model(t_end=1)\ndef f(*a): pass", "the parameter 'a' needs a default value"),
-        ("@bd.model(t_end=1)\ndef f(a=1, /): pass", "the parameter 'a' needs a default value"),
+        ("@bd.model(t_end=1)\ndef f(*a): pass", "the parameter 'a' must have a default value"),
+        ("@bd.model(t_end=1)\ndef f(a=1, /): pass", "the parameter 'a' must have a default value"),
         ("@bd.model(t_end=10**400)\ndef f(a=1): pass", "model: t_end must be finite"),
     ],
 )

@@ -197,7 +197,7 @@ def test_help_lists_exit_codes_and_is_wrapped_at_every_width():
         assert "Exit codes: 0 success" in CliRunner().invoke(app, ["--help"]).stdout
         paragraph = " ".join(text.split()).split("Arguments")[0]
         assert (
-            "and so on. If the tables of the earlier parts are in the same folder, NAME.csv covers"
+            "and so on). If the tables of the earlier parts are in the same folder, NAME.csv covers"
             in paragraph
         )
 

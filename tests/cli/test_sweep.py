@@ -50,7 +50,10 @@ def test_values_of_over(name, text, values):
             "--over speed: the parameter is also set by --set; omit one of the options.",
         ),
         (["--over", "section=a,b"], "section must be of type Section, got 'a'."),
-        ([], "the file contains no sweep; vary a parameter with --over NAME=VALUES (speed, turns"),
+        (
+            [],
+            "the file contains no sweep; vary a parameter with --over NAME=VALUES (parameters: speed, turns",
+        ),
         (
             ["--rtol", "1e-3"],
             "sweep: --rtol requires --over; to change a sweep in a file, edit the file.",

@@ -271,7 +271,7 @@ nan = float("nan")
         (lambda: bd.Curve(np.sin, x=(1.0, 1.0)), r"Curve: the interval x must not be empty"),
         (
             lambda: bd.Curve(lambda x: 1.0 / x if x else nan, x=(0.0, 1.0)),
-            "Curve: the function is inf at x = 0; the value must be finite for every x in",
+            "Curve: the function is nan at x = 0 m; the value must be finite for every x in",
         ),
         (
             lambda: bd.Curve(lambda x: 1.0 / (x - 0.5), x=(0.0, 1.0)),
@@ -282,10 +282,10 @@ nan = float("nan")
         (lambda: bd.IntrinsicCurve(np.sin, 0.0), "IntrinsicCurve: length must be positive, got 0"),
         (
             lambda: bd.IntrinsicCurve(lambda s: 1 / s, 1.0),
-            "the call failed at s = 0: ZeroDivisionError",
+            "the call failed at s = 0 m: ZeroDivisionError",
         ),
         (lambda: bd.IntrinsicCurve(lambda s: nan, 1.0), "the curvature at s = 0 must be finite"),
-        (lambda: bd.IntrinsicCurve(lambda s: 1e4, 1.0), "turns by 25 rad within 1/400"),
+        (lambda: bd.IntrinsicCurve(lambda s: 1e4, 1.0), "turns the tangent by 25 rad within 1/400"),
         (lambda: bd.Curve(points=CIRCLE[:3]), "Curve: points must be at least 4 pairs"),
         (lambda: bd.Curve(points="round"), "Curve: points must be at least 4 pairs"),
         (
@@ -309,7 +309,7 @@ nan = float("nan")
             r"^Segment: start and end must ascend within \[0, 2.38537208838\] m, got 1 and 1 m\.$",
         ),
         (lambda: bd.Segment(CURVES["line"], 2.0, 1.0), r"Segment: .*must ascend.*got 2 and 1 m\.$"),
-        (lambda: bd.Segment(CURVES["line"], -0.1, 1.0), r"Segment: .*got -0.1 and 1\.$"),
+        (lambda: bd.Segment(CURVES["line"], -0.1, 1.0), r"Segment: .*got -0.1 and 1 m\.$"),
         (lambda: bd.Segment(CURVES["line"], 1.0, 2.4), r"Segment: .*got 1 and 2.4 m\.$"),
         (lambda: bd.Segment(CURVES["line"], nan, 1.0), "Segment: start must be finite, got nan"),
         (

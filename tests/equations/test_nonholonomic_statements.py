@@ -109,7 +109,7 @@ def test_a_constraint_not_linear_in_velocities_is_rejected():
         (None, 1, "pushed: the force depends on 1 multipliers but has joint=None"),
         ("row", 0, "pushed: the force depends on 0 multipliers but has joint='row'"),
         ("row", 2, "pushed: the force depends on 2 multipliers of 'row', but this joint has 1"),
-        ("rows", 1, "pushed: it depends on 1 multipliers of 'rows', which has 0"),
+        ("rows", 1, "pushed: the force depends on 1 multipliers of 'rows', but this joint has 0"),
     ],
 )
 def test_missing_multipliers_are_rejected(joint, count, message):

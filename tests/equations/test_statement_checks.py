@@ -199,9 +199,9 @@ def stating(forces=lambda: [], constraints=lambda: []):
     [
         (stating(lambda: None), r"forces\(\) must be a list of ForceStatement, got None"),
         (stating(force), r"forces\(\) must be a list of ForceStatement, got ForceStatement"),
-        (stating(lambda: [force(ca.SX.zeros(2))]), r"its force must have shape \(3, 1\), got \(2,"),
+        (stating(lambda: [force(ca.SX.zeros(2))]), r"force must have shape \(3, 1\), got \(2,"),
         (stating(lambda: [force([0, 0, 0])]), "force must be a CasADi SX column, got list"),
-        (stating(lambda: [force(energies=ca.SX(1))]), r"its energies must have shape \(3, 1\)"),
+        (stating(lambda: [force(energies=ca.SX(1))]), r"energies must have shape \(3, 1\)"),
         (stating(lambda: [force(powers=ca.SX.zeros(4))]), r"powers must have shape \(2, 1\)"),
         (
             stating(lambda: [force(ca.SX.sym("stray", 3))]),

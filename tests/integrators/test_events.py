@@ -271,7 +271,7 @@ def test_table_ends_at_the_event(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ({"what": "ball.z"}, "no column 'ball.z' is observed .did you mean"),
+        ({"what": "ball.z"}, "the column 'ball.z' is not observed .did you mean"),
         ({"what": 3}, "event: the first argument must be the name of an observed column"),
         ({"what": "ball.y", "direction": "left"}, "direction must be"),
         ({"what": "ball.y", "do": "jump"}, "do must be"),

@@ -155,7 +155,7 @@ def test_checkpoint_of_another_model_is_rejected(tmp_path):
         (lambda record: record | {"events": "bounce"}, "damaged"),
         (lambda record: {k: x for k, x in record.items() if k != "states"}, "damaged"),
         (lambda record: record | {"t": float("nan")}, "damaged"),
-        (lambda record: record | {"t": 0.05}, "damaged (wrong checksum)"),
+        (lambda record: record | {"t": 0.05}, r"damaged \(wrong checksum\)"),
     ],
 )
 def test_damaged_checkpoint_is_rejected(tmp_path, change, sentence):

@@ -168,7 +168,7 @@ GROUND = bd.Mechanism().ground.at(0.0, 0.0)
         ),
         (
             lambda: bd.ForceLaw("f", ON, lambda a, t: (0, 0), energy=lambda a: a.rate),
-            "f: energy must depend on positions and angles alone",
+            "f: energy must depend only on positions and angles",
         ),
         (
             lambda: bd.ForceLaw("f", ON, lambda a, t: (0, 0), dissipative=1),

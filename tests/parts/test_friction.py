@@ -206,7 +206,10 @@ PIN, LINE = bd.Revolute("pin", *ENDS), bd.PointOnLine("line", *ENDS)
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: bd.Friction("f", PIN, 0.1, 1e-3), "f: friction in pin needs radius=, of the bear"),
+        (
+            lambda: bd.Friction("f", PIN, 0.1, 1e-3),
+            "f: friction in pin requires radius= .radius of the bear",
+        ),
         (lambda: bd.Friction("f", LINE, 0.1, 1e-3, radius=1.0), "f: radius does not apply to lin"),
         (lambda: bd.Friction("f", LINE, -0.1, 1e-3), "f: coefficient must not be negative"),
         (lambda: bd.Friction("f", LINE, 0.1, 0.0), "f: regularization must be positive, got 0"),

@@ -223,7 +223,7 @@ CENTER = DISK.at(0.0, 1.0)
             lambda: bd.Skate("s", bd.PointMass("p", 1.0, at=(0, 0)).point),
             r"s: p at \(0, 0\) is a particle without an angle",
         ),
-        (lambda: bd.Skate("s", GROUND.at(0, 0)), r"s: ground at \(0, 0\) does not move"),
+        (lambda: bd.Skate("s", GROUND.at(0, 0)), r"s: ground at \(0, 0\) belongs to the ground"),
         (lambda: bd.Skate("s", CENTER, (0, 0)), "s: direction must not be zero"),
     ],
 )

@@ -36,7 +36,9 @@ def test_curves_connect_runs_in_order_of_the_parameter():
     ]
     with pytest.raises(bd.BeamdaeError, match="no response 'tipp'"):
         swept.plot("tipp")
-    with pytest.raises(bd.BeamdaeError, match="no parameter 'radius' varies; choose speed"):
+    with pytest.raises(
+        bd.BeamdaeError, match="there is no varied parameter 'radius'; choose speed"
+    ):
         swept.plot(x="radius")
     with pytest.raises(bd.BeamdaeError, match="a map requires two varied parameters, got 1 "):
         swept.map()
