@@ -261,10 +261,10 @@ def test_run_reports_the_validity_of_beams_and_warns_once(command):
     assert result.stderr == ""
     text = " ".join(result.stdout.split())
     assert "deflection" in text
-    assert text.count("warning: beam: it bends") == 1
+    assert text.count("warning: beam: the beam bends") == 1
     sidecar = json.loads(Path("results/arm.json").read_text())
     assert sidecar["validity"][0]["name"] == "beam"
-    assert sidecar["warnings"][0].startswith("beam: it bends")
+    assert sidecar["warnings"][0].startswith("beam: the beam bends")
 
 
 @pytest.mark.slow(reason="runs a model")

@@ -198,7 +198,7 @@ def test_a_force_that_is_not_finite_at_the_start_is_an_error():
     [
         ({"q": [1, 2]}, "q must be a CasADi symbol"),
         ({"v": ca.SX.sym("v", 3)}, "q and v must have equal sizes, got sizes 1, 2 and 3"),
-        ({"observe": ["x"]}, "observe must be a dict of expressions by name"),
+        ({"observe": ["x"]}, "observe must be a dict of expressions by header"),
         ({"names": ("a", "a")}, "names must be unique, got a, a"),
         ({"breakpoints": (2.0, 1.0)}, "ConstrainedSystem: breakpoints must ascend"),
         ({"breakpoints": ("1",)}, "ConstrainedSystem: breakpoints must be a number, got '1'"),
