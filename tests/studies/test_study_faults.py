@@ -267,7 +267,7 @@ def test_processes_that_die_or_hang_are_rows(tmp_path, monkeypatch, capfd):
     assert sentences["at once"] == f"{died} ended with exit code 0"
     assert sentences["at once, 3"] == f"{died} ended with exit code 3"
     assert sentences["killed"] == f"{died} was killed by SIGKILL"
-    assert sentences["hanging"] == "killed because it did not stop at the time limit"
+    assert sentences["hanging"] == "killed because the run did not stop at the time limit"
     assert "memory" in sentences["greedy"]
     assert all(results[kind].outcome.status.success for kind in harmless)
     assert [kind for kind, x in results.items() if not x.storable] == [
