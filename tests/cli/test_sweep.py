@@ -52,7 +52,8 @@ def test_values_of_over(name, text, values):
         (["--over", "section=a,b"], "section must be of type Section, got 'a'."),
         (
             [],
-            "the file contains no sweep; vary a parameter with --over NAME=VALUES (param",
+            "the file contains no sweep; vary a parameter with --over NAME=VALUES "
+            "(parameters: speed, turns",
         ),
         (
             ["--rtol", "1e-3"],
