@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.testing import assert_allclose
 from tolerances.mechanisms import parallelogram
 
 import beamdae as bd
@@ -141,6 +142,58 @@ def test_systems_at_rest_have_no_warnings(model, integrator):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert bd.simulate(model, integrator, 1.0).warnings == ()
+
+
+def magnet(datum):
+    """Return a ball that swings through an attracting magnet whose potential is `datum` far away.
+
+    The potential is negative for `datum` = 0, and so is the sum of kinetic and potential energy.
+    """
+    strength, gap = 2e-3, 0.01
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 0.1, at=(0.05, 0.0)))
+
+    def pull(ball, t):
+        x, y = ball.position
+        distance = np.sqrt(x**2 + y**2 + gap**2)
+        return (-strength * x / distance**3, -strength * y / distance**3)
+
+    def potential(ball):
+        x, y = ball.position
+        return datum - strength / np.sqrt(x**2 + y**2 + gap**2)
+
+    mech.add(bd.ForceLaw("magnet", ball.point, pull, energy=potential))
+    return mech
+
+
+@pytest.mark.parametrize("integrator", [bd.Ida(1e-4), bd.Radau(1e-4)])
+def test_regression_an_attracting_magnet_has_no_false_alarm(integrator):
+    """The energy exchanged was the largest sum of kinetic and negative potential energy, zero."""
+    quality = {}
+    for datum in (0.0, -10.0, 1e3):  # [J]; the ball exchanges 0.16 J
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            solution = bd.simulate(magnet(datum), integrator, 2.0)
+        quality[datum] = solution.quality.energy_imbalance
+    assert quality[0.0] < 100.0 * integrator.rtol  # the guaranteed accuracy
+    # The datum only adds rounding errors, 1e-16 of it.
+    assert_allclose(list(quality.values()), quality[0.0], rtol=0.0, atol=1e-11)
+
+
+def test_prestressed_rings_at_rest_have_no_warnings():
+    """The strain energy is large and constant; only rounding noise is exchanged."""
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.001)
+    circle = bd.Arc(radius=0.1, length=0.2 * np.pi)
+    straight = bd.Line((0.0, 0.0), (circle.length, 0.0))
+    first, *_ = bd.welded_beams(
+        mech, "ring", circle, strip, bodies=4, closed=True, elements=2, free_curve=straight
+    )
+    mech.add(bd.Weld("clamp", mech.ground.at(*first.start.point), first.start))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        solution = bd.simulate(mech, bd.Radau(1e-3), 1.0)
+    assert solution.quality.energy_imbalance < 1e-4
 
 
 def test_columns_that_are_not_finite_are_named():

@@ -35,8 +35,10 @@ class Quality:
         Largest constraint violations |g| [m or rad] and |g_dot| [m/s or rad/s].
     energy_imbalance
         Largest |energy - work of loads - work of drivers + dissipated energy - initial energy|
-        relative to the largest energy exchanged [-]. For systems at rest, the reference is 1e-8
-        times the largest force times the length of the mechanism.
+        relative to the energy exchanged [-]: the largest of the kinetic energy, the range of the
+        strain energy (with springs and the potentials of force laws), the range of the potential of
+        gravity, and the works. For systems at rest, the reference is 1e-8 times the largest force
+        times the length of the mechanism.
     """
 
     max_residual: float
@@ -147,17 +149,18 @@ class EnergyLedger:
     def energy(self) -> Imbalance:
         """Energy imbalance at the steps [J]; its scale is the energy exchanged."""
         rows = np.hstack([self._select_steps(self.energies), np.concatenate(self.works)])
-        exchanged = max(
-            np.max(rows[:, :2].sum(axis=1)),  # kinetic and strain energy
-            np.max(np.abs(rows[:, 3:])),  # works
-            np.ptp(rows[:, 2]),  # gravity, whose datum is arbitrary
+        # Only the kinetic energy and the works have a zero. The datum of a potential is arbitrary,
+        # and an attractive potential is negative, so potentials count with their range.
+        kinetic, potentials, works = rows[:, 0], rows[:, 1:3], rows[:, 3:]
+        exchanged = float(
+            max(np.max(kinetic), np.max(np.ptp(potentials, axis=0)), np.max(np.abs(works)))
         )
         imbalance = float(np.max(np.abs(_sum_balance(rows, rows[0]))))
         largest = float(np.max(np.abs(rows)))
         rounding = (
             _ROUNDING_OF_FORCES * self.force.scale * self.length + _ROUNDING_OF_ENERGIES * largest
         )
-        return Imbalance(imbalance, max(float(exchanged), rounding), largest)
+        return Imbalance(imbalance, max(exchanged, rounding), largest)
 
     @property
     def force(self) -> Imbalance:
