@@ -400,7 +400,7 @@ GROUPS = (
     ),
     Group(
         "parts",
-        "Laws of time",
+        "Time laws",
         (
             Public(
                 "Law",

@@ -215,7 +215,7 @@ _USES: dict[str, Callable[[Sandbox, Any], Any]] = {
     "Joints": run_with_part,
     "Drivers": run_with_part,
     "Loads and forces": run_with_part,
-    "Laws of time": run_with_law,
+    "Time laws": run_with_law,
     "Observables": run_with_observable,
     "beams": run_with_curve,
     "sections": run_with_section,
