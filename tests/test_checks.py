@@ -257,7 +257,7 @@ def test_regression_upright_bars_are_redundant_not_singular():
 def test_minimum_norm_rejects_switched_parts():
     mech = linkage(3, redundant="minimum norm")
     mech.when("coupler.x", crosses=5.0, do=bd.deactivate(mech.part("head 2")))
-    with pytest.raises(bd.BeamdaeError, match="is not supported with events that switch parts"):
+    with pytest.raises(bd.BeamdaeError, match="is not supported with inactive parts"):
         mech.check()
 
 

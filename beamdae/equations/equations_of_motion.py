@@ -42,7 +42,10 @@ class RangeTerm:
     operator: sp.csr_array
 
     def largest_deformation(self, q: Array) -> Array:
-        """Return maxima of (deflection / length, rotation [rad], strain) over rows of q, (3,)."""
+        """Return (deflection / length, rotation [rad], strain), (3,).
+
+        Each entry is the maximum over the rows of q and the copies of the kernel.
+        """
         kernel, data = self.statement.kernel, self.statement.data
         copies = data.shape[1]
         local = np.asarray(self.operator @ q.T).T.reshape(len(q) * copies, kernel.local.size)
@@ -79,7 +82,7 @@ class Observable:
 
     @property
     def headers(self) -> list[str]:
-        """CSV headers 'name.suffix [unit]'."""
+        """CSV headers of the columns, such as 'tip.x [m]'."""
         return [
             Variable(".".join(filter(None, (self.name, column.name))), column.unit).header
             for column in self.columns
@@ -124,7 +127,7 @@ class EventTerm:
     side: int = 0
 
     def evaluate_difference(self, p: Array, times: Array, q: Array, v: Array, lam: Array) -> Array:
-        """Return the monitored column minus `crosses`, at rows of states and times (t, branch)."""
+        """Return the monitored column minus `crosses`, (rows,), for rows of (t, branch), states."""
         o = self.observable
         local = (np.asarray(o.operator @ x.T).T for x in (q, v))
         return o.function(times, *local, p[o.data], lam[:, o.rows])[:, self.column] - self.crosses
@@ -140,8 +143,8 @@ class PartCoordinates(NamedTuple):
     rows
         Slice of the coordinates.
     size
-        Largest distance between points of the part [m], which converts rotations to displacements.
-        The characteristic length of the mechanism replaces a size of zero.
+        Largest distance between points of the outline of the part [m], which converts rotations to
+        displacements; the characteristic length for a single point or a free coordinate.
     """
 
     name: str
@@ -157,7 +160,8 @@ class Start(NamedTuple):
     description
         Text that describes the request.
     q, v
-        Requested coordinates and velocities, before joints make them consistent.
+        Requested coordinates and velocities, (n,) each, before joints make them consistent. For
+        "equilibrium", the equilibrium positions and zero.
     moves
         True if the positions differ from "as drawn".
     """
@@ -176,25 +180,27 @@ class EquationsOfMotion:
 
         F(t, q, v, a, p) + G^T lam = 0,    0 = g(t, q, p),    G = dg/dq,
 
-    where F is inertia minus applied forces. For nonholonomic constraints, A(t, q) v + b(t, q) = 0
-    replaces g_dot = 0, and A replaces G. The object is immutable, so that formulations, integrators
-    and analyses can share the data derived from it.
+    where F contains inertia, elastic and damping forces minus applied loads. For nonholonomic
+    constraints, A(t, q) v + b(t, q) = 0 replaces g_dot = 0, and A replaces G. The object is
+    immutable, so that formulations, integrators and analyses can share the data derived from it.
 
     Attributes
     ----------
     coordinates, multipliers
-        Name 'part.coordinate' or 'part.constraint' and unit of each coordinate and multiplier.
+        Name and unit of each coordinate and multiplier. Names are 'part.coordinate' and
+        'part.constraint'; coordinates of a constrained system have no prefix.
     q0, v0
         Initial coordinates and velocities, as drawn or as requested, (n,) each; integrators make
         them consistent.
     p
         Numbers of the model: quadrature data, section, mass and load values.
     length
-        Characteristic length of the mechanism [m], the scale of positions.
+        Characteristic length of the mechanism [m], the scale of positions. For a constrained
+        system, the largest absolute initial value of the coordinates that are not angles.
     parts
         Coordinates and size of each part.
     breakpoints
-        Ascending times [s] at which a law changes its formula; integrators stop and restart there.
+        Ascending times [s] at which laws have jumps or kinks; integrators stop and restart there.
     time_scale
         Shortest time [s] over which a law changes, or None.
     observables
@@ -202,8 +208,8 @@ class EquationsOfMotion:
     structure
         Kernels of forces and joints with their operators, without numbers.
     scales
-        Amplitude of each coordinate, in the unit of the coordinate, (n,). If None, integrators
-        estimate the amplitudes.
+        Amplitude of each coordinate, in the unit of the coordinate, (n,). If None, adaptive
+        integrators estimate the amplitudes.
     ranges
         Deformation measures of the parts.
     laws
@@ -216,7 +222,8 @@ class EquationsOfMotion:
     events
         Events to be detected in a run.
     configurations
-        Equations with some parts inactive, if events switch parts; otherwise None.
+        Equations with some parts inactive; None if no part is inactive at the start and no event
+        switches parts or causes an impact.
     mechanism
         Mechanism from which the equations were assembled, for pictures and for observables added
         after a run; None for a constrained system.
@@ -245,12 +252,12 @@ class EquationsOfMotion:
 
     @property
     def n(self) -> int:
-        """Number of coordinates n."""
+        """Number of coordinates."""
         return self.structure.n
 
     @property
     def m(self) -> int:
-        """Number of constraints m."""
+        """Number of constraints."""
         return self.structure.m
 
     @property
@@ -271,12 +278,12 @@ class EquationsOfMotion:
 
     @cached_property
     def q_names(self) -> tuple[str, ...]:
-        """Names 'part.coordinate' of the coordinates, in order."""
+        """Names of the coordinates, in order."""
         return tuple(coordinate.name for coordinate in self.coordinates)
 
     @cached_property
     def lam_names(self) -> tuple[str, ...]:
-        """Names 'part.constraint' of the multipliers, in order."""
+        """Names of the multipliers, in order."""
         return tuple(multiplier.name for multiplier in self.multipliers)
 
     @cached_property
@@ -308,11 +315,11 @@ class Configuration:
     frozen_gaps: FrozenGaps = field(default_factory=dict)
 
     def select_multipliers(self, lam: Array) -> Array:
-        """Return the columns of the active constraints from rows of all multipliers."""
+        """Return rows of the active multipliers, given rows `lam` of all multipliers."""
         return lam[:, self.multiplier_rows]
 
     def expand_multipliers(self, lam: Array, m: int) -> Array:
-        """Return rows of all `m` multipliers, zero for inactive parts."""
+        """Return rows of all `m` multipliers, zero for inactive parts, given the active ones."""
         multipliers = np.zeros((len(lam), m))
         multipliers[:, self.multiplier_rows] = lam
         return multipliers
@@ -324,8 +331,10 @@ class ImpactEquations:
 
     Attributes
     ----------
+    equations
+        Equations with the constraints of the active parts and of the impact.
     restitution
-        Coefficient of restitution by name of the multiplier.
+        Coefficient of restitution of each impact constraint, by name of its multiplier.
     gaps
         Names of the multipliers of contact gaps, which may open without an impulse.
     """
@@ -338,7 +347,7 @@ class ImpactEquations:
 class Configurations(Protocol):
     """Configurations of a mechanism whose parts are switched by events.
 
-    `whole` denotes the equations of all parts. Times are arrays (t, branch).
+    `whole` denotes the equations of all parts; times are arrays (t, branch).
     """
 
     @property

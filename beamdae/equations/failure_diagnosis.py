@@ -10,7 +10,7 @@ from beamdae.equations.starts.state_evaluator import StateEvaluator
 
 Array = np.ndarray
 
-_NEARLY_SINGULAR_RATIO = 5e-2  # smallest singular value of G, whose rows have length one
+_NEARLY_SINGULAR_RATIO = 5e-2  # smallest singular value of the scaled G, with rows of length one
 _SIGNIFICANT_RESIDUAL = 1e-6  # relative to the size of the terms of the equation
 _MIN_FORCE = 1e-300  # avoids division by zero
 
@@ -77,8 +77,8 @@ def _describe_rank_loss(e: EquationsOfMotion, time: Array, state: State) -> str:
         return ""
     names = ", ".join(jacobian.singular_joints(time, state.q))
     return (
-        f"the joints {names} are near a singular position; check that the mechanism "
-        "can pass this position"
+        f"the mechanism is near a singular position of {names}; check that it can pass "
+        "this position"
     )
 
 

@@ -16,7 +16,7 @@ from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum
 
 Array = np.ndarray
 
-# Rows evaluated together: few enough to stay in the processor caches.
+# Limits of the rows evaluated together, so that their data stay in the processor caches.
 _MAX_NUMBERS_AT_ONCE = 100_000
 _MAX_ROWS_AT_ONCE = 1024
 
@@ -114,7 +114,7 @@ class BalanceBuffers:
 
 
 def evaluate_balance(run: BalanceBuffers) -> int:
-    """Evaluate energies, powers and norms (see `plan_balance`) of the rows in use."""
+    """Evaluate energies, powers and norms (see `plan_balance`) of the rows in use; return DONE."""
     n, m, value = run.n, run.m, run.value
     on_q, on_g = run.ones[:n], run.ones[:m]
     forces = N_BALANCE_SCALARS
@@ -168,7 +168,7 @@ def plan_balance(e: Structure) -> BalancePlan:
     """Return the plan that evaluates three energies [J], three powers [W] and five norms.
 
     `ENERGIES` names the energies; `WORKS` names the time integrals of the powers. The norms are the
-    largest entries of F + G^T lam, G^T lam, F at a = 0, g and g_dot.
+    largest absolute entries of F + G^T lam, G^T lam, F at a = 0, g and g_dot.
     """
     layout = InputLayout(q=0, v=e.n, a=2 * e.n, lam=3 * e.n)
     return BalancePlan(e.n, e.m, assemble_balance(e, layout).vector())

@@ -18,7 +18,7 @@ Array = np.ndarray
 def hash_model(equations: EquationsOfMotion) -> str:
     """Return a hash of equations of motion that ignores start, observables and events.
 
-    Numbers enter with nine digits, so that rounding does not change the hash.
+    Numbers enter with nine significant digits, so that rounding errors hardly ever change the hash.
     """
     e = equations
     digest = hashlib.sha256()

@@ -1,4 +1,4 @@
-"""Detection of laws of time that become infinite within a run, possibly between two steps."""
+"""Detection of time laws that become infinite within a run, possibly between two steps."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from beamdae.symbolic.formula import MAX_SHARED_KERNELS, Formula
 
 Array = np.ndarray
 
-# Search for peaks: sample an interval, then repeatedly the quarter around the largest value.
+# Search for peaks: samples of an interval, then of ever smaller ranges around each peak, which
+# shrink by the ratio in every refinement.
 _N_SAMPLES = 501
 _N_REFINED_SAMPLES = 9
 _N_REFINEMENTS = 13
@@ -38,7 +39,7 @@ class PartLaw(NamedTuple):
     numbers: Array
 
     def size(self, times: Array, branches: Array) -> Array:
-        """Return |law| at rows of times [s], with one branch per row; nan becomes 0."""
+        """Return |law| at times [s], (rows, k), with one branch per row, (rows,); nan becomes 0."""
         rows = np.stack(np.broadcast_arrays(times, branches[:, None]), axis=-1).reshape(-1, 2)
         sizes = np.abs(self.function(rows, self.numbers)).reshape(times.shape)
         return np.where(np.isnan(sizes), 0.0, sizes)
@@ -102,7 +103,10 @@ def require_no_pole(laws: Iterable[PartLaw], intervals: Sequence[tuple[float, fl
 
 
 def _find_pole(law: PartLaw, intervals: Array) -> float | None:
-    """Return a time [s] at which a law is infinite, or None; examine only peaks of the samples."""
+    """Return a time [s] near which a law becomes infinite, or None.
+
+    Only the peaks of equidistant samples are examined.
+    """
     start, end = intervals.T
     size = law.size(np.linspace(start, end, _N_SAMPLES, axis=1), 0.5 * (start + end))
     following, preceding = np.zeros_like(size), np.zeros_like(size)

@@ -26,7 +26,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 K = TypeVar("K", bound=CacheOwner)
 
-_MAX_STRUCTURES = 16  # cached for later models
+_MAX_STRUCTURES = 16  # number of structures cached for later models
 # Larger structures are not cached: their sums need memory in proportion to their size, while the
 # time to build them becomes negligible compared with the run.
 _MAX_COORDINATES = 1000
@@ -42,7 +42,7 @@ class ForceTerm:
         The operator selects global coordinates; the rotation, if any, transforms the selected
         coordinates to local coordinates.
     data
-        Slice of p with the numbers of the copies, followed by the numbers of the rotation.
+        Slice of p that contains, for each copy, the numbers of the kernel and of the rotation.
     count
         Number of copies.
     rows
@@ -61,7 +61,8 @@ class ForceTerm:
 class ConstraintTerm:
     """Copies of one constraint kernel on the global coordinates.
 
-    `operator` selects the local coordinates of all copies, `rows` the constraints in g.
+    `operator` selects the local coordinates of all copies, `rows` selects their constraints from g,
+    and `data` is the slice of p with the numbers of the copies.
     """
 
     kernel: ConstraintKernel
@@ -75,7 +76,7 @@ class ConstraintTerm:
 class Structure:
     """Equations of motion without their numbers p.
 
-    Two structures are equal if they have the same kernels, slices and operators.
+    Two structures are equal if they have the same sizes, kernels, slices, rotations and operators.
 
     Attributes
     ----------
@@ -116,7 +117,7 @@ _interning = threading.Lock()
 
 
 def intern_structure(structure: Structure) -> Structure:
-    """Return an equal structure of an earlier model, or else `structure` itself."""
+    """Return an equal structure of an earlier model if one is cached, or else `structure`."""
     if structure.n > _MAX_COORDINATES:
         return structure
     # Without the lock, concurrent threads could return different objects for equal structures.

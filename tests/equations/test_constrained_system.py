@@ -256,7 +256,7 @@ def test_units_are_in_the_headers():
 @pytest.mark.parametrize(
     ("units", "message"),
     [
-        (("m",), r"units must have 2 entries, got 1: \('m',\)"),
+        (("m",), r"units must have length 2, got length 1: \('m',\)"),
         ("mm", "units must be a list of 2 strings, got 'mm'"),
         (("m", 3), "units must be strings such as 'm' and 'rad', got 3"),
         (("m", ""), "units must be strings such as 'm' and 'rad', got ''"),
@@ -318,8 +318,8 @@ def test_rtol_is_relative_to_the_scales(integrator):
 @pytest.mark.parametrize(
     ("scales", "words"),
     [
-        ([1.0], "scales must have 2 finite entries"),
-        (1.0, "scales must have 2 finite entries"),
+        ([1.0], "scales must have length 2 and finite entries"),
+        (1.0, "scales must have length 2 and finite entries"),
         ([1.0, 0.0], "scales must be pos"),
     ],
 )

@@ -106,10 +106,10 @@ def test_a_constraint_not_linear_in_velocities_is_rejected():
 @pytest.mark.parametrize(
     ("joint", "count", "message"),
     [
-        (None, 1, "pushed: the force depends on 1 multipliers but has joint=None"),
-        ("row", 0, "pushed: the force depends on 0 multipliers but has joint='row'"),
-        ("row", 2, "pushed: the force depends on 2 multipliers of 'row', but this joint has 1"),
-        ("rows", 1, "pushed: the force depends on 1 multipliers of 'rows', but this joint has 0"),
+        (None, 1, "pushed: the force has n_multipliers=1 but joint=None"),
+        ("row", 0, "pushed: the force has n_multipliers=0 but joint='row'"),
+        ("row", 2, "pushed: n_multipliers of the force must be 1, the number of"),
+        ("rows", 1, "pushed: n_multipliers of the force must be 0, the number of"),
     ],
 )
 def test_missing_multipliers_are_rejected(joint, count, message):

@@ -54,7 +54,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         Parts, observables, events and gravity. Later changes to the mechanism do not affect the
         result.
     start
-        Replaces the start of the mechanism, see `Mechanism`.
+        Initial conditions, see `Mechanism`. Defaults to those of the mechanism.
 
     Returns
     -------
@@ -64,7 +64,8 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     Raises
     ------
     BeamdaeError
-        If no body can move, or the statements of a part are missing or do not fit its bodies.
+        If `mechanism` is not a Mechanism, no body can move, a part or an observable does not fit
+        the mechanism, memory does not suffice for a run, or no such start exists.
     """
     if not isinstance(mechanism, Mechanism):
         raise BeamdaeError(
@@ -131,8 +132,9 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     if mechanism.redundant == MINIMUM_NORM:
         if configurations is not None:
             raise BeamdaeError(
-                f"Mechanism: redundant={MINIMUM_NORM!r} is not supported with events "
-                "that switch parts; remove the redundant constraints or these events."
+                f"Mechanism: redundant={MINIMUM_NORM!r} is not supported with inactive "
+                "parts, impacts or events that switch parts; omit these or remove the "
+                "redundant constraints."
             )
         equations = replace(equations, redundant=True)
     return apply_initial_conditions(equations, mechanism.start if start is None else start)
@@ -161,8 +163,8 @@ def _require_drawn_attachments(
 ) -> None:
     """Reject attachments whose position at q0 differs from `Attachment.point`.
 
-    Joints are defined by these points. If the positions differed, a joint would separate points
-    that are drawn as coincident.
+    Joints are defined by these points. If the positions differed, a joint would connect points that
+    are drawn apart.
     """
     attachments = [a for part in mechanism.parts.values() for a in part.attachments]
     if not attachments:

@@ -81,6 +81,11 @@ def build_equations(
     Statements that share a kernel become one term. Its copies differ in their numbers and in the
     rows of the operator that gathers their local coordinates. For the other arguments, see
     `EquationsOfMotion`.
+
+    Raises
+    ------
+    BeamdaeError
+        If observables, events or multipliers do not fit the parts, or headers occur twice.
     """
     numbers = NumberStore()
     multipliers = [
@@ -156,7 +161,15 @@ def build_observable(
     numbers: NumberStore,
     rows: dict[str, slice],
 ) -> Observable:
-    """Return the observable of a quantity; `rows` maps parts to slices of the multipliers."""
+    """Return the observable of a quantity, whose numbers are appended to `numbers`.
+
+    `rows` maps the name of each part with constraints to the slice of its multipliers.
+
+    Raises
+    ------
+    BeamdaeError
+        If the quantity has invalid columns, the wrong shape, or a joint without constraints.
+    """
     if quantity.joint is not None and quantity.joint not in rows:
         raise BeamdaeError(
             f"{name}: {quantity.joint!r} has no constraints and therefore no reaction; observe "
@@ -192,14 +205,14 @@ def add_observable(
     Raises
     ------
     BeamdaeError
-        If the equations were not assembled from a mechanism, or the quantity refers to a part of
-        another mechanism.
+        If the equations were not assembled from a mechanism, the quantity refers to a part of
+        another mechanism or is invalid, or a column of this name exists.
     """
     name, mechanism = require_name("observe", name), e.mechanism
     if mechanism is None:
         raise BeamdaeError(
             f"{name}: the run has no mechanism; for a ConstrainedSystem, define the column with "
-            "the parameter observe of the system."
+            "its parameter observe."
         )
     quantity, coordinate_map = as_quantity(name, what), map_coordinates(mechanism)
     for piece in quantity.pieces:
@@ -272,7 +285,7 @@ def _build_event_terms(
 def require_unique_headers(
     coordinates: Sequence[Variable], multipliers: Sequence[Variable], observed: Sequence[Observable]
 ) -> None:
-    """Reject duplicate column headers."""
+    """Reject duplicate headers of observed columns, and of coordinates and multipliers."""
     observed_headers = [header for observable in observed for header in observable.headers]
     require_unique("observed columns", "headers", [*observed_headers, *LEDGER_COLUMNS, TIME])
     rates = [coordinate.rate for coordinate in coordinates]
@@ -302,7 +315,7 @@ class NumberStore:
 
 
 def read_only_copy(values: Array) -> Array:
-    """Return a read-only copy of type float."""
+    """Return a read-only float copy of an array."""
     copy = np.array(values, float)
     copy.setflags(write=False)
     return copy

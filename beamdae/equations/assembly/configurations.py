@@ -40,7 +40,7 @@ _SHARED_FIELDS = ("q0", "v0", "length", "parts")
 class MechanismConfigurations:
     """Configurations of a mechanism, assembled when they are first needed.
 
-    Implements the protocol `Configurations`; `whole` denotes the equations of all parts.
+    Implements the protocol `Configurations`, where `whole` denotes the equations of all parts.
 
     Attributes
     ----------
@@ -164,8 +164,8 @@ class MechanismConfigurations:
                 return shift_law(laws[name], gap.since)
         raise BeamdaeError(
             f"{name}: the law of this driver was set by event {gap.event} at t = "
-            f"{gap.since:g} s, but no event of this name sets that law in this model; use the "
-            "model of the earlier run."
+            f"{gap.since:g} s, but no event with this name sets a law for it in this model; use "
+            "the model of the earlier run."
         )
 
     def _active_mechanism(self, inactive: frozenset[str], frozen_gaps: FrozenGaps) -> Mechanism:
@@ -180,9 +180,9 @@ class MechanismConfigurations:
             gap = frozen_gaps[name]
             if not isinstance(part, KinematicConstraint) or part.n_gap_rows != len(gap.offsets):
                 raise BeamdaeError(
-                    f"{name}: an earlier event froze this joint with "
-                    f"{len(gap.offsets)} offsets, which do not fit this model; use the "
-                    "model of the earlier run."
+                    f"{name}: an earlier event froze this joint with offsets that do not "
+                    f"fit this model (count: {len(gap.offsets)}); use the model of the "
+                    "earlier run."
                 )
             parts[name] = FrozenConstraint(part, gap.offsets, self._event_law(name, gap))
         mechanism = copy(self.mechanism)
@@ -196,7 +196,7 @@ def _shared_fields(whole: EquationsOfMotion) -> dict:
 
 
 def _unused_name(event: str, mechanism: Mechanism) -> str:
-    """Return an unused part name for the gap of an event."""
+    """Return the name of an event, with a number if a part has this name."""
     name, count = event, 1
     while name in mechanism.parts:
         count += 1
@@ -209,20 +209,23 @@ def build_configurations(
     coordinates: CoordinateMap,
     assemble: Callable[[Mechanism], EquationsOfMotion],
 ) -> MechanismConfigurations | None:
-    """Return the configurations of a mechanism; None if events switch no parts.
+    """Return the configurations of a mechanism whose active parts or constraints can change.
+
+    Returns None if no part is inactive at the start and no event switches parts or causes an
+    impact.
 
     Raises
     ------
     BeamdaeError
-        If a switched part is unknown or has coordinates.
+        If a switched or inactive part is unknown or has coordinates.
     """
     switches = [x for event in mechanism.events for x in select_switches(event.do)]
     names = {name for switch in switches for name in (*switch.on, *switch.off)}
     for name in sorted(names | mechanism.inactive):
         if len(mechanism.part(name).coordinates):
             raise BeamdaeError(
-                f"{name}: a part with coordinates cannot be switched; switch joints "
-                "and forces instead."
+                f"{name}: a part with coordinates cannot be switched or inactive; "
+                "switch joints and forces instead."
             )
     has_impacts = any(select_impacts(event.do) for event in mechanism.events)
     if not (names or mechanism.inactive or has_impacts):

@@ -80,18 +80,19 @@ class ConstrainedSystem(HasOrigin):
         Names of the coordinates. Defaults to q0, q1, ...
     units
         Units of the coordinates, such as "m" and "rad". Defaults to "-". The scale of angles
-        ("rad") is 1. The scale of all other coordinates is their largest absolute initial value.
+        ("rad") is 1. The common scale of all other coordinates is their largest absolute initial
+        value, or 1 if all of these are zero.
     observe
-        Additional columns by header, {"tip.x [m]": x, ...}: expressions in t, q, v and lam. The
-        unit of a header defaults to "-".
+        Additional columns by header, {"tip.x [m]": x, ...}: scalar expressions in t, q, v, lam and
+        the parameters. The unit of a header defaults to "-".
     lam
         Symbol of all multipliers, (m + k,), for columns that depend on reactions.
     parameters
-        Values of further symbols, {m: 2.0, u: bd.run_up(...)}: numbers or laws of time. Systems
-        that differ only in these numbers share their machine code.
+        Values of further symbols, {m: 2.0, u: bd.run_up(...)}: numbers or time laws. Systems that
+        differ only in these numbers share their machine code.
     strain_energy, gravity_energy
-        Potential energies [J] in t and q, reported in the energy ledger. Their forces must be
-        included in f.
+        Potential energies [J] in t and q, reported in the energy ledger. f must include the forces
+        derived from these energies.
     dissipated_power
         Power dissipated by f [W]. The remaining power of f is integrated as work of loads.
     breakpoints
@@ -110,7 +111,8 @@ class ConstrainedSystem(HasOrigin):
     Raises
     ------
     BeamdaeError
-        If symbols, shapes, names or units do not fit each other.
+        If an argument is invalid. The shapes and symbols of expressions are checked only when
+        `equations` is evaluated.
 
     Examples
     --------
@@ -188,12 +190,12 @@ class ConstrainedSystem(HasOrigin):
 
     @cached_property
     def equations(self) -> EquationsOfMotion:
-        """Equations of motion of the system."""
+        """Equations of motion of the system, built on first access."""
         n = self.q.numel()
         coordinates = tuple(
             Variable(name, unit) for name, unit in zip(self.names, self.units, strict=True)
         )
-        # Scale of the coordinates that are not angles: the largest initial value, or 1.
+        # Scale of the coordinates that are not angles: their largest absolute initial value, or 1.
         sizes = [
             abs(x) for x, c in zip(self.q0.tolist(), coordinates, strict=True) if c.unit != "rad"
         ]
@@ -229,7 +231,7 @@ class ConstrainedSystem(HasOrigin):
 
     @cached_property
     def _observed(self) -> dict[Variable, Any]:
-        """Expressions of the additional columns, by name and unit."""
+        """Expressions of the additional columns, by `Variable` (name, unit)."""
         if not isinstance(self.observe, dict):
             raise BeamdaeError(
                 f"{KIND}: observe must be a dict of expressions by header, got "
@@ -318,7 +320,7 @@ class ConstrainedSystem(HasOrigin):
         if self.lam is not None:
             if self.lam.numel() != m:
                 raise BeamdaeError(
-                    f"{KIND}: lam must have {m} entries, one per constraint, got "
+                    f"{KIND}: lam must have size {m}, the number of constraints, got size "
                     f"{self.lam.numel()}."
                 )
             on, joint = (*on, "lam"), _CONSTRAINTS
@@ -341,8 +343,8 @@ def _stack_constraints(
 ) -> tuple[Local, SX, tuple[Variable, ...]]:
     """Return the symbols, stacked expressions and multipliers of one kind of constraints.
 
-    `constraints` is an expression, a dict of expressions by header, or None. Multipliers without a
-    header are named by `letter` and a number.
+    `constraints` is an expression, a dict of expressions by header, or None. `letter` and a number
+    name multipliers without a header, and `what` is the kind of constraint in messages.
     """
     by_name = isinstance(constraints, dict)
     if by_name:

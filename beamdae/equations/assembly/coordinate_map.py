@@ -23,7 +23,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class CoordinateMap:
-    """Maps each body to its slice of the global coordinates; the slice of the ground is empty.
+    """Maps each body to its slice of the global coordinates, which is empty for the ground.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class CoordinateMap:
         return slice(first, first + self.sizes[id(body)])
 
     def global_operator(self, pieces: Sequence[Piece]) -> sp.csr_array:
-        """Stack the operators of the pieces, extended to all coordinates, (rows, n)."""
+        """Return the stacked operators of the pieces, extended to all coordinates, (rows, n)."""
         operators = [(sp.csr_array(x.operator), self.offsets[id(x.owner)]) for x in pieces]
         ends = np.cumsum([0, *(operator.nnz for operator, _ in operators)])
         data = [operator.data for operator, _ in operators]

@@ -37,7 +37,7 @@ class Expressions:
     t, q, v, lam
         Symbols of time, coordinates, velocities and multipliers, as columns; `lam` may be None.
     parameters
-        Number or law of time for each symbol.
+        Number or time law for each symbol.
     """
 
     t: Any
@@ -81,16 +81,16 @@ class Expressions:
 
     @cached_property
     def laws(self) -> tuple[tuple[str, Law], ...]:
-        """Parameters that are laws, as pairs (name of the symbol, law)."""
+        """Pairs (name of the symbol, law) of the parameters that are laws."""
         return tuple((s.name(), x) for s, x in self.parameters.items() if isinstance(x, Law))
 
     @cached_property
     def numbers(self) -> Array:
-        """Values of the parameters that are numbers."""
+        """Values of the parameters that are numbers, (k,)."""
         return np.array([x for x in self.parameters.values() if not isinstance(x, Law)], float)
 
     def local(self, n_multipliers: int = 0) -> Local:
-        """Return new symbols for a statement of the whole system."""
+        """Return new symbols for a statement with `n_multipliers` multipliers."""
         return Local(self.q.numel(), len(self.numbers), n_multipliers)
 
     def substitute(
@@ -114,14 +114,18 @@ class Expressions:
         on
             Symbols allowed in the expression, besides the parameters.
         observed
-            True for output columns, where nan and inf are allowed and raise a warning during the
-            run.
+            True for output columns, which may contain nan and inf.
+
+        Returns
+        -------
+        SX
+            The expression in terms of the symbols of `local`.
 
         Raises
         ------
         BeamdaeError
-            If `expression` depends on another symbol, cannot be converted to CasADi, or contains
-            nan or inf.
+            If `expression` depends on another symbol, cannot be converted to CasADi or expanded to
+            SX, or contains the constants nan or inf and is not `observed`.
         """
         kind = type(self.t)
         allowed_names = _join_names([*on, *(["parameters"] if self.parameters else [])])
@@ -182,7 +186,7 @@ def _parse_parameters(kind: Any, parameters: Any) -> dict[Any, float | Law]:
     ):
         raise BeamdaeError(
             f'{KIND}: parameters must map symbols such as {kind.__name__}.sym("m") to '
-            f"numbers or laws of time, got {short_repr(parameters)}."
+            f"numbers or time laws, got {short_repr(parameters)}."
         )
     values: dict[Any, float | Law] = {}
     for symbol, value in parameters.items():
@@ -195,7 +199,7 @@ def _parse_parameters(kind: Any, parameters: Any) -> dict[Any, float | Law]:
 
 
 def _stack(expression: Any) -> Any:
-    """Stack an expression given as a list of entries, or of rows."""
+    """Stack an expression given as an entry, a list of entries, or a list of rows."""
     if not isinstance(expression, (list, tuple)):
         return _require_entry(expression)
     rows = [
@@ -239,7 +243,7 @@ def parse_header(header: Any) -> Variable:
 
 
 def parse_numbers(name: str, values: Any, n: int) -> Array:
-    """Return `values` as n finite numbers, (n,)."""
+    """Return `values` as an array of finite numbers, (n,)."""
     try:
         entries = np.asarray(values, object).ravel().tolist()
     except Exception:
@@ -247,7 +251,7 @@ def parse_numbers(name: str, values: Any, n: int) -> Array:
         entries = []
     if len(entries) != n or any(as_real(x) is None for x in entries):
         raise BeamdaeError(
-            f"{KIND}: {name} must have {n} finite entries, got {short_repr(values)}."
+            f"{KIND}: {name} must have length {n} and finite entries, got {short_repr(values)}."
         )
     return np.array([require_finite(KIND, name, x) for x in entries])
 
@@ -257,6 +261,6 @@ def parse_names(name: str, values: Any, n: int) -> tuple[Any, ...]:
     entries = tuple(require_sequence(KIND, name, values, f"a list of {n} strings"))
     if entries and len(entries) != n:
         raise BeamdaeError(
-            f"{KIND}: {name} must have {n} entries, got {len(entries)}: {short_repr(values)}."
+            f"{KIND}: {name} must have length {n}, got length {len(entries)}: {short_repr(values)}."
         )
     return entries

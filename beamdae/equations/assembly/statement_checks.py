@@ -62,7 +62,7 @@ def require_body_fits(part: Part) -> None:
 
 
 def require_unit(part: str, unit: Any) -> None:
-    """Reject units that are not strings, and angle units other than "rad"."""
+    """Reject units that are not nonempty printable strings, and angle units other than "rad"."""
     if not isinstance(unit, str) or not unit or unit != unit.strip() or not unit.isprintable():
         raise BeamdaeError(
             f"{part}: units must be strings such as 'm' and 'rad', got {short_repr(unit)}."
@@ -72,7 +72,7 @@ def require_unit(part: str, unit: Any) -> None:
 
 
 def require_unique(part: str, what: str, names: Iterable[str]) -> None:
-    """Reject duplicate names."""
+    """Reject duplicate names; `what` describes them in the message."""
     duplicates = [name for name, count in Counter(names).items() if count > 1]
     if duplicates:
         raise BeamdaeError(
@@ -94,8 +94,8 @@ def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[l
     Raises
     ------
     BeamdaeError
-        If the part has neither coordinates nor statements, or a statement has the wrong type, name
-        or shape.
+        If the part has neither coordinates nor forces nor constraints, one of its methods fails, or
+        a statement has the wrong type, name or shape.
     """
     forces = _require_list(
         part.name,
@@ -124,15 +124,15 @@ def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[l
         multipliers = _require_list(part.name, "multipliers", constraint.multipliers, Variable)
         if len(multipliers) != constraint.kernel.local.n_multipliers:
             raise BeamdaeError(
-                f"{part.name}: {len(multipliers)} multipliers are named for "
-                f"{constraint.kernel.local.n_multipliers} constraints; name one "
-                "multiplier per constraint."
+                f"{part.name}: multipliers must have length "
+                f"{constraint.kernel.local.n_multipliers}, one entry per constraint, got "
+                f"length {len(multipliers)}."
             )
     return forces, constraints, ranges
 
 
 def call_part(part: str, what: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a method of a part; report any exception with the name of the part."""
+    """Call a method of a part; re-raise any exception as `BeamdaeError` that names the part."""
     try:
         return function(*arguments)
     except BeamdaeError:
@@ -147,25 +147,29 @@ def select_multipliers(
     """Return indices of the multipliers on which forces of one kernel depend, or None.
 
     `rows` maps each part to the slice of its multipliers.
+
+    Raises
+    ------
+    BeamdaeError
+        If a force does not depend on exactly the multipliers of the joint that it names.
     """
     indices: list[int] = []
     for force in forces:
         count = force.kernel.local.n_multipliers
         if (force.joint is None) != (count == 0):
             raise BeamdaeError(
-                f"{force.part}: the force depends on {count} multipliers but has "
+                f"{force.part}: the force has n_multipliers={count} but "
                 f"joint={short_repr(force.joint)}; name the joint if the force depends on "
-                "multipliers, otherwise omit it."
+                "its multipliers, otherwise omit both."
             )
         if force.joint is None:
             continue
         available = rows.get(force.joint, slice(0, 0))
         if available.stop - available.start != count:
             raise BeamdaeError(
-                f"{force.part}: the force depends on {count} multipliers of "
-                f"{force.joint!r}, but this joint has "
-                f"{available.stop - available.start}; use all multipliers "
-                "of the joint."
+                f"{force.part}: n_multipliers of the force must be "
+                f"{available.stop - available.start}, the number of constraints of "
+                f"{force.joint!r}, got {count}."
             )
         indices += range(available.start, available.stop)
     return np.array(indices) if indices else None
@@ -189,7 +193,7 @@ def _require_list(part: str, what: str, value: Any, kind: type[T]) -> list[T]:
 def _require_statement_fits(
     part: Part, statement: Statement, copies: tuple[int, ...], sizes: Sizes
 ) -> None:
-    """Reject a statement whose name, kernel, pieces and data do not fit each other."""
+    """Reject a statement whose name, kernel, data or pieces do not fit each other or the part."""
     name, kernel = part.name, statement.kernel
     if statement.part != name:
         raise BeamdaeError(
@@ -221,7 +225,7 @@ def _require_statement_fits(
 
 
 def require_pieces_fit(part: str, pieces: Sequence[Piece], sizes: Sizes) -> None:
-    """Reject operators that refer to another mechanism or have the wrong number of columns."""
+    """Reject pieces that refer to another mechanism or whose operator has the wrong width."""
     for piece in pieces:
         width = sizes.get(id(piece.owner))
         name = piece.owner.name if isinstance(piece.owner, Part) else short_repr(piece.owner)

@@ -1,7 +1,6 @@
 """Five first-order forms of the equations of motion, with exact Jacobians.
 
-First-order forms of F(t, q, v, a) + G^T lam = 0, g(t, q) = 0 for an integrator of
-0 = R(t, y, y'):
+The equations F(t, q, v, a) + G^T lam = 0, g(t, q) = 0 become 0 = R(t, y, y') in these forms:
 
 ==================  =============  ==========================================================
 form                y              equations
@@ -15,8 +14,8 @@ stabilized-index1   q, v, Lam, Mu  as ggl with lam = Lam', mu = Mu'
 
 ggl: Gear, Gupta & Leimkuhler, J. Comput. Appl. Math. 12-13 (1985) 77. stabilized-index1:
 Anantharaman & Hiller, Int. J. Numer. Meth. Eng. 32 (1991) 1531. Nonholonomic constraints
-A(t, q) v + b(t, q) = 0 replace g_dot = 0, with A in place of G. They also replace g = 0 in index3;
-in the forms with mu, mu = 0 replaces g = 0.
+A(t, q) v + b(t, q) = 0 replace g_dot = 0, with A in place of G, and their derivative replaces
+g_ddot = 0. They also replace g = 0 in index3; in the forms with mu, mu = 0 replaces g = 0.
 """
 
 from __future__ import annotations
@@ -102,14 +101,14 @@ FIRST_ORDER = tuple(FORMULATIONS)
 
 @dataclass(frozen=True)
 class FirstOrderForm:
-    """Residual R(t, y, y') of a first-order form with its exact Jacobian.
+    """Residual R(t, y, y') of a first-order form with its exact Jacobian dR/dy + c dR/dy'.
 
     Attributes
     ----------
     equations, formulation
         Equations of motion, and the form to which they are converted.
     pattern
-        CSC pattern of the Jacobian.
+        CSC pattern of the Jacobian, (size, size).
     sums
         Sums of the residual and of the Jacobian over (y, y').
     """
@@ -149,7 +148,7 @@ class FirstOrderForm:
         return self.buffers()
 
     def residual(self, time: Array, y: Array, yp: Array) -> Array:
-        """Return R at time = (t, branch); in loops use `buffers` and `evaluate_residual`."""
+        """Return R, (size,), at time = (t, branch); in loops, use `evaluate_residual`."""
         result = np.zeros(self.size)
         t, branch = time
         evaluate_residual(self._buffers, t, branch, y, yp, result)
@@ -196,6 +195,11 @@ def formulate_first_order(
         One of `FIRST_ORDER`.
     apart
         True to evaluate dR/dy and dR/dy' separately, see `evaluate_jacobian_parts`.
+
+    Raises
+    ------
+    BeamdaeError
+        If there is no form of this name.
     """
     form = FORMULATIONS[require_choice("formulation", "name", name, FIRST_ORDER)]
     pattern, jacobian = _plan_jacobian(equations.structure, name, apart)

@@ -40,7 +40,7 @@ class StaticSums:
 
 @cache_on_owner
 def plan_static_sums(structure: Structure) -> StaticSums:
-    """Plan the sums of the static residual and of its tangent."""
+    """Return the plans of the sums of the static residual and of its tangent."""
     n, m, total = structure.n, structure.m, create_matrix_sum()
     # Velocities and accelerations share the zeros of the input.
     layout = InputLayout(q=0, v=n, a=n, lam=2 * n)
@@ -98,11 +98,11 @@ class StaticEquations:
         return plan_static_sums(self.equations.structure).tangent.sum(False, self.equations.p)
 
     def residual(self, q: Array, lam: Array) -> Array:
-        """Return (F + G^T lam, g), (n + m,)."""
+        """Return F + G^T lam and g at positions q and multipliers lam, (n + m,)."""
         return self._evaluate(self._residual, q, lam, self.size)
 
     def tangent(self, q: Array, lam: Array) -> Array:
-        """Return the non-zeros of the tangent on `pattern`."""
+        """Return the non-zeros of the tangent on `pattern`, (nnz,)."""
         # All factors are 1; the factors of damping and mass are not used.
         set_matrix_factors(self._tangent, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
         return self._evaluate(self._tangent, q, lam, self.pattern.nnz)

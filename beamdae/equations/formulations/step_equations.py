@@ -49,9 +49,10 @@ class StepEquations:
         c_f F + G^T lam_bar = 0,   g = 0 [, g_dot / c_v = 0],
 
     where the terms in brackets belong to the stabilized index-2 form. For nonholonomic constraints,
-    g_dot / c_v = 0 [eta_bar = 0] replaces g = 0. If c_f is proportional to the square of the step
-    size, the condition number of the iteration matrix does not depend on the step size (Bottasso,
-    Bauchau & Cardona, SIAM J. Sci. Comput. 29 (2007) 397).
+    g = 0 is replaced by g_dot / c_v = 0 in the index-3 form, and by eta_bar = 0 in the stabilized
+    form. If c_f is proportional to the square of the step size, the condition number of the
+    iteration matrix stays bounded as the step size decreases (Bottasso, Bauchau & Cardona, SIAM J.
+    Sci. Comput. 29 (2007) 397).
 
     Attributes
     ----------
@@ -72,7 +73,7 @@ class StepEquations:
 
     @property
     def size(self) -> int:
-        """Number of unknowns x."""
+        """Number of unknowns x, without r."""
         return self.equations.n + self.equations.m * (2 if self.stabilized else 1)
 
     @cached_property
@@ -80,7 +81,7 @@ class StepEquations:
         return self.buffers()
 
     def residual(self, time: Array, at: StepPrediction, x: Array) -> Array:
-        """Return the equations at time = (t, branch); in loops use `buffers`."""
+        """Return the residual (size,) at time = (t, branch); in loops, use `buffers`."""
         result = np.zeros(self.pattern.shape[0])
         t, branch = time
         evaluate_step_residual(self._buffers, t, branch, at, x, result)
@@ -121,7 +122,7 @@ class StepBuffers:
     n, m, stabilized
         See `StepEquations`.
     motion
-        (q, v, a, lam, q_n, eta_bar).
+        Inputs (q, v, a, lam, q_n, eta_bar) of the sums.
     velocity_rows
         Rows in which g_dot replaces g.
     residual, anchor, matrix
@@ -160,7 +161,7 @@ class StepPrediction:
 
 
 def evaluate_step_position(form: StepBuffers, at: StepPrediction, x: Array) -> Array:
-    """Return the positions q of the unknowns x, as a view of `form.motion`."""
+    """Return the positions q (n,) of the unknowns x, as a view of `form.motion`."""
     n, m = form.n, form.m
     q = form.motion[:n]
     if form.stabilized == 1:
@@ -184,7 +185,7 @@ def _set_motion(form: StepBuffers, at: StepPrediction, x: Array, lam_factor: flo
 def evaluate_step_residual(
     form: StepBuffers, t: float, branch: float, at: StepPrediction, x: Array, result: Array
 ) -> None:
-    """Write the equations at x into `result`, followed by zeros for r."""
+    """Write the residual at x into `result`, followed by zeros for r if stabilized."""
     n, m, c = form.n, form.m, at.coefficients
     set_time(form.anchor, t, branch)
     set_time(form.residual, t, branch)
@@ -213,7 +214,7 @@ def evaluate_step_matrix(
 
 @cache_on_owner
 def formulate_step(equations: EquationsOfMotion, stabilized: bool) -> StepEquations:
-    """Return the step equations of index 3 or, if `stabilized`, of stabilized index 2."""
+    """Return the step equations in the index-3 form or, if `stabilized`, in the index-2 form."""
     return StepEquations(equations, stabilized, *_plan_step_sums(equations.structure, stabilized))
 
 

@@ -44,7 +44,7 @@ class InputLayout:
 
 
 def term_data(equations: EquationsOfMotion, term: ForceTerm | ConstraintTerm) -> Array:
-    """Return the data of the copies of a term, one column per copy."""
+    """Return the numbers of the kernel of a term, (n_data, count), one column per copy."""
     return _term_numbers(equations, term)[: term.kernel.local.n_data]
 
 
@@ -53,7 +53,7 @@ def _term_numbers(equations: EquationsOfMotion, term: ForceTerm | ConstraintTerm
 
 
 def build_local_operator(equations: EquationsOfMotion, term: ForceTerm) -> sp.csr_array:
-    """Return the operator from global to local coordinates of all copies."""
+    """Return the operator from the global coordinates to the local coordinates of all copies."""
     if term.rotation is None:
         return term.operator
     return term.rotation.operator(
@@ -112,8 +112,8 @@ def assemble_residual(
 ) -> SumBuilder:
     """Return the sum that evaluates F + G^T lam and the constraints on `levels`, stacked.
 
-    F + G^T lam starts at row `dynamic` and is followed by the constraints; if `stabilized`, the
-    first rows are G^T mu. See `ConstraintKernel.residual_kernel`.
+    F + G^T lam starts at row `dynamic` and is followed by the constraints. If `stabilized`, the
+    first n rows are G^T mu, so that `dynamic` must be n. See `ConstraintKernel.residual_kernel`.
     """
     n, m, total = structure.n, structure.m, SumBuilder(TIME_SIZE)
     _add_forces(total, structure, layout, dynamic)
@@ -168,7 +168,7 @@ def assemble_accelerations(structure: Structure, layout: InputLayout) -> SumBuil
 def assemble_reactions(
     structure: Structure, layout: InputLayout, holonomic_only: bool = False
 ) -> SumBuilder:
-    """Return the sum that evaluates G^T lam, of holonomic constraints if `holonomic_only`."""
+    """Return the sum that evaluates G^T lam of all, or only of holonomic, constraints."""
     total = SumBuilder(TIME_SIZE)
     for joint in select_holonomic(structure) if holonomic_only else structure.joints:
         copies = _add_joint(total, joint, layout, (), False)
@@ -207,7 +207,7 @@ def assemble_balance(structure: Structure, layout: InputLayout) -> SumBuilder:
 
 
 def _summation(count: int, *rows: int) -> sp.csr_array:
-    """Return the operator that adds outputs of all copies to `rows` of the energies and powers."""
+    """Return the operator that adds the outputs of `count` copies to rows of the scalars."""
     column = np.tile(rows, count)
     entries = (np.ones(len(column)), (np.arange(len(column)), column))
     return sp.csr_array(entries, shape=(len(column), N_BALANCE_SCALARS))
@@ -216,7 +216,10 @@ def _summation(count: int, *rows: int) -> sp.csr_array:
 def add_tangents(
     total: SumBuilder, structure: Structure, layout: InputLayout, sums: Tangents
 ) -> list[tuple[ForceTerm, KernelCopies]]:
-    """Add the tangent kernels of all force terms, see `ForceKernel.tangent_kernel`."""
+    """Add the tangent kernels of all force terms; return each term with its kernels in the sum.
+
+    See `ForceKernel.tangent_kernel` for `sums`.
+    """
     return [
         (term, _add_force(total, layout, term, term.kernel.tangent_kernel(sums)))
         for term in structure.forces
@@ -230,7 +233,10 @@ def add_joint_matrices(
     levels: tuple[int, ...],
     stabilized: bool,
 ) -> list[tuple[ConstraintTerm, KernelCopies]]:
-    """Add the matrix kernels of all joints, see `ConstraintKernel.matrices_kernel`."""
+    """Add the matrix kernels of all joints; return each term with its kernels in the sum.
+
+    See `ConstraintKernel.matrices_kernel` for `levels` and `stabilized`.
+    """
     joint_copies = []
     for joint in structure.joints:
         effective = joint.kernel.effective_levels(levels, stabilized)
@@ -248,10 +254,10 @@ def add_saddle_point(
     *,
     with_reaction_stiffness: bool,
 ) -> None:
-    """Add [[K, G^T + dF/dlam], [G, 0]].
+    """Add the matrix [[K, G^T + dF/dlam], [G, 0]].
 
-    K is the sum of the derivatives of F listed in `sums` and, if `with_reaction_stiffness`,
-    of d(G^T lam)/dq.
+    K is the sum of the derivatives of F listed in the only entry of `sums` and, if
+    `with_reaction_stiffness`, of d(G^T lam)/dq.
     """
     n = structure.n
     for term, copies in add_tangents(total, structure, layout, sums):
@@ -267,5 +273,5 @@ def add_saddle_point(
 
 
 def create_matrix_sum() -> SumBuilder:
-    """Return an empty sum of matrices."""
+    """Return an empty sum of matrices with the shared inputs `MATRIX_SHARED`."""
     return SumBuilder(len(MATRIX_SHARED))

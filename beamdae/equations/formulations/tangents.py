@@ -1,4 +1,7 @@
-"""Equations linearized about a state: M x'' + C x' + K x + H mu = 0, J x + V x' = 0."""
+"""Equations linearized about a state: M x'' + C x' + K x + H mu = 0, J x + V x' = 0.
+
+x and mu are increments of the coordinates and of the multipliers.
+"""
 
 from __future__ import annotations
 
@@ -44,9 +47,10 @@ class Tangent(NamedTuple):
     residual: Array
 
     def acceleration_jacobian(self, e: EquationsOfMotion) -> sp.csc_array:
-        """Return the matrix that multiplies a in the differentiated constraints, (m, n).
+        """Return the matrix (m, n) that multiplies a in the differentiated constraints.
 
-        Holonomic constraints are differentiated twice, nonholonomic constraints once.
+        Holonomic constraints are differentiated twice, nonholonomic constraints once. `e` are the
+        equations of the tangent.
         """
         holonomic = np.ones(e.m)
         holonomic[e.nonholonomic_rows] = 0.0
@@ -56,7 +60,7 @@ class Tangent(NamedTuple):
 
 
 def compute_tangent(e: EquationsOfMotion, time: Array, state: State) -> Tangent:
-    """Return the derivatives at time = (t, branch), exact up to rounding."""
+    """Return the derivatives at a state and time = (t, branch), exact up to rounding."""
     form = formulate_first_order(e, "index3", apart=True)
     y, rates = form.pack(state)
     pattern = form.pattern

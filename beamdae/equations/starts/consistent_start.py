@@ -25,8 +25,8 @@ Array = np.ndarray
 
 _MAX_POSITION_ITERATIONS = 50
 _POSITION_TOLERANCE = 1e-12  # largest gap, relative to max(1, characteristic length)
-_RIGID_TIME = 1.0  # [s]; closing joints moves bodies rather than modes faster than this
-_MAX_LAW_JUMP = 1e-3  # [m or rad]; allows for rounded numbers in piecewise laws
+_RIGID_TIME = 1.0  # [s]; closing joints hardly excites modes of angular frequency above 1 / this
+_MAX_LAW_JUMP = 1e-3  # relative to min(1, length); allows for rounded numbers in laws
 _ASYMMETRY_TOLERANCE = 1e-9  # rounding in a mass matrix, relative to its largest entry
 _MAX_EIGENVALUE_COORDINATES = 300  # beyond this, only the signs of the diagonal are checked
 _MAX_FRICTION_ITERATIONS = 50
@@ -41,9 +41,9 @@ _CLOSING_COEFFICIENTS = (_RIGID_TIME**2, 0.0, 1.0)
 class ConsistencySolver(StateEvaluator):
     """Makes states of a mechanism consistent, at the start and at breakpoints.
 
-    Joints are closed by Newton's method with the least change of positions, velocities are
-    projected in the metric of the mass matrix, and accelerations and multipliers solve the
-    saddle-point system
+    Newton's method closes the joints with the least change of positions, velocities are projected
+    in the metric of the mass matrix, and accelerations and multipliers solve the saddle-point
+    system
 
         [[M, G^T], [G, 0]] (a, lam) = (f, gamma),
 
@@ -65,7 +65,8 @@ class ConsistencySolver(StateEvaluator):
         Raises
         ------
         BeamdaeError
-            If joints contradict each other or cannot be closed.
+            If constraints depend on each other or cannot be closed, or no accelerations exist (see
+        `acceleration`).
         """
         q = self._close_positions(time, np.array(q, float))
         require_independent_constraints(self, time, q)
@@ -105,9 +106,9 @@ class ConsistencySolver(StateEvaluator):
     ) -> Array:
         """Return P j, (n,), the part of the jerk j that the constraints determine.
 
-        The projector is P = M^-1 G^T (G M^-1 G^T)^-1 G. G j is the central difference of g_ddot
+        The projector is P = M^-1 G^T (G M^-1 G^T)^-1 G. -G j is the central difference of g_ddot
         over +-`delta` [s] along the motion at constant a, so that stiff elastic forces do not
-        enter. With `holonomic_only`, nonholonomic constraints do not contribute.
+        enter. With `holonomic_only`, G j is zero for nonholonomic constraints.
         """
         e = self.equations
         if e.m == 0:
@@ -126,7 +127,7 @@ class ConsistencySolver(StateEvaluator):
         return solver.solve(np.concatenate([np.zeros(e.n), -rate]))[: e.n]
 
     def require_inertia(self) -> None:
-        """Require a symmetric, positive semidefinite mass matrix at the start.
+        """Reject a mass matrix that is not symmetric or not positive semidefinite at the start.
 
         For more than 300 coordinates, definiteness is judged only by the signs of the diagonal.
 
@@ -155,12 +156,20 @@ class ConsistencySolver(StateEvaluator):
         if inertia < -_ASYMMETRY_TOLERANCE * size:
             raise BeamdaeError(
                 f"{e.q_names[coordinate]}: the mass matrix has a negative eigenvalue "
-                f"of {inertia:.3g} along this coordinate; correct the inertia forces "
-                "of the part."
+                f"of {inertia:.3g} or less along this coordinate; correct the inertia "
+                "forces of the part."
             )
 
     def require_continuous(self, branch_before: float, time: Array, q: Array) -> None:
-        """Reject laws that make positions jump from `branch_before` to `time`."""
+        """Reject laws that make positions jump at `time` = (t, branch).
+
+        `branch_before` is the branch before t.
+
+        Raises
+        ------
+        BeamdaeError
+            If a constraint jumps by more than 1e-3 min(1, characteristic length).
+        """
         e = self.equations
         before = self.position_gaps(np.array([time[0], branch_before]), q)
         jump = np.abs(self.position_gaps(time, q) - before)
@@ -190,7 +199,7 @@ class ConsistencySolver(StateEvaluator):
                 name = e.lam_names[int(np.flatnonzero(~np.isfinite(g))[0])]
                 raise BeamdaeError(
                     f"{name}: the constraint is not finite at t = {time[0]:g} s; check "
-                    "the law and the start values."
+                    "the laws and the start values."
                 )
             if e.m == 0 or np.max(np.abs(g)) <= _POSITION_TOLERANCE * max(1.0, e.length):
                 return q
@@ -230,9 +239,9 @@ class ConsistencySolver(StateEvaluator):
             entry = int(np.flatnonzero(~np.isfinite(nonzeros))[0])
             row = int(pattern.indices[entry])
             raise BeamdaeError(
-                f"{(*e.q_names, *e.lam_names)[row]}: a derivative of the forces is not "
-                f"finite at t = {time[0]:g} s; if a law takes the square root of zero, add a "
-                "small positive number under the root."
+                f"{(*e.q_names, *e.lam_names)[row]}: a derivative of the forces or constraints "
+                f"is not finite at t = {time[0]:g} s; if an expression takes the square root of "
+                "zero, add a small positive number under the root."
             )
         try:
             solver.factorize(nonzeros)
@@ -250,8 +259,8 @@ class ConsistencySolver(StateEvaluator):
     ) -> tuple[Array, Array]:
         """Solve M a + F(0, lam) + G^T lam = 0, G a = gamma, by Newton's method from lam = 0.
 
-        dF/dlam is exact, so that one iteration suffices if friction is proportional to the
-        reactions.
+        dF/dlam is exact, so that the first iteration gives the solution if friction is proportional
+        to the reactions.
         """
         e, pattern = self.equations, self.sums.saddle_pattern
         solver, coefficients = create_factorization(pattern), (stiff_time**2, 0.0, 1.0)

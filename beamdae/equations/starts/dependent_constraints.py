@@ -30,7 +30,7 @@ _MAX_EXPLAINED_CONSTRAINTS = 300  # the cost of describing the blocked motions i
 
 # Search for minimal dependent sets, by a QR factorization.
 _MIN_SHARE = 1e-7  # smallest share of a constraint in a set
-_SIDE_STEP = 1e-2  # distance of the test beside a singular position, relative to the mechanism
+_SIDE_STEP = 1e-2  # distance of the nearby test position, relative to the mechanism
 _MAX_SIDE_ITERATIONS = 20
 _AGREEMENT_TOLERANCE = 1e-10  # gap of constraints that agree, relative to the mechanism
 _NULL_SPACE_TOLERANCE = 1e-9  # relative singular value
@@ -46,8 +46,8 @@ def require_independent_constraints(evaluator: StateEvaluator, time: Array, q: A
     Raises
     ------
     BeamdaeError
-        If such constraints exist. The message names the constraints and, for mechanisms with up to
-        300 constraints, the motions that are blocked more than once.
+        If such constraints exist. The message names the constraints and, if constraints depend on
+        each other in a mechanism with up to 300 of them, the motions blocked more than once.
     """
     e, pattern = evaluator.equations, evaluator.sums.gradient_pattern
     names, t = e.lam_names, float(time[0])
@@ -130,7 +130,7 @@ class DependentSet:
     everywhere: bool = True
 
     def __str__(self) -> str:
-        """Describe the set in one sentence."""
+        """Return a phrase that describes the set."""
         return _describe_sets([self])
 
 
@@ -149,7 +149,7 @@ def describe_dependent_sets(sets: Sequence[DependentSet]) -> str:
 
 
 def _describe_sets(sets: Sequence[DependentSet]) -> str:
-    """Describe sets of the same parts in one sentence."""
+    """Return a phrase that describes sets of the same parts."""
     first = sets[0]
     blocks = join_names(list(dict.fromkeys(one.blocks for one in sets)))
     parts = join_names(first.parts)
@@ -162,8 +162,8 @@ def _describe_sets(sets: Sequence[DependentSet]) -> str:
     gap, rate = (max(one.contradiction[k] for one in sets) for k in (0, 1))
     if max(gap, rate) > 0.0:
         return (
-            f"{sentence}, and contradict each other by {gap:.3g} (m or rad) and "
-            f"{rate:.3g} (m/s or rad/s)"
+            f"{sentence}, but the prescribed values contradict each other by {gap:.3g} "
+            f"(m or rad) and the rates by {rate:.3g} (m/s or rad/s)"
         )
     return sentence
 
@@ -186,9 +186,9 @@ class RowSelection:
 
 
 def select_independent_rows(matrix: Array) -> RowSelection:
-    """Select independent rows of a matrix (m, n) by QR with pivoting of its transpose.
+    """Select independent rows of a matrix (m, n) by pivoted QR factorization of its transpose.
 
-    The caller scales the rows.
+    Rows should have equal lengths, because the rank tolerance is relative to the longest.
     """
     m = len(matrix)
     if m == 0:
@@ -239,7 +239,19 @@ def analyze_constraint_rank(evaluator: StateEvaluator, time: Array, q: Array) ->
 def find_dependent_sets(
     evaluator: StateEvaluator, time: Array, q: Array, v: Array, constraint_rank: ConstraintRank
 ) -> tuple[DependentSet, ...]:
-    """Return a minimal dependent set for each redundant constraint, in order."""
+    """Return a minimal dependent set for each redundant constraint, in ascending order.
+
+    Parameters
+    ----------
+    evaluator
+        Evaluator of the equations of motion.
+    time
+        (t, branch).
+    q, v
+        Positions and velocities, (n,) each, at which the constraints are compared.
+    constraint_rank
+        Rank of the constraints at `q`.
+    """
     e, rows = evaluator.equations, constraint_rank.rows
     if not len(rows.dependent):
         return ()

@@ -40,8 +40,8 @@ def apply_initial_conditions(
         Equations of motion that start as drawn.
     start
         "as drawn"; "equilibrium" for rest under the loads at time `t`; or positions and velocities
-        by name ("part.coordinate", "part.coordinate_dot"). Named values are kept; all others change
-        as little as the joints require.
+        by name ("part.coordinate", "part.coordinate_dot"). Named values are imposed; all others
+        change as little as the joints require.
     t
         Start time [s].
 
@@ -114,7 +114,7 @@ def _close_with_positions(
         joint_gaps, remaining = np.abs(gaps[: e.m]), ""
         if e.m and np.all(np.isfinite(joint_gaps)):
             worst = int(np.argmax(joint_gaps))
-            remaining = f" (gap of {joint_gaps[worst]:.3g} at {e.lam_names[worst]})"
+            remaining = f" (gap of {joint_gaps[worst]:.3g} m or rad at {e.lam_names[worst]})"
         raise BeamdaeError(
             f"start: the joints cannot be closed with {values}{remaining}; give fewer "
             "or other positions."
@@ -171,7 +171,8 @@ def _project_velocities(
     if not error <= _VELOCITY_TOLERANCE * size:
         values = ", ".join(f"{e.q_names[k]}{_RATE_SUFFIX} = {requested[k]:g}" for k in prescribed)
         raise BeamdaeError(
-            f"start: the joints do not allow {values}; specify fewer or different velocities."
+            f"start: the joints do not allow {values or 'the velocities as drawn'}; specify "
+            "fewer or different velocities."
         )
     v[prescribed] = requested[prescribed]
     return v

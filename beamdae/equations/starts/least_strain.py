@@ -20,7 +20,7 @@ Array = np.ndarray
 # Function from positions to gaps (k,) and their derivative (k, n).
 ConstraintFunction = Callable[[Array], tuple[Array, Any]]
 
-_REGULARIZATION = 1e-13  # of the largest weight; makes dependent rows solvable
+_REGULARIZATION = 1e-13  # relative to 1 / largest weight; makes dependent rows solvable
 _MAX_CHANGE = 0.5  # per iteration, in units of `position_scales`
 _CONVERGED_CHANGE = 1e-10  # in units of `position_scales`
 _MAX_ITERATIONS = 30
@@ -66,7 +66,7 @@ def minimize_strain(
 
     Newton's method solves M (q - begin) + T^2 (F(q) - F(unstrained)) + R^T mu = 0: elastic forces
     are measured relative to the positions `unstrained`, for example as drawn. Loads contribute only
-    if they change with the rotation of a beam. The result is used only if it reduces the strain
+    through their change from these positions. The result is used only if it reduces the strain
     energy.
 
     Parameters
@@ -80,11 +80,11 @@ def minimize_strain(
     q
         Positions (n,) that satisfy the constraints.
     unstrained
-        Positions (n,) whose elastic forces, weights and loads are subtracted.
+        Positions (n,) whose forces F (elastic forces, weight and loads) are subtracted.
     constraints
         Function from positions to gaps (k,) and their derivative R (k, n).
     square
-        T^2 [s^2], the weight of elastic forces relative to inertia.
+        T^2 [s^2], the weight of forces relative to inertia.
 
     Returns
     -------

@@ -16,7 +16,7 @@ from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
-_MIN_SHARE = 1e-9  # of a coordinate in a motion, relative to the largest
+_MIN_SHARE = 1e-9  # smaller coefficients of rigid motions, relative to the largest, are zero
 
 
 def describe_free_motions(
@@ -24,7 +24,7 @@ def describe_free_motions(
 ) -> tuple[str, ...]:
     """Describe a basis of the rigid motions that no joint or driver blocks.
 
-    Each motion involves as few bodies as possible; beams count as rigid.
+    Beams are treated as rigid. The basis is chosen so that each motion involves few bodies.
     """
     motions = compute_rigid_motions(e, q)
     space = la.null_space(constraint_rank.matrix @ motions, rcond=RANK_TOLERANCE)
@@ -66,7 +66,10 @@ def _find_parts_on_ground(e: EquationsOfMotion) -> set[int]:
 
 
 def find_loose_groups(e: EquationsOfMotion) -> tuple[tuple[str, ...], ...]:
-    """Return the groups of connected parts, by name, that no joint connects to the ground."""
+    """Return the groups of connected parts, by name, that no joint connects to the ground.
+
+    Joints and forces connect parts to each other; a force does not connect a part to the ground.
+    """
     owner = np.zeros(e.n, int)
     for k, part in enumerate(e.parts):
         owner[part.rows] = k

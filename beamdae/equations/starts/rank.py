@@ -15,9 +15,9 @@ from beamdae.symbolic.sparse_operators import column_indices, multiply_entries
 
 Array = np.ndarray
 
-RANK_TOLERANCE = 1e-9  # singular values of rows of length one below this count as zero
-_MAX_ENTRIES = 2_000_000  # total number of entries of dense matrices in memory
-_MIN_RELATIVE_SHARE = 0.1  # of the largest share; keeps rounding from naming a joint
+RANK_TOLERANCE = 1e-9  # smaller singular values of rows of length one are treated as zero
+_MAX_ENTRIES = 2_000_000  # of the matrices evaluated together
+_MIN_RELATIVE_SHARE = 0.1  # relative to the largest; joints with smaller shares are not named
 _GROUND = ""
 
 
@@ -76,7 +76,10 @@ class ConstraintJacobian:
         return np.concatenate(blocks)
 
     def singular_joints(self, time: Array, q: Array) -> list[str]:
-        """Return names of joints whose reactions cancel at a position where G loses rank."""
+        """Return the names of joints whose reactions cancel at a position where G loses rank.
+
+        At other positions, the joints that are closest to this are returned.
+        """
         left_vectors, _, _ = np.linalg.svd(self.at(time[None], q[None])[0])
         share = np.abs(left_vectors[:, self.rank - 1])
         names = [name.rpartition(".")[0] or name for name in self.equations.lam_names]
@@ -98,7 +101,7 @@ class ConstraintJacobian:
 
 
 def build_constraint_jacobian(e: EquationsOfMotion) -> ConstraintJacobian:
-    """Return the constraint Jacobian, assuming full rank at regular positions."""
+    """Return the constraint Jacobian with `rank` m, as for independent constraints."""
     return ConstraintJacobian(
         e, plan_state_sums(e.structure).gradient_pattern, _scatter_operators(e.structure), e.m
     )
@@ -130,7 +133,7 @@ def _scatter_operator(joint: ConstraintTerm, m: int, positions: Array) -> sp.csr
 
 
 def has_closed_loops(e: EquationsOfMotion) -> bool:
-    """Return True if joints close a kinematic loop; open chains never lose rank."""
+    """Return True if joints close a kinematic loop; the Jacobian of open chains keeps its rank."""
     owner = [name.rpartition(".")[0] for name in e.q_names]
     group = {body: body for body in (*owner, _GROUND)}
 

@@ -54,7 +54,7 @@ class ReducedEquations:
         Raises
         ------
         BeamdaeError
-            If there is such a constraint; the message names it.
+            If there is such a constraint; the message names it or the set to which it belongs.
         """
         state = ConsistencySolver(self.equations).state(time, self.equations.q0, self.equations.v0)
         evaluator = StateEvaluator(self.full)
@@ -78,12 +78,13 @@ class ReducedEquations:
     def restore_reactions(self, times: Array, q: Array, lam: Array) -> Array:
         """Return the minimum-norm multipliers of all constraints with the same forces, (rows, m).
 
-        In the norm, moments are divided by the characteristic length of the mechanism.
+        The norm weights each multiplier by the length of the scaled gradient of its constraint, so
+        that forces and moments are comparable.
 
         Parameters
         ----------
         times, q, lam
-            Rows of (t, branch), coordinates and multipliers of the independent constraints.
+            Rows of (t, branch), of coordinates, and of multipliers of the independent constraints.
         """
         multipliers = np.zeros((len(lam), self.full.m))
         evaluator, scales = StateEvaluator(self.full), self.full.position_scales[None]
@@ -111,12 +112,12 @@ def remove_redundant_constraints(
 ) -> ReducedEquations | None:
     """Return the equations without the constraints that are redundant at the start.
 
-    Returns None if no constraint is redundant.
+    Returns None if no constraint is redundant. `time` is (t, branch).
 
     Raises
     ------
     BeamdaeError
-        If redundant constraints contradict the others.
+        If redundant constraints contradict the others, or are independent at nearby positions.
     """
     reduction = drop_dependent_constraints(equations, time)
     if reduction is not None:
@@ -129,7 +130,7 @@ def drop_dependent_constraints(
 ) -> ReducedEquations | None:
     """Return the equations without dependent constraints, which may contradict the others.
 
-    Returns None if no constraint is dependent.
+    Dependence is assessed at the positions `q0`. Returns None if no constraint is dependent.
     """
     rows = analyze_constraint_rank(StateEvaluator(equations), time, equations.q0).rows
     if not len(rows.dependent):

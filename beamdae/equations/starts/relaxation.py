@@ -1,4 +1,4 @@
-"""Static equilibrium far from the start, by gradient flow (dynamic relaxation)."""
+"""Static equilibrium, possibly far from the start, by implicit steps along a gradient flow."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ Array = np.ndarray
 
 # Step sizes, in units of `position_scales`.
 _MAX_STEP = 0.2  # small enough to close the joints by Newton's method
-_MAX_TRAVEL_SIZES = 1e4  # largest travel that counts in the relative size of a step
+_MAX_TRAVEL_SIZES = 1e4  # limit of the travel to which steps are relative
 _MAX_GAP_RATIO = 0.5  # correction that closes the joints, relative to the step
 _NEGLIGIBLE_GAP = 1e-9
 _CONVERGED_STEP = 1e-10
 
 # Squared pseudo-time of the flow.
 _FIRST_STEP = 0.01  # displacement by the initial accelerations in the first step
-_LAST_SQUARE_RATIO = 1e11  # largest square relative to the first
-_SMALLEST_SQUARE_RATIO = 1e-26  # below this, the search fails
+_LAST_SQUARE_RATIO = 1e11  # upper bound, relative to the first
+_SMALLEST_SQUARE_RATIO = 1e-26  # relative to the first; below this, the search fails
 _SQUARE_GROWTH = 4.0
 _MAX_STEPS = 400
 
@@ -64,11 +64,13 @@ class FlowStep(NamedTuple):
     q, lam
         Positions and multipliers at the end of the step.
     size
-        Step size, relative to the scale of the coordinates plus their travel.
+        Largest displacement, relative to the scale of the coordinate plus its travel since the
+        start; for angles, relative to the scale alone.
     gap
         Size of the correction that closes the joints after the step, relative like `size`.
     rounding
-        Change of the step due to rounding; large in directions without stiffness.
+        Change of the step due to rounding, relative like `size`; large in directions without
+        stiffness.
     """
 
     q: Array
@@ -112,9 +114,9 @@ class GradientFlow:
         return _PERTURBATION * self.measure.scale * signs
 
     def try_step(self, q: Array, lam: Array, square: float) -> FlowStep | None:
-        """Return a trial step of pseudo-time T, where T^2 = `square`.
+        """Return a trial step of pseudo-time T with T^2 = `square`.
 
-        Returns None if the matrix is singular or the step exceeds `_MAX_STEP`.
+        Returns None if the matrix is singular or `size` exceeds `_MAX_STEP`.
         """
         static, n, m = self.static, len(q), len(lam)
         mass = self.solver.linearize_forces(static.time, self.solver.rest_state(q))[2]
@@ -147,7 +149,7 @@ class GradientFlow:
 
 
 def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
-    """Return positions and multipliers of a stable equilibrium near `q`.
+    """Return positions (n,) and multipliers (m,) of an equilibrium reached from `q`.
 
     Implicit steps follow the gradient flow. Each step solves a linear system with the matrix
 
@@ -155,13 +157,14 @@ def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
 
     where K is the stiffness of F + G^T lam, and a second system with this matrix to close the
     joints. Short pseudo-times T keep steps small and lead to stable equilibria; long pseudo-times
-    converge quadratically, like Newton's method. The step size depends neither on the orientation
-    of the mechanism nor on the units.
+    converge quadratically, like Newton's method. The step size does not depend on the orientation
+    of the mechanism.
 
     Raises
     ------
     BeamdaeError
-        If no equilibrium is found; the message names the coordinate that moved farthest.
+        If the joints cannot be closed, or no equilibrium is found; the message then names the
+        coordinate that moved farthest.
     """
     e, solver = static.equations, ConsistencySolver(static.equations)
     begin = solver.state(static.time, q, np.zeros(e.n))

@@ -12,16 +12,16 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 
 Array = np.ndarray
 
-_MAX_CENTER_DISTANCE = 100.0  # [lengths of the mechanism]; beyond, rotations count as translations
+_MAX_CENTER_DISTANCE = 100.0  # [lengths of the mechanism]; rotations beyond are translations
 _ROUNDING = 1e-9  # rounding error in a motion of size one
 _EQUAL_SIZE_TOLERANCE = 1e-6  # of bodies that move equally far, the first is named
-_MAX_NAMES = 9  # in a sentence
+_MAX_NAMES = 9  # names or phrases in a sentence
 _FRAME_COORDINATES = (("x", "y", "angle"), ("x0", "y0", "theta"))
 _NODE_COORDINATES = ("x", "y", "psi")  # of bodies without a floating frame
 
 
 def join_names(names: Sequence[str]) -> str:
-    """Join names as "a, b and c"; list at most nine of them."""
+    """Join names as "a, b and c"; if there are more than nine, count the rest."""
     if len(names) > _MAX_NAMES:
         names = [*names[: _MAX_NAMES - 1], f"{len(names) - _MAX_NAMES + 1} others"]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
@@ -80,9 +80,9 @@ def _node_coordinates(index: dict[str, int]) -> Array | None:
 
 
 def compute_rigid_motions(e: EquationsOfMotion, q: Array) -> Array:
-    """Return the rigid motions at q, scaled by `position_scales`, (n, k).
+    """Return the rigid motions at q as columns divided by `position_scales`, (n, k).
 
-    Parts without a frame and without nodes contribute one motion per coordinate.
+    Parts with neither a frame (x, y, angle) nor nodes contribute one motion per coordinate.
     """
     columns: list[Array] = []
     for body in collect_bodies(e):
@@ -97,7 +97,7 @@ def compute_rigid_motions(e: EquationsOfMotion, q: Array) -> Array:
 
 
 def _rigid_motions_of_nodes(e: EquationsOfMotion, q: Array, nodes: Array) -> Array:
-    """Return two translations of nodes and their rotation about the first, scaled, (n, 3)."""
+    """Return two translations of nodes and their rotation about the first node, (n, 3)."""
     motions = np.zeros((e.n, 3))
     x, y, angle = nodes.T
     motions[x, 0] = motions[y, 1] = e.length
@@ -108,7 +108,7 @@ def _rigid_motions_of_nodes(e: EquationsOfMotion, q: Array, nodes: Array) -> Arr
 def _motion_sizes(
     e: EquationsOfMotion, q: Array, body: Body, motion: Array
 ) -> tuple[float, float, float]:
-    """Return translation, rotation [rad] and deformation, scaled by `position_scales`."""
+    """Return translation, rotation and deformation, divided by `position_scales`."""
     scaled_motion = motion / e.position_scales
     if body.nodes is not None:
         indices, rigid = body.nodes.ravel(), _rigid_motions_of_nodes(e, q, body.nodes)
@@ -125,7 +125,7 @@ def _motion_sizes(
 
 
 def describe_largest_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
-    """Describe the largest part of a motion in a phrase: "rotation of the crank"."""
+    """Return a phrase for the largest part of a motion (n,), such as "rotation of the crank"."""
     sizes = [(max(_motion_sizes(e, q, body, motion)), body) for body in collect_bodies(e)]
     largest = max(size for size, _ in sizes)
     body = next(body for size, body in sizes if size >= largest * (1.0 - _EQUAL_SIZE_TOLERANCE))
@@ -139,7 +139,7 @@ def describe_largest_motion(e: EquationsOfMotion, q: Array, motion: Array) -> st
 
 
 def describe_free_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
-    """Describe an unconstrained motion (n,) of bodies: "crank can rotate about (0, 0), ..."."""
+    """Return a phrase for a free motion (n,), such as "crank can rotate about (0, 0)"."""
     names_by_motion: dict[str, list[str]] = {}
     bodies = collect_bodies(e)
     for body in bodies:
@@ -178,7 +178,7 @@ def _describe_direction(body: Body, motion: Array) -> str:
 
 @dataclass(frozen=True)
 class DisplacementMeasure:
-    """Measures displacements; x and y of a point are combined to one distance.
+    """Measures displacements; x and y of a point are combined into one distance.
 
     Attributes
     ----------
@@ -204,10 +204,10 @@ class DisplacementMeasure:
         return cls(e.position_scales, point)
 
     def distances(self, change: Array) -> Array:
-        """Return the displacement of each coordinate or of the point to which it belongs, (n,)."""
+        """Return the displacement of each coordinate, or of its point if it has one, (n,)."""
         squares = np.bincount(self.point, change**2, len(self.point))
         return np.asarray(np.sqrt(squares)[self.point])
 
     def farthest(self, change: Array) -> float:
-        """Return the largest displacement, divided by the scale of the coordinate."""
+        """Return the largest displacement relative to the scale of its coordinate."""
         return float(np.max(self.distances(change) / self.scale, initial=0.0))

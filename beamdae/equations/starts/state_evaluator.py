@@ -58,7 +58,10 @@ class ForceBlock:
     mirrored: Array
 
     def transposed(self, values: Array) -> Array:
-        """Return the transposed block on the same pattern; zero for entries outside the pattern."""
+        """Return the entries of the transposed block on `pattern`; zero if not in the pattern.
+
+        `values` are the entries of the block.
+        """
         return np.append(values, 0.0)[self.mirrored]
 
     def matrix(self, nonzeros: Array) -> sp.csc_array:
@@ -81,7 +84,7 @@ class StateSums:
 
 @cache_on_owner
 def plan_state_sums(structure: Structure) -> StateSums:
-    """Plan the sums of the equations of motion at a state, and of their matrices."""
+    """Return the plans of the sums that `StateEvaluator` needs, and the matrix patterns."""
     n, m = structure.n, structure.m
     layout = InputLayout(q=0, v=n, a=2 * n, lam=3 * n)
     jacobian = create_matrix_sum()
@@ -122,7 +125,7 @@ class StateEvaluator:
 
     @property
     def sums(self) -> StateSums:
-        """Sums and patterns shared by all models of one structure."""
+        """Sums and patterns, shared by all models with the same structure."""
         return plan_state_sums(self.equations.structure)
 
     @cached_property
@@ -166,7 +169,7 @@ class StateEvaluator:
         return self._evaluate(self._motion, time, (q, v, a), n + 3 * m, lam)[:n]
 
     def gradients(self, time: Array, q: Array) -> Array:
-        """Return the non-zeros of G on `sums.gradient_pattern`."""
+        """Return the non-zeros of G on `sums.gradient_pattern`, (nnz,)."""
         size = self.sums.gradient_pattern.nnz
         return self._evaluate(self._gradients, time, (q, None, None), size)
 
@@ -192,7 +195,7 @@ class StateEvaluator:
         return self._evaluate(self._saddle, time, (q, v, a), self.sums.saddle_pattern.nnz, lam)
 
     def linearize_forces(self, time: Array, state: State) -> tuple[sp.csc_array, ...]:
-        """Return stiffness dF/dq, damping dF/dv and mass dF/da, each sparse (n, n)."""
+        """Return stiffness dF/dq, damping dF/dv and mass dF/da at lam = 0, each sparse (n, n)."""
         q, v, a, _ = state
         return tuple(
             self.sums.block.matrix(self.saddle_matrix(time, q, v, a, c)) for c in _UNIT_COEFFICIENTS
