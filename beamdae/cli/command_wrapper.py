@@ -41,7 +41,7 @@ _UsageError: Any = typer.BadParameter.__base__
 
 
 def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]:
-    """Add --quiet and --json to a command, and turn its exceptions into messages and exit codes."""
+    """Add --quiet and --json to a command, and turn its errors into messages and exit codes."""
 
     @wraps(command)
     def run_and_exit(*, quiet: bool, as_json: bool, **options: Any) -> None:

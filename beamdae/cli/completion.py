@@ -19,7 +19,7 @@ _BASH_WORD_BREAKS = (":", "=")
 
 
 def complete_model_files(incomplete: str) -> list[str]:
-    """Return model files, folders and examples that begin with `incomplete`.
+    """Return the model files and folders, or the examples, that begin with `incomplete`.
 
     Without a matching model file, the list is empty and the shell uses its default completion.
     """

@@ -91,7 +91,8 @@ EndTime = Annotated[
 OutputStep = Annotated[
     float | None,
     typer.Option(
-        help="Time between output rows in seconds. Defaults to 1/1000 of the run (compare: 1/400)."
+        help="Time between output rows in seconds. Defaults to 1/1000 of the run (compare and "
+        "sweep: 1/400)."
     ),
 ]
 TimeLimit = Annotated[
@@ -142,7 +143,7 @@ def create_integrator(command: str, name: str, options: Mapping[str, Any], file:
     Raises
     ------
     BeamdaeError
-        If the name is unknown, or the integrator does not have a setting.
+        If the name is unknown, or the integrator does not have a setting or rejects its value.
     """
     import beamdae
     from beamdae.cli.model_files.model_file import translate_errors

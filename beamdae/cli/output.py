@@ -145,16 +145,14 @@ class WrittenFiles:
     failed: bool = False
 
     def write(self, name: str, write: Callable[[], list[Path]]) -> None:
-        """Write pictures or a page; if this fails, print one line and set `failed`."""
+        """Write files; if this fails, print one line and set `failed`."""
         try:
             self.paths += write()
             return
         except BeamdaeError as problem:
             print_error(f"failed: {problem}")
         except Exception as problem:  # Results may contain values that cannot be drawn.
-            print_error(
-                f"failed: {name}: the picture cannot be drawn: {format_exception(problem)}."
-            )
+            print_error(f"failed: {name}: the file cannot be created: {format_exception(problem)}.")
         self.failed = True
 
 

@@ -78,7 +78,7 @@ class ProgressLine:
 
 @contextmanager
 def show_run_progress(t_end: float, task: str = "") -> Iterator[Callable[[str, float], None]]:
-    """Show the progress of a run; yield a function that takes a label and the simulated time.
+    """Show the progress of a run; yield a function of a label and the simulated time [s].
 
     `task` is the name of the computation if it is not the simulation.
     """
@@ -180,7 +180,10 @@ def estimate_remaining_time(progress: StudyProgress, start: float) -> float | No
 
 
 def format_clock(seconds: float | None) -> str:
-    """Format a duration as minutes:seconds or, from one hour on, as hours:minutes:seconds."""
+    """Format a duration [s] as minutes:seconds or, from one hour on, as hours:minutes:seconds.
+
+    An unknown or infinite duration becomes "-:--".
+    """
     if seconds is None or not math.isfinite(seconds):
         return "-:--"
     minutes, rest = divmod(max(round(seconds), 0), 60)

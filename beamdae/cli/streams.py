@@ -40,8 +40,9 @@ class _UnclosableStream(io.TextIOWrapper):
 def secure_streams() -> None:
     """Replace standard output and error by streams whose `write` never fails.
 
-    A closed stream is connected to the null device. Otherwise, the next opened file would get its
-    descriptor and receive the output.
+    Streams of terminals are kept, with characters escaped that they cannot encode. A closed stream
+    is connected to the null device. Otherwise, the next opened file would get its descriptor and
+    receive the output.
     """
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= _STDERR:
         os.set_inheritable(descriptor, True)

@@ -50,7 +50,13 @@ def apply_limits(
     t_end: float | None,
     output_step: float | None,
 ) -> Study:
-    """Return the study with --time-limit, --t-end and --output-step applied to all its cases."""
+    """Return the study with --time-limit, --t-end and --output-step applied to all its cases.
+
+    Raises
+    ------
+    BeamdaeError
+        If a value is not positive.
+    """
     if time_limit is not None:
         limit = require_positive(command, "--time-limit", time_limit)
         study = replace(study, limits=replace(study.limits, time=limit))
@@ -152,7 +158,10 @@ def _run_study(outputs: StudyOutputs, create_executor: Callable[[], Executor]) -
 
 
 def print_failures(results: StudyResults) -> None:
-    """Print one line for each case that did not reach the end time, except after an interrupt."""
+    """Print one line for each of the first 16 failed cases, and the number of further failures.
+
+    Interrupted cases are omitted.
+    """
     from beamdae.report.terminal import text_tables
 
     reasons = text_tables.failure_sentences(results.table[results.table["status"] != "interrupted"])

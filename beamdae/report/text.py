@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 def make_printable(text: str) -> str:
-    """Return the text on one line, with unprintable characters as escape sequences."""
+    """Return the text on one line, with spaces for white space and escapes for control codes."""
     return "".join(map(_escape, text))
 
 

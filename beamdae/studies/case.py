@@ -72,7 +72,7 @@ class Case:
 
     @property
     def changed(self) -> dict[str, Any]:
-        """Settings of the integrator that differ from their defaults."""
+        """Integrator settings that differ from their defaults, except the time limit."""
         settings = {f.name: (getattr(self.integrator, f.name), f.default) for f in self._settings}
         return {name: value for name, (value, default) in settings.items() if value != default}
 
@@ -83,7 +83,7 @@ class Case:
 
     @property
     def label(self) -> str:
-        """Label of the integrator, including all settings that differ from their defaults."""
+        """Label of the integrator, including all settings in `changed`."""
         label = self.integrator.label
         others = [f"{k}={v}" for k, v in self.changed.items() if f"{k}=" not in label]
         return ", ".join([label.removesuffix(")"), *others]) + ")" if others else label
@@ -115,14 +115,16 @@ class Case:
         """Return a hash of everything the equations of motion depend on.
 
         The hash covers the model (its code, the values that the code refers to, and the files it
-        declares), the parameters, the package versions and the source code of beamdae. Pass the
-        same dict as `digests` to several calls to hash a shared model only once.
+        declares), the parameters, the versions of Python and packages, and the source code of
+        beamdae without `cli` and `report`. Pass the same dict as `digests` to several calls to hash
+        a shared model only once.
 
         Raises
         ------
         BeamdaeError
-            If a parameter, or a value that the model refers to, cannot be reproduced in another
-            process, such as a lock, a generator or an open file.
+            If a parameter is unknown or has the wrong type, a declared file is missing, or a
+            parameter or a value that the model refers to cannot be reproduced in another process,
+            such as a lock, a generator or an open file.
         """
         digests = {} if digests is None else digests
         return cached_digest(digests, self, lambda: self._digest_mechanism(digests))
@@ -142,8 +144,9 @@ class Case:
     ) -> str:
         """Return a hash of everything the result depends on, except files read during the run.
 
-        These files are known only after the run; the record of the run contains their hashes. See
-        `mechanism_fingerprint` for `digests` and errors.
+        These files are known only after the run; the record of the run contains their hashes. The
+        end time and the time between rows are in s. See `mechanism_fingerprint` for `digests` and
+        errors.
         """
         digests = {} if digests is None else digests
         kind = type(self.integrator)
@@ -235,7 +238,7 @@ def grid(**lists: Iterable[Any]) -> list[dict[str, Any]]:
     Raises
     ------
     BeamdaeError
-        If a value is not a list, or there are more than a million combinations.
+        If an argument is not a list of values, or there are more than a million combinations.
 
     Examples
     --------

@@ -24,12 +24,13 @@ _CROSSOVER_LEVELS = 200  # errors, equally spaced in the logarithm, at which ser
 def summarize_cases(cases: pd.DataFrame) -> pd.DataFrame:
     """Return the fastest integrator per error level, observed orders and crossovers by group.
 
-    An error that the reference cannot resolve is replaced by its upper bound, ten times the
-    uncertainty of the reference. Cases without an error are omitted.
+    Only successful cases with an error are included. To find the fastest integrator, an error that
+    the reference cannot resolve is replaced by its upper bound, ten times the uncertainty of the
+    reference; orders and crossovers are computed without such errors.
 
-    Case A counts as faster than case B only if the median wall time of A is below the shortest wall
-    time of B. The shortest wall time of a case with a single run is estimated as its wall time /
-    1.2. The column "as fast" lists the cases that are not slower than the fastest case by this
+    Case A is considered faster than case B only if the median wall time of A is below the shortest
+    wall time of B. The shortest wall time of a case with a single run is estimated as its wall time
+    / 1.2. The column "as fast" lists the cases that are not slower than the fastest case by this
     criterion.
     """
     lines: list[dict[str, Any]] = []
@@ -44,7 +45,10 @@ def summarize_cases(cases: pd.DataFrame) -> pd.DataFrame:
 
 
 def summarize_mesh_study(cases: pd.DataFrame, over: str) -> pd.DataFrame:
-    """Return the observed orders of convergence between successive meshes, by group."""
+    """Return the observed orders of convergence between successive meshes, by group.
+
+    Errors that the reference cannot resolve are omitted.
+    """
     lines = []
     for group, rows in cases[cases["status"] == "ok"].groupby("group", sort=False):
         resolved = rows.dropna(subset=[ERROR_COLUMN]).sort_values(over)
@@ -102,7 +106,7 @@ def _find_fastest(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _fit_orders(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Fit log(error) against log(step) or log(rtol) for each series by least squares."""
+    """Return the order of each series: the slope of log(error) over log(step) or log(rtol)."""
     lines = []
     for series, runs in rows.groupby("series", sort=False):
         error = runs[ERROR_COLUMN].to_numpy()
@@ -152,7 +156,7 @@ def _find_crossovers(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _interpolate_cost(levels: np.ndarray, error: np.ndarray, cost: np.ndarray) -> np.ndarray:
-    """Interpolate the cost of a series, sorted by increasing error, at the error levels.
+    """Interpolate the running minimum of the cost over increasing errors at the error levels.
 
     The cost is infinite below the smallest error, and equal to the lowest cost above the largest
     error.

@@ -53,7 +53,7 @@ def tabulate_case(
 
 
 def _error_columns(outcome: Outcome, reference: Reference) -> dict[str, Any]:
-    """Return the overall error, the reaction error and errors by column, relative to amplitudes."""
+    """Return the errors of columns relative to their amplitudes, and of event times in s."""
     columns: dict[str, Any] = dict.fromkeys(
         [ERROR_COLUMN, "below resolution", "reaction error [-]"], np.nan
     )
@@ -91,7 +91,7 @@ def assemble_case_table(rows: list[dict[str, Any]]) -> pd.DataFrame:
     """Return the case table built from `rows`; missing counts are <NA>.
 
     Parameter columns are inserted between "model" and "group". If a parameter has the name of
-    another column, its column is called "parameter NAME".
+    another column, the parameter column is called "parameter NAME".
     """
     table = pd.DataFrame(rows)
     columns = [str(c) for c in table]

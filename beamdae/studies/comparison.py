@@ -51,20 +51,20 @@ def compare(
     t_end, output_step
         End time and time between rows of all cases [s], as in `simulate`.
     progress
-        Function that is called repeatedly with the label of the running case and the simulated time
-        [s].
+        Function that is called repeatedly with the label of the running case or reference and the
+        simulated time [s].
 
     Returns
     -------
     DataFrame
-        One row per case. "error [-]" is the largest difference from the reference over all columns
+        One row per case. "error [-]" is the largest difference from the reference over `columns`
         and all times that the run has reached, relative to half the range of each column. Further
-        columns contain the final, maximum and root mean square error of each observed column.
+        columns contain the final, maximum and root mean square error of each of these columns.
 
     Raises
     ------
     BeamdaeError
-        If the reference fails, a column is unknown, or an argument has the wrong type.
+        If the reference fails, a column is unknown or constant, or an argument is invalid.
 
     Examples
     --------

@@ -40,12 +40,13 @@ class Study:
     cases
         Cases to run.
     references
-        Two integrators with different methods. Defaults to `Radau(1e-7)` and
-        `GeneralizedAlpha(1e-4)`. The first integrator computes the reference of each group of cases
-        that differ only in their integrator; the difference between the two results is the
-        uncertainty of the reference. An integrator with a fixed step is also run with half the
-        step, and the results are extrapolated (Richardson). An empty tuple has the same effect as
-        `errors=False`.
+        Two integrators with different methods. Defaults to `Radau(rtol=1e-7)` and
+        `GeneralizedAlpha(step=1e-4, newton_tolerance=1e-9)`. The first integrator computes the
+        reference of each group of cases that differ only in their integrator; the difference
+        between the two results is the uncertainty of the reference. An integrator with a fixed step
+        is also run with half the step, and the results are extrapolated (Richardson). With an empty
+        tuple, errors are computed only if `over` is given. Mesh studies do not use these
+        integrators.
     columns
         Observed columns used for the errors. Defaults to all positions and angles that move.
     t_end, output_step
@@ -57,12 +58,13 @@ class Study:
         Number of runs of each case; the wall time of the case is the median of all runs.
     over
         Parameter that is refined in a mesh study, such as "elements". The reference of each group
-        of cases that differ only in this parameter is the case with the largest value; all use the
-        same integrator, so that errors in space and time are not mixed.
+        of cases that differ only in this parameter is the case with the largest value. Each group
+        has a single integrator, so that errors in space and time are not mixed.
     errors
         If True, compute errors of all cases. If False, compute no errors and run no references. If
-        None, compute errors if `references`, `columns` or `over` is given, and in groups with
-        several cases (same model and parameters, different integrators).
+        None, compute errors in all groups if `references`, `columns` or `over` is given, and
+        otherwise in groups with several different cases (same model and parameters, different
+        integrators).
 
     Raises
     ------
@@ -223,16 +225,18 @@ def study(
     over: str | None = None,
     errors: bool | None = None,
 ) -> Callable[[Callable[[], Iterable[Case]]], Study]:
-    """Return a decorator that turns a function returning cases into a study; see `Study`.
+    """Return a decorator that turns a function returning cases into a study.
+
+    The parameters not listed here are the attributes of `Study`.
 
     Parameters
     ----------
     time_limit
-        Maximum wall time of a case [s]; None means no limit.
+        Maximum wall time of a case [s]. Defaults to 120 s; None means no limit.
     memory_limit
-        Maximum memory of the process of a case [GB].
+        Maximum memory of the process of a case [GB]. Defaults to no limit.
     patience
-        Maximum wall time without progress of a case [s].
+        Maximum wall time without progress of a case [s]. Defaults to no limit.
 
     Raises
     ------
@@ -269,7 +273,10 @@ def study(
 
 
 def call_definition(function: Callable[[], Any], entries: str) -> Any:
-    """Call the function of a study or sweep, and return the `entries` (cases or values).
+    """Call the function of a study or sweep, and return its result.
+
+    `entries` ("cases" or "values") describes the result in the error message. Iterators are
+    converted to lists of at most 1 000 001 entries.
 
     Raises
     ------

@@ -64,7 +64,7 @@ def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -
     Raises
     ------
     BeamdaeError
-        If a column does not exist or is constant.
+        If a requested column does not exist or is constant, or no column varies.
     """
     present = observed_columns(reference)
     candidates = (
@@ -80,15 +80,14 @@ def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -
     constant = [c for c in candidates if c not in moving]
     if not moving or (columns and constant):
         raise BeamdaeError(
-            f"compare: the columns {', '.join(constant)} are constant in the "
-            "reference, but errors are relative to the range of a column; observe or "
-            "select columns that vary."
+            "compare: errors are relative to the range of a column, but the reference is "
+            f"constant in {', '.join(constant)}; observe or select columns that vary."
         )
     return moving
 
 
 def select_reaction_columns(reference: pd.DataFrame) -> list[str]:
-    """Return the observed forces and moments that are not constant."""
+    """Return the observed forces and moments whose range exceeds 1e-6 of the largest range."""
     forces = [c for c in observed_columns(reference) if Header.of(c).unit in _REACTION_UNITS]
     return _select_moving_columns(reference, forces, _MIN_RELATIVE_MOTION)
 
@@ -120,7 +119,7 @@ def compute_deviations(
     """Return |x - x_ref| / (half the range of x_ref) at the times common to both tables.
 
     Both tables start with the same output times. If an event or a failure ends one of the runs, the
-    times differ from that row on; these rows are omitted.
+    times differ from a certain row on; this row and all later rows are omitted.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Reference solutions of studies; the difference between two methods is the uncertainty."""
+"""Reference solutions of studies; the difference of two methods is their uncertainty."""
 
 from __future__ import annotations
 
@@ -31,13 +31,14 @@ class Reference:
     Attributes
     ----------
     methods
-        Labels of the two methods.
+        Labels of the two methods or meshes; "" for a missing second method.
     table
-        Observed columns by time; None if there is no reference.
+        Observed columns, energies and drift by time; None if there is no reference.
     columns
         Columns used for the errors.
     uncertainty
-        Largest difference between the two methods, relative to the amplitude of each column [-].
+        Largest difference between the two methods, relative to the amplitude of each column [-];
+        NaN if it is unknown.
     sentence
         Description of the reference, or the reason why it is missing.
     events
@@ -95,8 +96,8 @@ def create_reference_tasks(
 ) -> list[list[Task]]:
     """Return the tasks of the two reference methods of a group.
 
-    A method has one task, or two tasks for Richardson extrapolation. In a mesh study, the two
-    methods are the two finest meshes.
+    A method has one task, or two tasks for Richardson extrapolation. In a mesh study, the methods
+    are the two finest meshes, or the only mesh.
     """
     over = study.over
     if over is not None:
@@ -120,7 +121,7 @@ def build_reference(
     if len(methods) == 1:
         return _missing_reference(
             (_label_method(methods[0], study), ""),
-            "no reference, there is only one mesh; add a finer one",
+            "no reference, there is only one mesh; add a finer mesh",
         )
     labels = (_label_method(methods[0], study), _label_method(methods[1], study))
     for tasks in methods:
@@ -163,7 +164,7 @@ def _label_method(tasks: list[Task], study: Study) -> str:
 
 
 def _tabulate_method(tasks: list[Task], outcomes: Mapping[str, Outcome]) -> pd.DataFrame:
-    """Return the table of one run, or the Richardson extrapolation of runs with h and h/2."""
+    """Return the table of one run, or the Richardson extrapolation of steps h and h/2."""
     outcome_tables = [outcomes[task.key].table for task in tasks]
     tables = [table for table in outcome_tables if table is not None]
     if len(tables) == 1:

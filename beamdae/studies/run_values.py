@@ -114,7 +114,7 @@ def collect_event_values(solution: Solution, until: float = np.inf) -> dict[str,
 def extrapolate_events(
     coarse: Mapping[str, Any], fine: Mapping[str, Any], order: int
 ) -> dict[str, Any]:
-    """Return events with times extrapolated (Richardson) from runs with steps h and h/2."""
+    """Return event values with first times extrapolated (Richardson) from steps h and h/2."""
     values = _select_event_columns(fine)
     for column, value in values.items():
         if column in coarse and isinstance(value, float):

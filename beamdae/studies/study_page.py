@@ -27,7 +27,7 @@ from beamdae.studies.run_values import (
 from beamdae.studies.unique_names import number_duplicates
 
 _MAX_CURVES = 200  # cases with curves; pages with more take long to open
-# Prefix of their keys, because extra columns may have the names of columns of the case table.
+# Prefix of the keys of extra columns, whose names may also occur in the case table.
 _EXTRA_COLUMN_PREFIX = "extra: "
 # Columns of the case table on the page: key, label, unit, kind.
 _TABLE_COLUMNS = (
@@ -54,7 +54,7 @@ _TABLE_COLUMNS = (
 def create_study_page(
     results: StudyResults, extra_columns: pd.DataFrame | None = None
 ) -> dict[str, Any]:
-    """Return the data of the page of a study for `beamdae.report.page.page_file.write_page`.
+    """Return the page data of a study for `beamdae.report.page.page_file.write_page`.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def create_study_page(
         Results of the study.
     extra_columns
         Columns shown instead of the parameters, with one row per case (in sweeps, the parameters
-        and outputs).
+        and the default responses).
     """
     table = results.table
     present = [c for c in _TABLE_COLUMNS if c[0] in table]
@@ -111,8 +111,8 @@ def _create_notes(results: StudyResults) -> list[str]:
     notes = []
     if results.references:
         notes.append(
-            "Error: largest difference from the reference over the run and its "
-            "columns, relative to half the range of each. Errors below "
+            "Error: largest difference from the reference over all times and compared "
+            "columns, relative to half the range of each column. Errors below "
             f"{RESOLUTION_FACTOR:g} times the uncertainty of the reference are upper "
             "bounds; their markers are hollow."
         )

@@ -67,7 +67,8 @@ Style = dict[str, Any]
 def list_plots(results: StudyResults) -> dict[str, Plot]:
     """Return the functions that draw the figures of a study, by name.
 
-    Each function writes image files and returns their paths; without data, it returns [].
+    Each function writes image files and returns their paths; without data, it returns []. The dict
+    is empty if no errors are computed.
     """
     if ERROR_COLUMN not in results.table:
         return {}
@@ -155,7 +156,7 @@ def _draw_work_precision(results: StudyResults) -> list[Path]:
 
 
 def _select_rows_with_error(results: StudyResults) -> pd.DataFrame:
-    """Return the rows that have an error, and add "height" (error or its bound) and "is bound"."""
+    """Return the drawable rows, with the columns "height" (error or its bound) and "is bound"."""
     table = results.table
     rows = table[table["status"] == "ok"]
     is_bound = rows["below resolution"]

@@ -85,8 +85,9 @@ class Task:
     def serialize(self, models: SerializedModels) -> bytes:
         """Serialize the task for another process, including the code of the model.
 
-        The serialized model is cached in `models`, unless the task contains other values than plain
-        numbers and strings: user-defined objects may share objects with the model.
+        The serialized model is cached in `models` if all parameters and settings are plain numbers,
+        strings or None. Other values, outputs and user-defined integrators may share objects with
+        the model; tasks that contain them are serialized as a whole.
         """
         case = self.case
         values = (*case.parameters.values(), *vars(case.integrator).values())
@@ -105,9 +106,10 @@ class Outcome:
     status
         Status at the end of the run, with the reason.
     values
-        Cost and quality by column of the case table.
+        Cost, quality, events and outputs by column of the case table.
     rows
-        Trajectory table, or a function that reads the table from the store.
+        Trajectory table, or a function that reads the table from the store; None without a
+        consistent start.
     frames
         Shapes of the bodies over time for an animation; None unless requested.
     read

@@ -29,8 +29,8 @@ def list_command(
 ) -> None:
     """List models with their parameters, and studies with their number of cases.
 
-    In a folder, only files that define models or studies are imported. Exits with 1 if a file
-    cannot be imported.
+    In a folder, only files that define models or studies are imported; exits with 1 if the import
+    of one of these files fails.
     """
     path = resolve_path(path)
     if path.is_dir():

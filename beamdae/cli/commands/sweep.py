@@ -253,5 +253,5 @@ def _print_results(results: StudyResults) -> None:
         console.print(text_tables.sweep_table(table, swept.parameters, swept.response_columns))
     n_warnings = int((table["warnings"] != "").sum())
     if n_warnings:
-        console.print(f"{n_warnings} cases have warnings, see sweep.csv")
+        console.print(f"warnings in {n_warnings} of {len(table)} cases; see sweep.csv")
     print_failures(results)

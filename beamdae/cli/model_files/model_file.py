@@ -35,8 +35,8 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
     Raises
     ------
     BeamdaeError
-        If the import of the file fails, if the file contains no model or no model called `name`, or
-        if it contains several models and `name` is None.
+        If the file is missing, its import fails, it contains no model called `name`, or `name` is
+        None and it does not contain exactly one model.
 
     Examples
     --------
@@ -108,7 +108,8 @@ class ModelFile:
         Raises
         ------
         BeamdaeError
-            If no model or several models have this name.
+            If no model or several models have this name, or the file contains several models and
+            `name` is None.
         """
         models = self.models
         if not models:
@@ -122,7 +123,7 @@ class ModelFile:
                 f"{self.path}: there is no model {short_repr(name)}{suggest(name, models)}; "
                 f"the models are {', '.join(models)}."
             )
-        # A model that is assigned to two variables counts once.
+        # A model that is assigned to two variables is counted once.
         functions = {id(model.build) for model in self._all_models() if model.name == name}
         if len(functions) > 1:
             raise BeamdaeError(
@@ -162,7 +163,7 @@ def translate_errors(call: str, path: Path) -> Iterator[None]:
 
 def _import_file(path: Path) -> ModuleType:
     code = _compile_file(path)
-    # Import first: the model file, or a file in its folder, may shadow the modules it imports.
+    # Import first: the model file, or a file in its folder, may shadow modules used by beamdae.
     import beamdae.simulation  # noqa: F401
 
     name = f"beamdae_model_{path.stem}"

@@ -1,4 +1,4 @@
-"""Messages for exceptions of a model file, with the line and hints at mistyped names."""
+"""Messages for exceptions of a model file, with the line and suggestions for mistyped names."""
 
 from __future__ import annotations
 

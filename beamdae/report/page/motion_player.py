@@ -12,7 +12,7 @@ from beamdae.results.displays import ANIMATION_WIDTH, Animation
 _STYLES = ("page", "charts", "mechanism")
 _SCRIPTS = ("decoding", "elements", "numbers", "axes", "mechanism", "player", "notebook_player")
 
-# Size of the picture [units of the SVG view box]; keep in step with script/mechanism.js.
+# Size of the picture [units of the SVG view box]; must agree with script/mechanism.js.
 _DRAWING_WIDTH = 420.0
 _MIN_DRAWING_HEIGHT = 180.0
 _MAX_DRAWING_HEIGHT = 400.0

@@ -18,8 +18,8 @@ _MAX_PAGE_VALUES = 500_000  # in all curves; about 1.3 MB at 2.7 bytes per value
 _MIN_ROWS_PER_CURVE = 200
 _MAX_ROWS_PER_CURVE = 2000
 _QUANTIZATION_STEPS = 65534  # per range of a curve; one step is far less than a line width
-_MISSING_CODE = 65535  # code of values that are missing or not finite
-_MAX_MAGNITUDE = 1e300  # larger values count as missing because their range could overflow
+_MISSING_CODE = 65535  # code of values that cannot be quantized
+_MAX_MAGNITUDE = 1e300  # larger values are omitted because their range could overflow
 _POSITION_DRIFT = "position drift"
 _VELOCITY_DRIFT = "velocity drift"
 # Quantities per panel that span decades; the logarithms of their magnitudes are stored and drawn.
@@ -52,7 +52,7 @@ def select_curves(
     max_rows
         Longer tables are thinned evenly to this number of rows.
     error
-        Error at each row; NaN where the error is unknown.
+        Error [-] at each row; NaN where the error is unknown.
     differences
         Differences between columns of the run and of a reference, by header.
 
@@ -148,7 +148,8 @@ def _pack_curves(curves: Mapping[str, Any], logarithmic: Sequence[str] = ()) -> 
 def _pack_values(values: Sequence[float | None] | Array, log: bool = False) -> dict[str, Any]:
     """Quantize values, or the logarithms of their magnitudes, into equal 16-bit steps.
 
-    Values that are missing or not finite, and zeros on a logarithmic scale, become `_MISSING_CODE`.
+    Values that are missing, not finite or at least `_MAX_MAGNITUDE`, and zeros on a logarithmic
+    scale, become `_MISSING_CODE`.
     """
     x = np.array(values, float)
     if log:

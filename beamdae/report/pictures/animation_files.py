@@ -59,7 +59,8 @@ class FigureAnimation:
         Raises
         ------
         BeamdaeError
-            If the suffix is not .gif or .mp4, or the file cannot be written.
+            If the suffix is not .gif or .mp4, ffmpeg is missing for MP4, or the file cannot be
+            written.
         """
         kind = require_picture_path(name, path).suffix.lower().removeprefix(".")
         if kind not in ("gif", "mp4"):

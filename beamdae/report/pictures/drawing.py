@@ -77,7 +77,13 @@ def create_drawing(mechanism: Mechanism, size: tuple[float, float] | None = None
     mechanism
         The mechanism.
     size
-        Width and height [inch]. By default, the height is computed from the shape of the mechanism.
+        Width and height [inch]. By default, the width is 8, and the height depends on the shape of
+        the mechanism.
+
+    Raises
+    ------
+    BeamdaeError
+        If the mechanism has no parts that can be drawn.
     """
     scene = build_scene(mechanism, reference_poses, np.zeros(1))
     low, high = scene.extent()

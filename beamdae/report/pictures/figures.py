@@ -43,7 +43,7 @@ _RESOLUTION = 150  # of picture files [dots per inch]
 
 # Larger values overflow when Matplotlib computes the range of an axis.
 MAX_DRAWABLE = 1e300
-# A column counts as constant if its range is below one of these limits.
+# A column is considered constant if its range is at or below one of these limits.
 _MIN_RELATIVE_RANGE = 1e-9  # relative to the largest range of the columns with the same unit
 _ROUNDING = 1e-15  # relative to the largest range of all columns
 
@@ -55,9 +55,9 @@ def mask_huge_values(table: Columns) -> dict[str, Array]:
 
 
 def varying_columns(table: Columns) -> list[str]:
-    """Return the observed columns that vary, excluding rates.
+    """Return the observed columns that vary, excluding rates and columns that contain only nan.
 
-    Returns all observed columns except rates if all of them are constant.
+    If all of these columns are constant, return all of them.
     """
     columns = [c for c in observed_columns(table) if not Header.of(c).suffix.endswith("_dot")]
     values = {c: np.asarray(table[c], float) for c in columns}
@@ -196,7 +196,7 @@ def require_picture_path(name: str, path: Any) -> Path:
     Raises
     ------
     BeamdaeError
-        If the path has no suffix; the message begins with `name`.
+        If the path is invalid or has no suffix; the message begins with `name`.
     """
     text = str(path) if isinstance(path, (str, Path)) else ""
     if not (is_valid_path(text) and Path(text).suffix):

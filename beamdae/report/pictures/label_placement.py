@@ -16,9 +16,9 @@ Array = np.ndarray
 # Candidate positions around a point.
 _DIRECTION_COUNT = 16
 _DISTANCES = (7.0, 14.0, 24.0, 38.0, 56.0, 80.0, 110.0, 150.0)  # [pt]
-# Labels at larger distances are connected to their points by a leader line [pt].
+# Distance beyond which a label is connected to its point by a leader line [pt].
 _MIN_LEADER_DISTANCE = 16.0
-# Labels within this distance are neighbors; labels with most neighbors are placed first [pt].
+# Labels within this distance are neighbors; labels with the most neighbors are placed first [pt].
 _NEIGHBOR_DISTANCE = 60.0
 _FONT_SIZE = 8.0  # [pt]
 _GAP = 1.5  # free space around a label [pt]
@@ -36,7 +36,7 @@ def place_labels(axis: Axes, labels: Sequence[tuple[Array, str]], obstacles: Arr
     """Add labels near their points, each at the position of lowest cost.
 
     Labels are placed sequentially, beginning with the labels that have the most neighbors. Labels
-    at a larger distance are connected to their points by leader lines.
+    that are far from their points are connected to them by leader lines.
 
     Parameters
     ----------

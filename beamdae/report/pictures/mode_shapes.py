@@ -115,13 +115,14 @@ def draw_modes(modes: Modes) -> Plot:
     Raises
     ------
     BeamdaeError
-        If there are no modes, or no mechanism with parts that can be drawn.
+        If `modes` is not a result of `beamdae.modes`, or there are no modes or no mechanism with
+        parts that can be drawn.
     """
     return Plot(create_modes_figure(modes))
 
 
 def create_modes_figure(modes: Modes, title: str = "") -> Figure:
-    """Create a figure with up to twelve mode shapes."""
+    """Create a figure with up to twelve mode shapes; see `draw_modes`."""
     scenes = _ModeScenes("draw_modes", modes)
     panels = [scenes.vibrating(k, np.ones(1)) for k in range(min(len(modes), MAX_PANELS))]
     low, high = padded_extent([scenes.rest, *panels])
@@ -160,7 +161,7 @@ def animate_mode(
         Path of a GIF or MP4 file, see `beamdae.animate`. Without a path, the animation is displayed
         in a notebook.
     frames
-        Number of frames per period.
+        Number of frames per period, 2 to 500.
 
     Returns
     -------
@@ -170,8 +171,8 @@ def animate_mode(
     Raises
     ------
     BeamdaeError
-        If the mode does not exist, the mechanism has no parts that can be drawn, the suffix is not
-        .gif or .mp4, or the file cannot be written.
+        If an argument is invalid, the mode does not exist, there is no mechanism with parts that
+        can be drawn, ffmpeg is required but missing, or the file cannot be written.
     """
     scenes = _ModeScenes("animate_mode", modes)
     k = require_count("animate_mode", "mode", mode, most=len(modes)) - 1
@@ -224,7 +225,7 @@ def draw_campbell(diagram: Campbell) -> Plot:
 
 
 def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -> Figure:
-    """Create the figure of a Campbell diagram."""
+    """Create the figure of a Campbell diagram; see `draw_campbell`."""
     if not isinstance(diagram, Campbell):
         raise BeamdaeError(
             "draw_campbell: diagram must be a result of beamdae.campbell, "

@@ -116,7 +116,7 @@ def _marker_style(kind: str) -> dict[str, Any]:
 
 
 def _is_varying(equilibrium: Equilibrium, column: str) -> bool:
-    """Return True if the range of a column exceeds rounding noise."""
+    """Return True if loads are scaled and the range of a column exceeds rounding noise."""
     sizes = {"m": equilibrium.equations.length, "rad": 1.0}
     limit = _MIN_RANGE * sizes.get(Header.of(column).unit, 0.0)
     return bool(equilibrium.loads) and float(np.ptp(equilibrium.columns[column])) > limit

@@ -66,7 +66,8 @@ def animate(
     speed
         Playback speed relative to real time.
     frames
-        Number of frames. Defaults to 25 per second of the animation.
+        Number of frames, 2 to 500. Defaults to 25 per second of the animation, within these
+        limits.
     color
         Quantity that colors the beams: "strain" or "stress" (largest magnitude in each section), or
         the section force "N", "Q" or "M". The color scale covers the whole run.
@@ -81,8 +82,8 @@ def animate(
     Raises
     ------
     BeamdaeError
-        If the run has no mechanism, the color quantity or a traced point does not exist, the suffix
-        is not .gif or .mp4, or the file cannot be written.
+        If an argument is invalid, the run has no mechanism, the color quantity or a traced point
+        does not exist, ffmpeg is required but missing, or the file cannot be written.
     """
     if not isinstance(solution, Solution):
         raise BeamdaeError(
@@ -147,7 +148,13 @@ def _add_color_bar(figure: Figure, colors: BeamColors) -> None:
 
 
 def draw_thumbnail(solution: Solution) -> str:
-    """Return an SVG picture of the bodies at six times of a run; earlier times are faded."""
+    """Return an SVG picture of the bodies at six times of a run; earlier times are faded.
+
+    Raises
+    ------
+    BeamdaeError
+        If the run has no mechanism or no parts that can be drawn.
+    """
     times = frame_times(solution, _THUMBNAIL_FRAMES)
     scene = build_run_scene("animate", solution, times, is_hidden=lambda part: True)
     low, high = padded_extent([scene])

@@ -44,17 +44,18 @@ _PANEL_LEGEND_COLUMNS = 4
 
 
 def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Plot:
-    """Plot columns of one or several runs over time, one panel per column, at most twelve.
+    """Plot columns of one or several runs over time, with one panel for each of up to 12 columns.
 
     Parameters
     ----------
     solutions
-        A solution or several solutions.
+        A solution or a run of a sweep, or several of them.
     names
         Headers with or without units, or names of observables, which select all their columns; see
         `Solution.__getitem__`. Defaults to up to three characteristic columns of the first run.
     labels
-        Labels of the runs. Defaults to the names of their integrators.
+        Labels of the runs. Defaults to the labels of the integrators or of the runs of a sweep,
+        numbered if they are not distinct.
 
     Returns
     -------
@@ -140,14 +141,15 @@ def _require_labels(runs: Sequence[TimeSeries], labels: Any) -> list[str]:
 
 
 def save_run_figure(path: Path, table: Columns, title: str) -> Path:
-    """Plot observed positions, deformations and forces over time, and write a PNG file.
+    """Plot observed positions, deformations and forces over time, and write an image file.
 
-    Rates are omitted. If the table has no such columns, energies are plotted.
+    Rates are omitted, and constant columns too unless all columns are constant. If no columns
+    remain, energies are plotted.
 
     Parameters
     ----------
     path
-        Path of the PNG file.
+        Path of the image file; its suffix selects the format.
     table
         Time, observed columns and energies, see `Solution.table`.
     title
@@ -156,7 +158,7 @@ def save_run_figure(path: Path, table: Columns, title: str) -> Path:
     Returns
     -------
     Path
-        Path of the PNG file.
+        Path of the image file.
     """
     masked = mask_huge_values(table)
     groups = _group_by_observable(masked)
@@ -209,12 +211,12 @@ def save_comparison_figure(
     uncertainty: float,
     title: str,
 ) -> Path:
-    """Plot characteristic columns of several runs and their errors over time in a PNG file.
+    """Plot characteristic columns of several runs and their errors over time in an image file.
 
     Parameters
     ----------
     path
-        Path of the PNG file.
+        Path of the image file; its suffix selects the format.
     reference
         Time and observed columns of the reference.
     runs
@@ -228,7 +230,7 @@ def save_comparison_figure(
     Returns
     -------
     Path
-        Path of the PNG file.
+        Path of the image file.
     """
     truth = mask_huge_values(reference)
     columns = characteristic_columns(truth)

@@ -79,9 +79,9 @@ class BeamColors:
 def compute_beam_colors(name: str, solution: Solution, what: Any, times: Array) -> BeamColors:
     """Return strain, stress or a section force along all beams of a run.
 
-    The strain is the larger of |eps11 + eta kappa11| at the top and the bottom of the section; the
-    stress includes the damping contribution. The limits of the color scale cover the output times
-    in addition to the frames.
+    The strain is the larger of |eps11 + eta kappa11| at the fiber offsets eta of the top and the
+    bottom of the section. Stress and section forces include the damping contribution. The limits of
+    the color scale cover the output times in addition to the frames.
 
     Parameters
     ----------
@@ -135,9 +135,14 @@ def compute_beam_colors(name: str, solution: Solution, what: Any, times: Array) 
 def available_colors(solution: Solution, times: Array, first: Any = None) -> list[BeamColors]:
     """Return the color quantities that the viewer of an animation can select.
 
-    The quantity `first`, if given, is followed by stress and bending moment. Quantities that cannot
-    be computed are omitted: all quantities if the run has no beams, and the stress if a section
-    does not define its height.
+    The quantity `first`, if given, is followed by stress and bending moment. These are omitted if
+    they cannot be computed: both if the run has no beams, and the stress if a section does not
+    define its height.
+
+    Raises
+    ------
+    BeamdaeError
+        If `first` cannot be computed.
     """
     colors = [] if first is None else [compute_beam_colors("animate", solution, first, times)]
     for what in (x for x in ("stress", "M") if x != first):

@@ -1,6 +1,6 @@
 """Symbols of springs, dampers, bushings and contacts.
 
-Lengths are relative to the symbol size.
+The length constants are relative to the symbol size.
 """
 
 from __future__ import annotations

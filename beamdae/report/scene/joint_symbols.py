@@ -1,7 +1,7 @@
 """Symbols of joints, drivers, gears and rolling contacts.
 
 Each function adds the symbol of one part to a `SceneBuilder`; see `symbols` for the symbol names.
-Lengths are relative to the symbol size unless stated otherwise.
+The length constants are relative to the symbol size unless stated otherwise.
 """
 
 from __future__ import annotations

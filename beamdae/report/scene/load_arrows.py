@@ -1,6 +1,6 @@
-"""Arrows of loads, with equal lengths in drawings.
+"""Arrows of loads: equal lengths in drawings, lengths proportional to the loads in animations.
 
-In animations, lengths are proportional to the loads. Lengths are relative to the symbol size.
+The length constants are relative to the symbol size.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def draw_moving_force(part: MovingForce, builder: SceneBuilder) -> None:
 def _draw_force_arrow(builder: SceneBuilder, row: int, load: Array, length: float = 1.0) -> int:
     """Draw the arrow of a force (frames, 2), which ends at the pose with index `row`.
 
-    Returns the index of the pose at its tail.
+    Return the index of the pose at the tail of the arrow.
     """
     tail = builder.pose(row).copy()
     tail[:, :2] -= length * _FORCE_LENGTH * builder.size * _relative_to_largest(load)
@@ -158,7 +158,8 @@ def _relative_to_largest(load: Array) -> Array:
 def _evaluate_laws(laws: Sequence[Law], builder: SceneBuilder) -> Array:
     """Return the values (frames, laws) of laws in all frames.
 
-    A drawing has a single frame: the first of several times at which a law is not zero.
+    In a drawing, which has a single frame, the laws are evaluated at the first of several times at
+    which at least one law is not zero.
     """
     if len(builder.times) > 1:
         return np.array([[law.at(t) for law in laws] for t in builder.times])

@@ -116,7 +116,7 @@ def _draw_body(drawing: Drawing, line: Array, builder: SceneBuilder) -> None:
 
 
 def _draw_rigid_body(attachments: Sequence[Attachment], builder: SceneBuilder) -> None:
-    """Draw a closed outline through the attachments, fixed to the pose of the first attachment."""
+    """Draw a closed outline through the attachments, a line for two, or a circle for one."""
     row, points = builder.add_attachment(attachments[0]), np.array([a.point for a in attachments])
     points = points - points[0]
     if len(points) > 1:

@@ -88,7 +88,7 @@ class Scene:
     absent: Mapping[str, Array] = field(default_factory=dict)
 
     def line(self, glyph: Glyph) -> Array:
-        """Return the points (frames, k, 2) of a glyph, or nan in frames without the glyph [m]."""
+        """Return the points (frames, k, 2) of a glyph [m]; nan in frames without the glyph."""
         line = self._line(glyph)
         if glyph.part in self.absent:
             return np.where(self.absent[glyph.part][:, None, None], np.nan, line)
@@ -111,7 +111,7 @@ class Scene:
         return zip(self.glyphs, map(self.line, self.glyphs), strict=False)
 
     def extent(self) -> tuple[Array, Array]:
-        """Return the lower left and upper right corners of the scene [m]."""
+        """Return the lower left and upper right corner of the scene, with a minimum size [m]."""
         points = [line.reshape(-1, 2) for _, line in self.lines()]
         low, high = bounding_box(np.concatenate(points or [self.poses[..., :2].reshape(-1, 2)]))
         margin = 0.5 * max(_MIN_EXTENT * self.size - float(np.max(high - low)), 0.0)
@@ -119,6 +119,6 @@ class Scene:
 
 
 def bounding_box(points: Array) -> tuple[Array, Array]:
-    """Return the lower left and upper right corners of the finite points among (k, 2)."""
+    """Return the lower left and upper right corner of the finite points in `points` (k, 2)."""
     finite = points[np.isfinite(points).all(axis=1)]
     return finite.min(axis=0), finite.max(axis=0)

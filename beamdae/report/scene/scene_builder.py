@@ -63,7 +63,7 @@ class SceneBuilder:
         return self._attachment_poses(attachments)[..., :2]
 
     def add_pose(self, pose: Array) -> int:
-        """Add a pose (frames, 3) that does not belong to an attachment and return its index."""
+        """Add a pose (frames, 3) and return its index."""
         self._poses.append(np.broadcast_to(pose, (len(self.times), 3)))
         return len(self._poses) - 1
 
@@ -120,7 +120,7 @@ class SceneBuilder:
         self._names.append((row, self.part))
 
     def add_support(self, attachment: Attachment) -> None:
-        """Add a support below an attachment to the ground; each point gets only one support."""
+        """Add a support below an attachment if it belongs to the ground and has no support yet."""
         if not isinstance(attachment.body, Ground) or attachment.point in self._supported:
             return
         self._supported.add(attachment.point)

@@ -54,7 +54,10 @@ _SUMMARY_COLUMNS = {
 
 
 def format_number(value: Any, digits: int = 3) -> str:
-    """Format a number with the given significant digits, and a missing value as "-"."""
+    """Format a number with the given significant digits, and a missing value as "-".
+
+    Integers, booleans and strings are not rounded.
+    """
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
     if isinstance(value, (bool, str)):

@@ -38,7 +38,7 @@ _MIN_PROGRESS = 1e-5  # simulated time per `Limits.patience`, relative to the en
 
 
 def run_task(serialized: bytes) -> Outcome:
-    """Run a serialized task; exceptions raised by the model become failed outcomes.
+    """Run a serialized task; exceptions other than KeyboardInterrupt become failed outcomes.
 
     The outcome lists the files that were read. The working directory is restored afterwards.
     """

@@ -45,7 +45,13 @@ TaskResults = Generator[TaskResult, None, None]
 
 
 class Executor(Protocol):
-    """Runs tasks and yields their results in the order of completion."""
+    """Runs tasks and yields their results in the order of completion.
+
+    Attributes
+    ----------
+    workers
+        Maximum number of tasks that run at the same time.
+    """
 
     workers: int
 
@@ -171,7 +177,18 @@ def _collect_outcomes(
 
 
 class DaskPool:
-    """Runs tasks on a Dask cluster; if a worker dies, another worker runs its task again."""
+    """Runs tasks on a Dask cluster; if a worker dies, another worker runs its task again.
+
+    Parameters
+    ----------
+    address
+        Address of the scheduler.
+
+    Raises
+    ------
+    BeamdaeError
+        If Dask is not installed, no scheduler answers, or the scheduler has no workers.
+    """
 
     def __init__(self, address: str) -> None:
         option = f"--scheduler {shorten_text(address, _MAX_ADDRESS_LETTERS)}"
@@ -228,8 +245,8 @@ def create_executor(part: str, option: str, workers: Any, scheduler: Any) -> Exe
     Raises
     ------
     BeamdaeError
-        If the scheduler does not answer, or `workers` (called `option` in the message) is out of
-        range.
+        If `workers` (called `option` in the message) is not a count or too large, `scheduler` is
+        not a string, or the `DaskPool` cannot be created.
     """
     if scheduler is not None and not isinstance(scheduler, str):
         raise BeamdaeError(

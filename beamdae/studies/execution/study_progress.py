@@ -34,7 +34,7 @@ class StudyProgress:
     done
         Number of runs that have ended or were stored before.
     failed
-        Number of ended runs that failed.
+        Number of runs in `done` that were not successful.
     stored
         Number of runs whose outcome was already stored in the results folder.
     running
@@ -183,7 +183,7 @@ def _number_names(names: Sequence[str]) -> tuple[list[str], np.ndarray]:
 
 
 def _log_step_count(task: Task) -> float:
-    """Return the logarithm of the expected number of steps of a task."""
+    """Return the logarithm of the expected number of steps of a task in all repetitions."""
     name, value = task.case.integrator.accuracy
     if name == "step":
         steps = task.t_end / value

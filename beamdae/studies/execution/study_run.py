@@ -43,12 +43,15 @@ class StudyPlan:
 
     Attributes
     ----------
+    study
+        The study.
     task_by_case
         Task of each case, by the `id` of the case.
     group_by_case
-        Group of each case, by the `id` of the case.
+        Label of the group of each case, by the `id` of the case.
     methods
-        For each group whose errors are computed, the tasks of the two reference methods.
+        For each group whose errors are computed, the tasks of the reference methods; see
+        `create_reference_tasks`.
     tasks
         All tasks without duplicates.
     """
@@ -100,6 +103,10 @@ class StudyResults:
 
     Attributes
     ----------
+    study
+        The study.
+    folder
+        Results folder.
     table
         One row per case, failures included.
     summary
@@ -159,7 +166,7 @@ class StudyResults:
         Raises
         ------
         BeamdaeError
-            If a file cannot be written.
+            If a stored trajectory is damaged, or a file cannot be written.
         """
         paths = []
         for outcome in self.outcomes.values():
@@ -186,10 +193,22 @@ def run_study(
     far. Interrupts that arrive while files are read or written, or after the first interrupt, are
     deferred until the tables are written.
 
+    Parameters
+    ----------
+    study
+        The study.
+    folder
+        Results folder, created if needed.
+    executor
+        Executor that runs the cases.
+    progress
+        Function that is called at the start and after each run.
+
     Raises
     ------
     BeamdaeError
-        If the folder cannot be written, or the first case does not observe the study's columns.
+        If the folder cannot be written, or the model of the first case does not observe one of the
+        columns of the study.
 
     Warns
     -----
@@ -225,7 +244,7 @@ def _load_stored_outcomes(
             notes.append(f"{store.folder}: {problem}, so {task.case.label} is run again.")
     if len(notes) > _MAX_NOTES:
         more = len(notes) - _MAX_NOTES
-        notes[_MAX_NOTES:] = [f"{store.folder}: {more} more results are damaged and run again."]
+        notes[_MAX_NOTES:] = [f"{store.folder}: further damaged results: {more}; run again."]
     return tuple(notes), outcomes
 
 
@@ -265,7 +284,7 @@ def _run_missing_tasks(
 def _require_columns(plan: StudyPlan, task: Task, outcome: Outcome) -> None:
     """Raise an error if the first model does not observe the columns of the study.
 
-    This is checked after the first run, because models are built only in the processes of tasks.
+    This is checked after each run, because models are built only in the processes of tasks.
     """
     study = plan.study
     table = outcome.table if study.columns and task.case.model is study.cases[0].model else None

@@ -83,7 +83,7 @@ class WorkerProcess(Generic[Label]):
         return outcome
 
     def kill(self) -> None:
-        """Kill the process and all processes it started."""
+        """Kill the process and its process group, which contains its child processes."""
         self._kill_group()
         self._process.kill()
         self._process.join()
@@ -190,7 +190,7 @@ def _isolate_process() -> None:
 
 
 def _exit_group() -> None:
-    """End this process immediately, together with all processes it started."""
+    """End this process immediately, together with its process group if it is the leader."""
     if hasattr(os, "killpg") and os.getpgrp() == os.getpid():
         os.killpg(0, signal.SIGKILL)
     os._exit(0)

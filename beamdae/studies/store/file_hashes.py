@@ -13,7 +13,7 @@ PACKAGE_FOLDER = Path(__file__).parents[2]
 _PACKAGES_WITHOUT_EFFECT = ("cli", "report")  # results do not depend on them
 _SYSTEM_FOLDERS = ("/proc", "/sys", "/dev", "/etc", "/usr/share")
 
-# Modification time [ns], size [bytes] and inode; None if the file does not exist.
+# Modification time [ns], size [bytes] and inode; None if the file is missing or inaccessible.
 FileSignature = tuple[int, int, int] | None
 
 
@@ -35,7 +35,7 @@ def is_installed(file: str) -> bool:
 
 @cache
 def digest_package() -> str:
-    """Return the hash of the source code of beamdae, computed at the first call."""
+    """Return the hash of the source code of beamdae, except `cli` and `report`; cached."""
     digest = hashlib.sha256()
     for path in sorted(PACKAGE_FOLDER.rglob("*.py")):
         relative = path.relative_to(PACKAGE_FOLDER)
@@ -46,7 +46,7 @@ def digest_package() -> str:
 
 
 def file_signature(path: str) -> FileSignature:
-    """Return modification time, size and inode, or None if the file does not exist."""
+    """Return modification time, size and inode, or None if the file is inaccessible."""
     try:
         status = os.stat(path)
     except (OSError, ValueError):

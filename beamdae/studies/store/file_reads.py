@@ -115,7 +115,7 @@ def record_file_reads() -> Iterator[FileReads]:
 
 
 def clear_module_reads() -> None:
-    """Forget files that modules have read so far; the next run does not depend on them."""
+    """Forget the files that modules have read and that this process has written so far."""
     _WATCHER.module_reads.clear()
     _WATCHER.written.clear()
 
@@ -123,8 +123,9 @@ def clear_module_reads() -> None:
 def digest_reads(reads: Mapping[str, FileSignature], home: Path) -> dict[str, str | None]:
     """Return the hashes of files by name; absolute names become relative to `home`.
 
-    Relative names stay valid if a model is moved together with its files. Files that this process
-    has written are omitted.
+    Relative names stay valid if a model is moved together with its files. Folders, and files that
+    this process has written, are omitted. A file that has changed since it was read gets a text
+    that differs from every hash.
     """
     digests: dict[str, str | None] = {}
     for name, signature in sorted(reads.items()):

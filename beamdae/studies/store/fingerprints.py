@@ -91,7 +91,7 @@ class FingerprintError(TypeError):
 
 
 def digest(value: Any) -> str:
-    """Return the hash of a value; equal values have the same hash in every process.
+    """Return a hash of a value, its type and its parts that is the same in every process.
 
     Raises
     ------
@@ -108,7 +108,8 @@ def digest_transferable(value: Any) -> str:
     Raises
     ------
     FingerprintError
-        As for `digest`, and if an unpickled copy of the value has a different hash.
+        As for `digest`, and if the value cannot be pickled or its unpickled copy has a different
+        hash.
     """
     original = digest(value)
     if not isinstance(value, (bool, int, float, str, bytes, type(None), np.ndarray)):

@@ -60,7 +60,7 @@ class Store:
         Raises
         ------
         BeamdaeError
-            If a file cannot be written. Files written before are not damaged.
+            If a file cannot be written. Existing files are not damaged.
         """
         rows, table = None, outcome.table
         if table is not None:
@@ -92,13 +92,13 @@ class Store:
         """Return the stored outcome of a task or None, and a message about damaged files or "".
 
         The outcome is None without a message if no outcome is stored, if a file that the run has
-        read has changed, if the run failed under other limits, or if the record lacks repetitions
-        or frames that the task requires.
+        read has changed, if the run was unsuccessful under other limits, or if the record lacks
+        repetitions or frames that the task requires.
 
         Raises
         ------
         BeamdaeError
-            If the path of a file is a folder.
+            If the path of a file is a folder, or the link to the trajectory cannot be written.
         """
         for path in (self.record_path(task), self.rows_path(task), self.trajectory_path(task)):
             if path.is_dir():

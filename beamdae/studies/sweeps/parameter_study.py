@@ -77,7 +77,7 @@ class ParameterStudy(Study):
         return {id(case): x for case, x in zip(self.cases, self.settings, strict=True)}
 
     def tag(self, case: Case) -> str:
-        """Return a label with the varied parameters of a case and their values."""
+        """Return a label with the varied (if none, all) parameters of a case and their values."""
         setting = self._setting_by_case[id(case)]
         values = [f"{x}={format_setting(setting[x])}" for x in self.varied or setting]
         return ", ".join(values) or self.name
@@ -119,7 +119,8 @@ def expand_values(part: str, model: Model, over: Any) -> list[dict[str, Paramete
     Raises
     ------
     BeamdaeError
-        If a parameter is unknown, has no values, or has a value of the wrong type.
+        If `over` has the wrong form, or a parameter is unknown, has no values, or has a value of
+        the wrong type.
     """
     if isinstance(over, Mapping) and over:
         return grid(**{x: _require_values(part, model, x, values) for x, values in over.items()})
@@ -190,5 +191,5 @@ def parameter_column(name: str) -> str:
 
 
 def format_setting(value: Any) -> str:
-    """Format a displayed parameter value; numbers have six significant digits."""
+    """Format a displayed parameter value; floats have six significant digits."""
     return f"{value:.6g}" if isinstance(value, float) else str(value)

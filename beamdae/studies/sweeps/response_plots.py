@@ -108,7 +108,7 @@ class ParameterScale:
             axis.set_ticks([], minor=True)
 
     def cell_edges(self) -> Array:
-        """Return the edges of the map cells around the ticks."""
+        """Return the edges (len(ticks) + 1,) of the map cells around the ticks."""
         x = np.log(self.ticks) if self.log else self.ticks
         if len(x) == 1:
             edges = np.array([x[0] - 0.5, x[0] + 0.5])
@@ -128,7 +128,10 @@ def _is_geometric(values: Array) -> bool:
 def list_response_plots(
     study: ParameterStudy, table: pd.DataFrame, panels: Sequence[Panel], folder: Path
 ) -> dict[str, Callable[[], list[Path]]]:
-    """Return functions that write the response plots of a sweep as PNG and SVG, by name."""
+    """Return functions that write the response plots of a sweep as PNG and SVG, by name.
+
+    The dict is empty if no parameter varies or there are no panels.
+    """
     if not study.varied or not panels:
         return {}
     plots: dict[str, Callable[[], list[Path]]] = {
@@ -151,7 +154,10 @@ def _save_files(draw: Callable[[], Plot], path: Path) -> list[Path]:
 def plot_curves(
     study: ParameterStudy, table: pd.DataFrame, panels: Sequence[Panel], x: str | None = None
 ) -> Plot:
-    """Plot each panel over one parameter, with a curve per combination of other parameters."""
+    """Plot each panel over one parameter, with a curve per combination of other parameters.
+
+    See `SweepResults.plot` for `x` and errors.
+    """
     scale = ParameterScale.of(table, choose_axis(study, table, x))
     groups = group_rows(study, scale.name)
     several = len(groups) > 1
@@ -252,12 +258,16 @@ def plot_maps(
     x: str | None = None,
     y: str | None = None,
 ) -> Plot:
-    """Plot each response as a color map over the two varied parameters."""
+    """Plot each response as a color map over the two varied parameters.
+
+    See `SweepResults.map` for `x`, `y` and errors.
+    """
     varied = study.varied
     if len(varied) != 2:
         names = f" ({', '.join(varied)})" if varied else ""
         raise BeamdaeError(
-            f"{study.name}: a map requires two varied parameters, got {len(varied)}{names}."
+            f"{study.name}: a map requires two varied parameters, got {len(varied)}{names}; "
+            "vary exactly two parameters."
         )
     horizontal = ParameterScale.of(table, choose_axis(study, table, x))
     (other,) = [name for name in varied if name != horizontal.name]
@@ -280,7 +290,7 @@ def plot_maps(
 
 
 def _draw_map(axis: Axes, x: ParameterScale, y: ParameterScale, heights: Array) -> None:
-    """Draw cells with contour lines, or dots if few pairs were run; crosses mark failed runs."""
+    """Draw cells with contour lines, or dots if few pairs were run; crosses mark missing values."""
     cells = np.full((len(y.ticks), len(x.ticks)), np.nan)
     rows = np.searchsorted(y.ticks, y.positions)
     columns = np.searchsorted(x.ticks, x.positions)

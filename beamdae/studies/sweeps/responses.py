@@ -67,9 +67,9 @@ def select_headers(results: StudyResults, study: ParameterStudy) -> list[str]:
 
 
 def tabulate_responses(results: StudyResults, study: ParameterStudy) -> pd.DataFrame:
-    """Return one row per case: parameters, status, outputs, measures, reason and warnings.
+    """Return one row per case: parameters, status, outputs, measures, wall time and messages.
 
-    Measures are NaN for runs that did not reach the end time.
+    Measures are NaN for unsuccessful runs.
     """
     headers = select_headers(results, study)
     rows = []
@@ -186,7 +186,7 @@ def _parse_unit(header: str) -> str:
 
 
 def is_numeric_parameter(table: pd.DataFrame, name: str) -> bool:
-    """Return whether all values of a parameter are numbers (booleans do not count)."""
+    """Return whether all values of a parameter are numbers (booleans excluded)."""
     return all(
         isinstance(x, (int, float, np.number)) and not isinstance(x, (bool, np.bool_))
         for x in table[parameter_column(name)]

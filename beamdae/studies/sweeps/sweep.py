@@ -48,8 +48,8 @@ from beamdae.studies.tasks import Limits
 class Sweep(ParameterStudy):
     """Runs of one model over values of its parameters; created by `bd.sweep` as a decorator.
 
-    A sweep is a study without references. Call it, or its method `run`, to run it from Python, or
-    use `beamdae sweep FILE.py`.
+    A sweep is a study without references. To run a sweep from Python, call the sweep or its method
+    `run`; on the command line, use `beamdae sweep FILE.py`.
 
     Attributes
     ----------
@@ -236,8 +236,8 @@ def sweep(
     scheduler
         Address of a Dask scheduler whose workers run the cases.
     progress
-        Function that is called with a `StudyProgress` (`done`, `total`, `failed`, ...) after each
-        run.
+        Function that is called with a `StudyProgress` (`done`, `total`, `failed`, ...) at the start
+        and after each run.
 
     Returns
     -------
@@ -246,13 +246,14 @@ def sweep(
     Raises
     ------
     BeamdaeError
-        If a parameter is unknown, has no values or values of the wrong type, or a column does not
-        exist. If the model rejects a value, the row of the run contains the reason.
+        If an argument is invalid, a parameter is unknown, has no values or values of the wrong
+        type, a column does not exist, or `folder` cannot be written. If the model rejects a value,
+        no error is raised; the row of the run contains the reason.
 
     Warns
     -----
     BeamdaeWarning
-        If runs did not reach the end time, or have warnings.
+        If runs were not successful or have warnings, or stored results are damaged.
 
     Examples
     --------

@@ -110,8 +110,8 @@ class SweepResults:
         Cost, quality and files of the runs, in the same form as for studies.
     table
         One row per case: parameters, status, outputs; "end", "max", "min" and "RMS" of observed
-        columns over the run, such as "tip.y max [m]"; wall time, the reason if the run did not
-        reach the end time, its warnings, and the file of its rows.
+        columns over the run, such as "tip.y max [m]"; wall time, the reason if the run was not
+        successful, its warnings and, if results are stored, the file of its rows.
     """
 
     sweep: ParameterStudy
@@ -151,7 +151,8 @@ class SweepResults:
         Raises
         ------
         BeamdaeError
-            If no run or several runs have these values, or the run has no rows.
+            If a parameter is unknown, no run or several runs have these values, or the run has no
+            rows.
         """
         row = self._find_row(parameters)
         if row not in self._runs_by_row:
@@ -213,17 +214,26 @@ class SweepResults:
         Raises
         ------
         BeamdaeError
-            If a response does not exist, or no parameter varies.
+            If a response does not exist, no parameter varies, or `x` is not a varied parameter.
         """
         return plot_curves(self.sweep, self.table, self.panels(*names), x)
 
     def map(self, *names: str, x: str | None = None, y: str | None = None) -> Plot:
-        """Plot responses as color maps over two parameters; see `plot`.
+        """Plot responses as color maps over two parameters.
+
+        Parameters
+        ----------
+        names
+            Responses; see `plot`.
+        x, y
+            Parameters on the horizontal and vertical axis. By default, the numeric parameter with
+            the most values is on the horizontal axis.
 
         Raises
         ------
         BeamdaeError
-            If a response does not exist, or the number of varied parameters is not two.
+            If a response does not exist, the number of varied parameters is not two, or `x` or `y`
+            is not a varied parameter.
         """
         return plot_maps(self.sweep, self.table, self.panels(*names), x, y)
 
@@ -239,7 +249,7 @@ class SweepResults:
         return write_text(require_file_path("to_csv", path), text)
 
     def page(self, path: str | Path) -> Path:
-        """Write an HTML page with the table and the curves of all runs.
+        """Write an HTML page with the table and the curves of up to 200 runs.
 
         Raises
         ------
