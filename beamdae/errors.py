@@ -12,8 +12,8 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
-_MAX_MAGNITUDE = 1e75  # no SI quantity is larger, and its fourth power does not overflow
-_MIN_POSITIVE = 1e-75
+_MAX_MAGNITUDE = 1e75  # no value in SI units is larger; the fourth power does not overflow
+_MIN_POSITIVE = 1e-75  # the fourth power does not underflow to zero
 _MAX_REPR_LENGTH = 80  # characters of a value in a message
 _MAX_MESSAGE_LENGTH = 200  # characters of a quoted exception
 _MAX_PATH_LENGTH = 4096  # characters of a path, on any system
@@ -21,28 +21,28 @@ _MAX_NAME_LENGTH = 100  # characters of the name of a part
 
 
 class BeamdaeError(ValueError):
-    """An error in a model, a setting or a command.
+    """Error in a model, a setting, a file or a command.
 
-    The message names the part, the value and what is allowed.
+    The message begins with the name of the part, call, option or file.
     """
 
 
 class BeamdaeWarning(UserWarning):
-    """A result that may be unreliable.
-
-    The message names the part, the value and the remedy.
-    """
+    """Warning that a result may be unreliable or incomplete."""
 
 
 class KernelWarning(UserWarning):
-    """A kernel that cannot be compiled or cached: runs are slower, results agree to rounding.
+    """Warning that a kernel cannot be compiled or cached, so that runs are slower.
 
-    This class is not a `BeamdaeWarning`, because results remain reliable.
+    This class is not derived from `BeamdaeWarning`: results agree to rounding.
     """
 
 
 def short_repr(value: Any) -> str:
-    """Return the `repr` of a value for a message: one short line without memory addresses."""
+    """Return the `repr` of a value on one line of at most 80 characters, for a message.
+
+    Memory addresses are removed. If `repr` fails, the type of the value is described instead.
+    """
     try:
         text = repr(value)
     except Exception:
@@ -57,9 +57,10 @@ def format_exception(exception: BaseException) -> str:
 
 
 def format_message(exception: BaseException) -> str:
-    """Return the message of an exception raised by user code, on one line.
+    """Return the message of an exception raised by user code, on one line without final period.
 
-    Messages of CasADi are replaced by a clearer message.
+    The line has at most 200 characters. If CasADi raised the exception, a clearer message is
+    returned. If the message cannot be formatted, an empty string is returned.
     """
     trace = exception.__traceback__
     while trace is not None and trace.tb_next is not None:
@@ -80,15 +81,15 @@ def _shorten(text: str, max_length: int = _MAX_REPR_LENGTH) -> str:
 
 
 def is_valid_path(text: str) -> bool:
-    """Return True if a path is not too long and has no control characters."""
+    """Return True if all characters of a path are printable and there are at most 4096."""
     return text.isprintable() and len(text) <= _MAX_PATH_LENGTH
 
 
 def as_real(value: Any) -> float | None:
-    """Return `value` as a float if it is a real number, possibly infinite, otherwise None.
+    """Return a real number as a float, possibly infinite or nan, and None for other values.
 
-    NumPy numbers, fractions, decimals and zero-dimensional arrays are numbers; strings, booleans,
-    lists of one number and symbols are not.
+    NumPy scalars, zero-dimensional arrays, fractions and decimals are accepted if they are real
+    numbers. Strings, booleans, lists of one number and symbols are not.
     """
     value = unbox_scalar(value)
     if isinstance(value, bool) or not isinstance(value, (Real, Decimal)):
@@ -108,7 +109,11 @@ def unbox_scalar(value: Any) -> Any:
 
 
 def require_finite(part: str, name: str, value: Any) -> float:
-    """Return `value` as a float, or raise an error if it is not a finite number."""
+    """Return `value` as a float, or raise BeamdaeError.
+
+    The value must be a real number of at most 1e75 in absolute value. `part` and `name` begin the
+    message.
+    """
     number = as_real(value)
     if number is None:
         raise BeamdaeError(
@@ -124,7 +129,7 @@ def require_finite(part: str, name: str, value: Any) -> float:
 
 
 def require_positive(part: str, name: str, value: Any) -> float:
-    """Return `value` as a float > 0, or raise BeamdaeError."""
+    """Return `value` as a float of at least 1e-75, or raise BeamdaeError."""
     number = require_finite(part, name, value)
     if number <= 0.0:
         raise BeamdaeError(f"{part}: {name} must be positive, got {number:g}.")
@@ -142,7 +147,7 @@ def require_non_negative(part: str, name: str, value: Any) -> float:
 
 
 def require_count(part: str, name: str, value: Any, least: int = 1, most: int | None = None) -> int:
-    """Return `value` as an integer in [`least`, `most`]; `most` = None sets no upper limit."""
+    """Return `value` as an integer from `least` to `most` (None: no limit), or raise an error."""
     number = require_finite(part, name, value)
     if number != int(number) or number < least:
         raise BeamdaeError(
@@ -155,9 +160,10 @@ def require_count(part: str, name: str, value: Any, least: int = 1, most: int | 
 
 
 def require_sequence(part: str, name: str, value: Any, what: str) -> list[Any]:
-    """Return the entries of a list, tuple or array; `what` describes the expected value.
+    """Return the entries of a list, tuple or other sequence, or of an array.
 
-    Sets, strings and iterators are rejected.
+    Sets, strings and iterators are rejected by a BeamdaeError; `what` describes the expected value
+    in its message.
     """
     is_sequence = isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray))
     dimensions = getattr(value, "ndim", 0)
@@ -169,7 +175,10 @@ def require_sequence(part: str, name: str, value: Any, what: str) -> list[Any]:
 def require_iterable(
     part: str, name: str, value: Any, what: str, most: int | None = None
 ) -> list[Any]:
-    """Return the first `most` items of an iterable; `what` describes the expected value."""
+    """Return the first `most` items of an iterable (None: all items).
+
+    Other values are rejected by a BeamdaeError; `what` describes the expected value in its message.
+    """
     try:
         return list(islice(value, most))
     except Exception:  # CasADi symbols declare __iter__ but cannot be iterated.
@@ -177,7 +186,7 @@ def require_iterable(
 
 
 def require_pair(part: str, name: str, value: Any, what: str = "a pair (x, y)") -> tuple[Any, Any]:
-    """Return `value` as a pair; `what` describes the expected value."""
+    """Return the two entries of `value`, or raise BeamdaeError with `what` as expected value."""
     entries = require_sequence(part, name, value, what)
     if len(entries) != 2:
         raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")
@@ -191,7 +200,7 @@ def require_point(part: str, name: str, value: Any) -> tuple[float, float]:
 
 
 def require_choice(part: str, name: str, value: Any, choices: Sequence[Any]) -> Any:
-    """Return `value` if it is one of `choices`, or raise BeamdaeError."""
+    """Return `value` if it equals one of `choices` in value and type, or raise BeamdaeError."""
     value = unbox_scalar(value)
     if not any(type(value) is type(choice) and value == choice for choice in choices):
         raise BeamdaeError(
@@ -202,34 +211,35 @@ def require_choice(part: str, name: str, value: Any, choices: Sequence[Any]) -> 
 
 
 def suggest(value: Any, choices: Iterable[Any]) -> str:
-    """Return the hint ' (did you mean ...?)' with the closest choice, or an empty string."""
+    """Return the hint " (did you mean 'x'?)" with the closest choice, or "" if none is close."""
     text = value[:_MAX_REPR_LENGTH] if isinstance(value, str) else short_repr(value)
     closest = difflib.get_close_matches(text, [str(choice) for choice in choices], n=1, cutoff=0.5)
     return f" (did you mean {closest[0]!r}?)" if closest else ""
 
 
 def set_fields(instance: Any, **values: Any) -> None:
-    """Set fields of a frozen dataclass to their checked values."""
+    """Set attributes of an instance, also of a frozen dataclass."""
     for name, value in values.items():
         object.__setattr__(instance, name, value)
 
 
 def require_name(kind: str, name: Any) -> str:
-    """Return `name` if it is a valid name of a part, a coordinate or an observable.
+    """Return `name` if it is a valid name for results, or raise BeamdaeError.
 
-    Names become part of column headers such as "name.x [m]".
+    Names of parts, points, observables and events appear in results, for example in the column
+    header "name.x [m]". `kind` begins the message.
     """
     if not isinstance(name, str) or not name.strip():
         raise BeamdaeError(f"{kind}: the name must be a non-empty string, got {short_repr(name)}.")
     # Spreadsheets read a cell that begins with one of these signs as a formula.
     if name[0] in "=+-@" or name != name.strip() or set(name) & set("[]"):
         raise BeamdaeError(
-            f"{kind}: a name must not start with =, +, - or @, contain brackets, or start or end "
+            f"{kind}: a name must not start with =, +, - or @, contain [ or ], or start or end "
             f"with a space, got {short_repr(name)}."
         )
     if len(name) > _MAX_NAME_LENGTH or not name.isprintable():
         raise BeamdaeError(
-            f"{kind}: a name must have at most {_MAX_NAME_LENGTH} characters, without line breaks "
-            f"and other control characters, got {short_repr(name)}."
+            f"{kind}: a name must have at most {_MAX_NAME_LENGTH} characters and no line breaks "
+            f"or other control characters, got {short_repr(name)}."
         )
     return str(name)

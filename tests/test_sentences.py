@@ -592,7 +592,7 @@ NEEDS_NUMBER_MESSAGE = "without float, int, random numbers .* numpy functions"
         (lambda t: True, "the law must return one number, got True"),
         (lambda t: ca.MX.sym("x"), r"the law must return one number, got MX\(x\)"),
         (lambda t: ca.SX.sym("t_0"), "the law must depend only on t, not on t_0"),
-        (lambda t: 1e300, r"the law at t = 0 must not exceed 1e\+75"),
+        (lambda t: 1e300, r"the law at t = 0 s must not exceed 1e\+75"),
         (lambda t: round(t), "the law must be smooth, but uses"),
     ],
 )

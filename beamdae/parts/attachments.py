@@ -35,8 +35,8 @@ class Attachment:
     inclination
         Angle of the section or body at the point in the reference configuration [rad].
     operator
-        Sparse matrix that selects the local coordinates of the point from the coordinates of the
-        body.
+        Sparse matrix (l, n) that maps the n coordinates of the body to the l local coordinates of
+        the point.
     kinematics
         Function of the local coordinates that returns (position in the inertial frame [m], rotation
         from the reference configuration [rad]). If it is a `Formula`, joints, loads and observables
@@ -84,12 +84,12 @@ class Attachment:
 
     @property
     def piece(self) -> Piece:
-        """Local coordinates of the point as a `Piece`, to which statements refer."""
+        """Local coordinates of the point as a `Piece` of a statement."""
         return Piece(self.body, self.operator, self.s)
 
     @property
     def checked_kinematics(self) -> Callable[[SX], tuple[SX, SX]]:
-        """Kinematics whose error messages name the attachment if a user function fails."""
+        """The kinematics; if a user function fails, the error message names the attachment."""
         return self.kinematics if isinstance(self.kinematics, Formula) else self._evaluate
 
     def position(self, q: SX) -> SX:
@@ -124,7 +124,7 @@ def require_attachment(part: str, name: str, value: Any) -> Attachment:
 
 
 def require_angle(part: str, attachment: Attachment) -> None:
-    """Raise an error if an attachment is a particle, which has no angle."""
+    """Raise BeamdaeError if an attachment is a particle, which has no angle."""
     if not attachment.has_angle:
         raise BeamdaeError(
             f"{part}: {attachment} is a particle without an angle; use a rigid body or a "
@@ -133,7 +133,7 @@ def require_angle(part: str, attachment: Attachment) -> None:
 
 
 def require_movable(part: str, attachment: Attachment) -> None:
-    """Raise an error if an attachment cannot move: a load on it would have no effect."""
+    """Raise BeamdaeError if an attachment cannot move, so that a load would have no effect."""
     if not attachment.size:
         raise BeamdaeError(
             f"{part}: {attachment} belongs to the ground; choose an attachment on a body "
@@ -142,13 +142,13 @@ def require_movable(part: str, attachment: Attachment) -> None:
 
 
 def rotate(angle: Any, vector: Any) -> SX:
-    """Return a plane vector rotated counter-clockwise by `angle` [rad]."""
+    """Return a plane vector (2,) rotated counter-clockwise by `angle` [rad]."""
     c, s = ca.cos(angle), ca.sin(angle)
     return ca.vertcat(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1])
 
 
 def largest_distance(points: np.ndarray) -> float:
-    """Return the largest distance [m] between any two of `points` (k, 2); 0 if there are none."""
+    """Return the largest distance [m] between two of `points` (k, 2) [m]; 0 without points."""
     if not len(points):
         return 0.0
     # Points far from the center first: the search ends once no remaining pair can be farther apart.

@@ -17,23 +17,23 @@ from beamdae.symbolic.statements import Quantity
 def activate(*parts: Part, as_is: bool = False) -> Switch:
     """Return an action that activates joints and forces, for `do` of an event.
 
-    A joint must be closed when it becomes active. With `as_is`, it instead keeps the gap it has at
-    the event: a driver continues from the angle or travel it has reached, a link keeps its length,
-    a guide its offset, a gear its phase; a weld or a hinge keeps the position of point `b` on the
-    body of `a`. In this case, `reaction` is the force at point `b`, and `reaction_on("a")` does not
-    include the moment of this force about point `a`.
+    A joint must be closed when it becomes active. With `as_is`, the joint instead keeps the gap it
+    has at the event: a driver continues from the angle or travel it has reached, a link keeps its
+    length, a guide its offset, a gear its phase; a weld or a hinge keeps the position of point `b`
+    on the body of `a`. For a weld or a hinge with such a gap, `reaction` is the force at point `b`,
+    and `reaction_on("a")` does not include the moment of this force about point `a`.
 
     Parameters
     ----------
     *parts
         Joints and forces.
     as_is
-        If True, joints keep the gap they have at the event (a distance or an angle).
+        If True, the joints keep the gaps that they have at the event (distances or angles).
 
     Raises
     ------
     BeamdaeError
-        If `as_is` is True and a part has no gap.
+        If an argument is not a part, or `as_is` is True and a part has no gap.
     """
     names = _part_names("activate", parts)
     if require_choice("activate", "as_is", as_is, (True, False)):
@@ -48,7 +48,13 @@ def activate(*parts: Part, as_is: bool = False) -> Switch:
 
 
 def deactivate(*parts: Part) -> Switch:
-    """Return an action that deactivates joints and forces, for `do` of an event."""
+    """Return an action that deactivates joints and forces, for `do` of an event.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is not a part.
+    """
     return Switch(off=_part_names("deactivate", parts))
 
 
@@ -58,12 +64,17 @@ def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
     Parameters
     ----------
     driver
-        Driver; if inactive, it becomes active.
+        The driver. An inactive driver becomes active.
     law
-        Angle [rad] or travel [m] as a law of the time since the event [s]. The driver moves by
-        law(t) - law(0) from its value at the event; a constant law stops the driver. If the initial
-        rate of the law differs from the rate of the motion, velocities jump, and `Solution.events`
-        lists the impulses.
+        Angle [rad] or travel [m] as a function of the time t since the event [s]: a number, a
+        function or a `Law`. The driver moves by law(t) - law(0) from the angle or travel at the
+        event; a constant law stops the driver. If the initial rate of the law differs from the rate
+        of the motion, velocities jump, and `Solution.events` lists the impulses.
+
+    Raises
+    ------
+    BeamdaeError
+        If `driver` is not a relative driver, or the law is invalid.
 
     Examples
     --------
@@ -92,17 +103,23 @@ def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
     By Newton's law of restitution, the rate of the gap after the impact is -`restitution` times the
     rate before it. The velocities v- before and v+ after the impact and the impulses P satisfy
     M (v+ - v-) = -G^T P with the mass matrix M and the Jacobian G of the gap and the active joints,
-    which stay closed. There is no friction. The energy lost counts as dissipated, and
+    which stay closed. There is no friction. The lost energy is part of the dissipated energy, and
     `Solution.events` lists the impulses.
 
     Parameters
     ----------
     on
-        Gap that closes, a quantity of one column such as `surface.gap(point)`, or an inactive joint
-        that acts as a stop. There is no impact while a gap opens; a joint rebounds from either
-        side.
+        Gap that closes, as a quantity with one column such as `surface.gap(point)`, or an inactive
+        joint that acts as a stop. There is no impact while a gap opens; a joint rebounds from
+        either side.
     restitution
         Coefficient of restitution, 0 (plastic) to 1 (elastic).
+
+    Raises
+    ------
+    BeamdaeError
+        If `on` is neither a joint nor a quantity with one column that depends on positions, or
+        `restitution` is outside [0, 1].
 
     Examples
     --------

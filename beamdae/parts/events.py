@@ -29,9 +29,9 @@ class Switch:
     on, off
         Parts that become active, and parts that become inactive.
     as_is
-        Joints in `on` that keep the gap they have at the event.
+        Joints in `on` that keep the gaps that they have at the event.
     laws
-        Pairs of a joint in `on` and its new law, a function of the time since the event [s].
+        Pairs (name of a driver in `on`, new law as a function of the time since the event [s]).
     """
 
     on: tuple[str, ...] = ()
@@ -65,12 +65,13 @@ def select_impacts(do: Any) -> tuple[Impact, ...]:
 class Event:
     """Crossing of a value by a quantity, and the actions it triggers.
 
-    There is no crossing if the quantity only touches the value, starts at the value or stays there.
+    A quantity that only touches the value, stays at it, or starts at it and leaves does not cross
+    the value.
 
     Parameters
     ----------
     what
-        Observed column, such as "tip.y", or a quantity of one column.
+        Name of an observed column, such as "tip.y", or a quantity with one column.
     crosses
         Value to be crossed, in the unit of the column.
     direction
@@ -80,9 +81,10 @@ class Event:
         `activate(part, ...)`, `deactivate(part, ...)`, `change_law(driver, law)` and `impact(gap)`,
         or a list of actions, change the mechanism. A joint that becomes active must be closed,
         unless it is activated with `as_is=True`; velocities jump to values that satisfy the joint.
-        `Solution.events` lists the impulses, and the energy lost counts as dissipated.
+        `Solution.events` lists the impulses, and the lost energy is part of the dissipated energy.
     name
-        Name in the results. Defaults to "<column> crosses <value>".
+        Name in the results. Defaults to "<column> crosses <value>"; required if `what` is a
+        quantity.
     """
 
     what: Any

@@ -1,4 +1,4 @@
-"""Time-dependent gravity: weights of parts under an acceleration that follows laws of time."""
+"""Time-dependent gravity: weights of parts under an acceleration that follows time laws."""
 
 from __future__ import annotations
 
@@ -20,12 +20,18 @@ Array = np.ndarray
 class GravityLaws:
     """Components of gravity over time.
 
-    The weight counts as a load, because time-dependent gravity has no potential.
+    The weight is a load, because time-dependent gravity has no potential.
+
+    Attributes
+    ----------
+    laws
+        Laws of the components (gx, gy) [m/s^2].
     """
 
     laws: tuple[Law, Law]
     name: str = "gravity"
-    # Keyed by the id of the original kernel, which is stored too so that its id is not reused.
+    # Keyed by the id of the original kernel and the rows that depend on gravity. The original
+    # kernel is stored too, so that Python does not reuse its id.
     _kernels: dict[Any, tuple[ForceKernel, ForceKernel]] = field(default_factory=dict)
 
     def statements(
@@ -36,7 +42,8 @@ class GravityLaws:
         Parameters
         ----------
         forces
-            Function that returns the forces under a constant gravity, shape (2,) [m/s^2].
+            Function that returns the forces of the part under a constant gravity, an array of shape
+            (2,) [m/s^2]. The data of the forces must be linear in gravity.
         """
         weightless, unit_x, unit_y = (
             forces(np.array(gravity)) for gravity in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
@@ -49,7 +56,7 @@ class GravityLaws:
     def _statement(
         self, weightless: ForceStatement, unit_x: ForceStatement, unit_y: ForceStatement
     ) -> ForceStatement:
-        """Return one statement under time-dependent gravity; its data are linear in gravity."""
+        """Combine a statement without gravity and under unit gravity along x and y."""
         slopes = unit_x.data - weightless.data, unit_y.data - weightless.data
         rows = np.flatnonzero(np.any(slopes[0], axis=1) | np.any(slopes[1], axis=1))
         if not rows.size:
@@ -69,10 +76,10 @@ class GravityLaws:
         return [(x, tuple(x.numbers) if isinstance(x, Formula) else ()) for x in formulas]
 
     def _kernel(self, kernel: ForceKernel, rows: Array) -> ForceKernel:
-        """Return the kernel with the laws in place of constant gravity in `rows` of its data.
+        """Return the kernel with the laws in place of constant gravity.
 
-        The new data are the data without gravity, the derivatives of `rows` with respect to gx and
-        gy, and the numbers of the laws.
+        Only `rows` of the data depend on gravity. The data of the new kernel are the data without
+        gravity, the derivatives of `rows` with respect to gx and gy, and the numbers of the laws.
         """
         old, n_rows = kernel.local, len(rows)
         n_law_numbers = sum(len(numbers) for _, numbers in self._formulas)

@@ -1,4 +1,4 @@
-"""Laws of time: smooth pieces between breakpoints, and checks of user functions."""
+"""Time laws: smooth pieces between breakpoints, and checks of user functions."""
 
 from __future__ import annotations
 
@@ -117,12 +117,11 @@ class Law:
         return Formula(kind, (*self.breakpoints, *piece_numbers))
 
     def at(self, t: float) -> float:
-        """Return the value at a time [s] if all pieces accept numbers."""
+        """Return the value at a time [s]; the pieces must accept numbers."""
         return float(self.pieces[bisect_right(self.breakpoints, t)](t))
 
 
 def _select_piece(pieces: Sequence[Callable[[Any], Any]], breakpoints: Any, time: SX) -> SX:
-    """Return the value at time[0] of the piece that is valid at time[1]."""
     value = _evaluate_piece(pieces[-1], time[0])
     for k in range(len(pieces) - 2, -1, -1):
         value = ca.if_else(time[1] < breakpoints[k], _evaluate_piece(pieces[k], time[0]), value)
@@ -178,7 +177,7 @@ class _ShiftedKind:
 
 
 def shift_law(law: Law, since: float) -> Law:
-    """Return the law as a function of the time elapsed since `since` [s]."""
+    """Return the law whose value at t is the value of `law` at t - `since` [s]."""
 
     def shift_piece(piece: Callable[[Any], Any]) -> Callable[[Any], Any]:
         if isinstance(piece, Formula):
@@ -190,21 +189,22 @@ def shift_law(law: Law, since: float) -> Law:
 
 
 def as_law(part: str, value: Any, start: float = 0.0) -> Law:
-    """Return a number or a function of t as a `Law`.
+    """Return a number, a function of t or a `Law` as a checked `Law`.
 
     Parameters
     ----------
     part
         Name of the part, for messages.
     value
-        A number, a function of t or a `Law`.
+        A number, a function of t [s] or a `Law`.
     start
         First time [s] at which the law is evaluated.
 
     Raises
     ------
     BeamdaeError
-        If a function is not a smooth formula in t, or its value at the start is not finite.
+        If a number is not finite, a function or a piece of a `Law` is not a formula in t, a
+        function is not smooth, or the value at `start` is not finite or exceeds 1e75.
     """
     if isinstance(value, Law):
         law = value
@@ -229,7 +229,7 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
             f"{part}: {_law_label(law.pieces[0])} must be finite, got {initial_value} "
             f"at t = {start:g} s."
         )
-    require_finite(part, f"{_law_label(law.pieces[0])} at t = {start:g}", initial_value)
+    require_finite(part, f"{_law_label(law.pieces[0])} at t = {start:g} s", initial_value)
     return law
 
 
@@ -252,6 +252,11 @@ def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Law:
         Frequency [Hz].
     phase
         Phase [rad].
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is not a finite number, or the frequency is not positive.
     """
     amplitude = require_finite("sine", "amplitude", amplitude)
     frequency = require_positive("sine", "frequency", frequency)
@@ -281,6 +286,11 @@ def run_up(speed: float, duration: float) -> Law:
         Final angular speed [rad/s].
     duration
         Duration of the run-up [s].
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is not a finite number, or the duration is not positive.
     """
     speed = require_finite("run_up", "speed", speed)
     duration = require_positive("run_up", "duration", duration)
@@ -293,13 +303,19 @@ def run_up(speed: float, duration: float) -> Law:
 def piecewise(*pieces: Any) -> Law:
     """Return a piecewise law from the arguments (end time, law), ..., last law.
 
-    `piecewise((1.0, 5.0), 0.0)` is 5 until t = 1 s and 0 from then on. All pieces are functions of
-    the same t.
+    `piecewise((1.0, 5.0), 0.0)` is 5 until t = 1 s and 0 from then on.
+
+    Parameters
+    ----------
+    *pieces
+        Pairs (end time [s], law), followed by the last law. A law is a number, a function of t or a
+        `Law` with one piece; t is the same time for all pieces.
 
     Raises
     ------
     BeamdaeError
-        If the end times do not ascend, or a piece is itself piecewise.
+        If there are no pieces, the end times do not ascend, a law is invalid, or a law is itself
+        piecewise.
     """
     if not pieces:
         raise BeamdaeError("piecewise: there are no pieces; give at least one law.")
@@ -331,7 +347,13 @@ def table(times: Any, values: Any) -> Law:
     times
         Ascending times [s], at least 3.
     values
-        Values at these times.
+        Values at these times, in the unit of the driven quantity.
+
+    Raises
+    ------
+    BeamdaeError
+        If the lists have different lengths, fewer than 3 entries or entries that are not finite
+        numbers, or the times do not ascend.
     """
     t, y = _require_numbers("times", times), _require_numbers("values", values)
     if t.shape != y.shape or len(t) < _MIN_TABLE_ROWS:
@@ -381,7 +403,7 @@ def _evaluate_number(piece: Callable[[Any], Any], t: float) -> Any:
 
 
 def _require_formula_in_time(part: str, piece: Callable[[Any], Any], t: SX, start: float) -> None:
-    """Raise an error if a piece does not return one expression of the symbol t."""
+    """Raise BeamdaeError if a piece does not return one expression of the symbol t."""
     requirement = f"{part}: {_law_label(piece)} must be a formula in t"
     try:
         value = _evaluate_piece(piece, t)
@@ -413,9 +435,9 @@ def _require_formula_in_time(part: str, piece: Callable[[Any], Any], t: SX, star
 def _require_numeric_agreement(
     part: str, piece: Callable[[Any], Any], function: ca.Function, start: float
 ) -> None:
-    """Raise an error if the symbolic expression of a law differs from the function values.
+    """Raise BeamdaeError if the expression of a law differs from the values of its function.
 
-    For example, float(t) is nan if t is a symbol.
+    For example, a function that calls float(t) is nan if t is a symbol.
     """
     times = start + np.array(_SAMPLE_TIMES)
     try:
@@ -432,7 +454,7 @@ def _require_numeric_agreement(
 
 
 def _require_smooth(part: str, piece: Callable[[Any], Any], function: ca.Function) -> None:
-    """Raise an error if a piece has jumps or kinks, at which an integrator would not stop."""
+    """Raise BeamdaeError if a law has jumps or kinks, at which an integrator would not stop."""
     operations = {function.instruction_id(i) for i in range(function.n_instructions())}
     nonsmooth = [
         name for operation, name in _NONSMOOTH_OPERATIONS.items() if operation in operations

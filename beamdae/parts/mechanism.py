@@ -37,7 +37,10 @@ _ALLOWED = (
 
 
 def require_start(part: str, start: Any, more: str = "") -> Any:
-    """Return `start` if it is valid; `more` lists further options in the error message."""
+    """Return `start` with its values as floats, or raise BeamdaeError if it is invalid.
+
+    `more` lists further options in the message.
+    """
     if isinstance(start, str) and start in (AS_DRAWN, EQUILIBRIUM):
         return start
     if isinstance(start, Mapping) and all(isinstance(name, str) for name in start):
@@ -59,12 +62,12 @@ class Mechanism(HasOrigin):
     Parameters
     ----------
     gravity
-        Acceleration of gravity (gx, gy) [m/s^2]: numbers, or laws of time. With laws, the weight
-        counts as a load, because gravity then has no potential.
+        Acceleration of gravity (gx, gy) [m/s^2]: numbers, or time laws. With time laws, the weight
+        is a load, because gravity then has no potential.
     start
         Initial state: "as drawn" (the reference configuration), "equilibrium" (at rest under the
         loads at t = 0), or positions and velocities by name, {"part.coordinate": value,
-        "part.coordinate_dot": value}; all other values follow from the joints.
+        "part.coordinate_dot": value}; all other values are adjusted to satisfy the joints.
     redundant
         Treatment of redundant constraints: "refuse" raises an error; "minimum norm" removes them
         from the equations and returns the reactions of smallest norm that balance the forces.
@@ -104,13 +107,13 @@ class Mechanism(HasOrigin):
         return f"<Mechanism of {len(self.parts)} parts{': ' * bool(names)}{', '.join(names)}>"
 
     def add(self, part: P) -> P:
-        """Add a body, joint, point mass or load and return it.
+        """Add a part, such as a body, a joint or a load, and return the part.
 
         Raises
         ------
         BeamdaeError
-            If `part` is not a part, its name is taken, or a body to which the part refers has not
-            been added.
+            If `part` is not a part, its name is invalid or in use, or a part to which it refers has
+            not been added.
         """
         if not isinstance(part, Part):
             raise BeamdaeError(
@@ -131,7 +134,13 @@ class Mechanism(HasOrigin):
         """Add the motion of an attachment, or a quantity, to the columns of the results.
 
         The motion of an attachment has the columns name.x [m], name.y [m], name.angle [rad] (not
-        for particles) and their rates.
+        for particles and points of the ground) and their rates.
+
+        Raises
+        ------
+        BeamdaeError
+            If the name is invalid or in use, `what` is neither an attachment nor a quantity, or a
+            part to which it refers has not been added.
         """
         require_name("Mechanism.observe", name)
         # "t" is the time column, "energy" the prefix of the columns of the energy ledger.
@@ -158,7 +167,14 @@ class Mechanism(HasOrigin):
         do: Any = "stop",
         name: str | None = None,
     ) -> Event:
-        """Add an event that occurs when a column or quantity crosses a value; see `Event`.
+        """Add an event that occurs when a column or quantity crosses a value, and return the event.
+
+        The parameters are those of `Event`.
+
+        Raises
+        ------
+        BeamdaeError
+            If an argument is invalid, or a part to which the event refers has not been added.
 
         Examples
         --------
@@ -179,7 +195,13 @@ class Mechanism(HasOrigin):
         return event
 
     def deactivate(self, *parts: Part) -> None:
-        """Make joints and forces inactive until an event activates them; see `Event`."""
+        """Make joints and forces inactive until an event activates them; see `Event`.
+
+        Raises
+        ------
+        BeamdaeError
+            If an argument is not a part of this mechanism.
+        """
         for part in parts:
             if not isinstance(part, Part):
                 raise BeamdaeError(
@@ -189,7 +211,13 @@ class Mechanism(HasOrigin):
             self.inactive.add(part.name)
 
     def part(self, name: str) -> Part:
-        """Return the part with this name."""
+        """Return the part with this name.
+
+        Raises
+        ------
+        BeamdaeError
+            If no part has this name.
+        """
         if not isinstance(name, str) or name not in self.parts:
             raise BeamdaeError(
                 f"Mechanism: there is no part {short_repr(name)}{suggest(name, self.parts)}."
@@ -206,7 +234,7 @@ class Mechanism(HasOrigin):
 
     @property
     def laws(self) -> list[Law]:
-        """All laws of time of drivers, loads and gravity."""
+        """All time laws of the parts and of gravity."""
         part_laws = [law for part in self.parts.values() for law in part.laws]
         return part_laws + list(self.gravity_laws.laws if self.gravity_laws else ())
 
@@ -215,10 +243,10 @@ class Mechanism(HasOrigin):
             return
         if body.name == self.ground.name:
             raise BeamdaeError(
-                f"{part}: the part refers to the ground of another mechanism; use the "
-                "ground of this mechanism."
+                f"{part}: the ground belongs to another mechanism; use the ground of this "
+                "mechanism."
             )
         raise BeamdaeError(
-            f"{part}: the part refers to {body.name!r}, which is not part of this "
-            f"mechanism; add {body.name!r} first."
+            f"{part}: {body.name!r} is not part of this mechanism; add this part first, or use "
+            "a part of the mechanism."
         )

@@ -22,9 +22,9 @@ from beamdae.symbolic.statements import SX, Local, Quantity, Variable
 
 
 def motion_quantity(attachment: Attachment) -> Quantity:
-    """Return the position, angle and rates of an attachment in the inertial frame.
+    """Return position [m], angle [rad] and their rates of an attachment in the inertial frame.
 
-    The angle is omitted if the rotation is constant, as for a particle.
+    The angle is omitted if the rotation is constant, as for particles and points of the ground.
     """
     has_rotation = _has_rotation(attachment)
     columns = [Variable("x", "m"), Variable("y", "m"), *([Variable("angle", "rad")] * has_rotation)]
@@ -38,7 +38,7 @@ def motion_quantity(attachment: Attachment) -> Quantity:
 
 
 def as_quantity(name: str, what: Attachment | Quantity) -> Quantity:
-    """Return the motion of an attachment, or a `Quantity` unchanged."""
+    """Return the motion of an attachment, or a `Quantity` unchanged, or raise BeamdaeError."""
     quantity = motion_quantity(what) if isinstance(what, Attachment) else what
     if not isinstance(quantity, Quantity):
         raise BeamdaeError(
@@ -111,6 +111,11 @@ def relative_displacement(of: Attachment, on: Attachment) -> Quantity:
     Quantity
         Columns u, v [m], components in the inertial frame, and phi [rad], the rotation of `of`
         relative to `on`.
+
+    Raises
+    ------
+    BeamdaeError
+        If `of` or `on` is not an attachment, or is a particle.
     """
     require_attachment("relative_displacement", "of", of)
     require_attachment("relative_displacement", "on", on)

@@ -32,8 +32,8 @@ class Part:
     """Base class of bodies, joints, loads and dampers.
 
     Subclasses override the properties and methods that apply to them; the defaults are empty.
-    Assembly rejects a part that has neither coordinates, forces nor constraints, and a statement
-    that does not fit the bodies to which the statement refers.
+    Assembly rejects a part without coordinates, forces and constraints, and a statement that does
+    not fit the bodies to which it refers.
 
     Attributes
     ----------
@@ -74,12 +74,12 @@ class Part:
 
     @property
     def initial_position(self) -> Array:
-        """Coordinates in the reference configuration, shape (number of coordinates,)."""
+        """Values of the n coordinates in the reference configuration, shape (n,)."""
         return np.zeros(0)
 
     @property
     def initial_velocity(self) -> Array:
-        """Initial rates of the coordinates, shape (n,), not yet consistent with the joints."""
+        """Initial rates of the n coordinates, shape (n,), not yet consistent with the joints."""
         return np.zeros(0)
 
     @property
@@ -89,16 +89,16 @@ class Part:
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """Laws of time on which the part depends; integrators stop at their breakpoints."""
+        """Time laws on which the part depends; integrators stop at the breakpoints of the laws."""
         return ()
 
     @property
     def inputs(self) -> tuple[Variable, ...]:
-        """Name and unit of each law as an input of linearized models; empty without inputs."""
+        """Name and unit of each input of linearized models; empty if the part has no inputs."""
         return ()
 
     def with_constant_laws(self, values: Sequence[float]) -> Part:
-        """Return a copy of the part with constant laws, one value for each of `inputs`."""
+        """Return a copy of the part with constant laws, given one value per entry of `inputs`."""
         raise NotImplementedError
 
     def forces(self, gravity: Array) -> Sequence[ForceStatement]:
@@ -126,7 +126,7 @@ class Part:
         return "points"
 
     def ranges(self) -> Sequence[RangeStatement]:
-        """Return the measures that show whether the strains of a run are in their valid range."""
+        """Return the measures from which the validity of the strains in a run is assessed."""
         return ()
 
     @property

@@ -10,7 +10,7 @@ from beamdae.errors import BeamdaeError, short_repr, suggest
 
 
 class Header(NamedTuple):
-    """Parts of a column header 'name.suffix [unit]'.
+    """Parts of a column header 'name.suffix [unit]'; `name` itself may contain dots.
 
     If the header has no dot, `name` and `suffix` are equal.
     """
@@ -28,12 +28,12 @@ class Header(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """Key of columns with comparable magnitudes: the unit, or the name if the unit is '-'."""
+        """Key of columns with comparable magnitudes: unit, or 'name.suffix' for the unit '-'."""
         return f"{self.name}.{self.suffix}" if self.unit == "-" else self.unit
 
 
 def observed_columns(table: Iterable[object]) -> list[str]:
-    """Return the headers of a table, excluding time, energies and drift."""
+    """Return the headers of a table, excluding time, drift, energies and works."""
     others = {TIME, *LEDGER_COLUMNS, *DRIFT_COLUMNS}
     return [str(column) for column in table if str(column) not in others]
 
@@ -57,12 +57,13 @@ def select_columns(
     headers
         Headers 'name.column [unit]' to select from.
     name
-        A header with or without its unit, or the name of an observable, which selects all its
-        columns.
+        A header with or without its unit, or the name of an observable or a part, which selects
+        all its columns.
     of
-        Class name of the result, used in the error message.
+        Class name of the result, used in the error message; in lowercase, it is the name of the
+        result in the call that the message recommends.
     observed
-        Headers that take precedence over others with the same name.
+        Headers that take precedence if `name` also selects other headers.
 
     Raises
     ------

@@ -88,7 +88,6 @@ class Views(Protocol):
 def load_views() -> Views:
     """Import and return `beamdae.views`, which draws results.
 
-    Result classes contain only data and do not import drawing code. Their methods `plot`,
-    `animate`, `diagram` and `_repr_html_` call this function when needed.
+    Result classes do not import drawing code; their methods that draw call this function.
     """
     return cast("Views", deferred.module("views"))

@@ -33,7 +33,7 @@ KIND = "point"
 
 
 class CriticalPoint(NamedTuple):
-    """Point of an equilibrium path at which the tangent stiffness is singular.
+    """Point of an equilibrium path at which the stability under constant loads may change.
 
     Attributes
     ----------
@@ -43,9 +43,10 @@ class CriticalPoint(NamedTuple):
     row
         Index of the point in the path.
     factor
-        Load factor [-].
+        Factor of the loads scaled in the stage of this point [-].
     moves
-        Name of the coordinate that moves most along the direction of zero stiffness.
+        Name of the coordinate that moves most in the critical mode (at limit and branch points, the
+        mode of zero stiffness), or "" if the model has no modes.
     """
 
     kind: str
@@ -56,7 +57,7 @@ class CriticalPoint(NamedTuple):
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """Path of equilibria of a mechanism with varying load factors.
+    """Path of equilibria of a mechanism under varying load factors.
 
     Attributes
     ----------
@@ -76,19 +77,19 @@ class Equilibrium:
     lam
         Lagrange multipliers of the constraints (k, m).
     unstable
-        Number of unstable directions of each equilibrium under constant loads (k,): 0 if the
-        equilibrium is stable, -1 if the number is not known.
+        Number of unstable directions of each equilibrium under constant loads (k,), or -1 if not
+        known. An equilibrium with 0 is stable, unless it can move without stiffness; see `free`.
     critical
         Limit, branch and flutter points, in the order of the path.
     settings
-        Requested settings and the computational cost.
+        Settings of the path, and the number of Newton iterations.
     model
-        Name and parameters of the model.
+        Name and parameters of the model; empty unless a model function was analyzed.
     notes
         Remarks on the interpretation of the result.
     free
-        Name of the coordinate that moves most in a zero-stiffness motion at the end of the path;
-        the equilibrium is arbitrary along this motion. Empty if no such motion exists.
+        Name of the coordinate that moves most in a motion without stiffness at the end of the path.
+        The equilibrium is arbitrary along this motion. Empty if no such motion exists.
     """
 
     equations: EquationsOfMotion
@@ -114,12 +115,12 @@ class Equilibrium:
 
     @property
     def factor(self) -> float:
-        """Load factor of the last stage at the end of the path [-], or 1 if no load is scaled."""
+        """Load factor of the last stage at the end of the path [-]; 1 if no load is scaled."""
         return float(self.factors[-1, -1]) if self.factors.shape[1] else 1.0
 
     @property
     def stable(self) -> bool:
-        """True if the end of the path is stable under constant loads."""
+        """True if the end of the path is stable under constant loads and cannot move freely."""
         return bool(self.unstable[-1] == 0) and not self.free
 
     @property
@@ -138,7 +139,7 @@ class Equilibrium:
         Raises
         ------
         BeamdaeError
-            If the index is out of range.
+            If `row` is not a whole number from 0 to the index of the last row.
         """
         row = require_count("Equilibrium.at", "row", row, 0, len(self.q) - 1)
         return replace(
@@ -181,7 +182,7 @@ class Equilibrium:
         }
 
     def __getitem__(self, name: str) -> pd.Series | pd.DataFrame:
-        """Return columns over the load factor, selected by name as in `Solution.__getitem__`.
+        """Return columns over the load factor by name; see `Solution.__getitem__`.
 
         The index is the sum of the load factors of all stages.
 
@@ -200,15 +201,16 @@ class Equilibrium:
         return table[headers[0]] if len(headers) == 1 else table
 
     def plot(self, *names: str) -> Plot:
-        """Plot the load factor over columns.
+        """Plot the load factor over columns, one panel per column.
 
-        Unstable segments are dashed, and critical points are marked.
+        Unstable segments are dashed, and critical points are marked. The load factors of several
+        stages are added.
 
         Parameters
         ----------
         names
-            Names of columns, see `equilibrium[name]`. Defaults to all columns that change, at most
-            twelve.
+            Names of columns, see `equilibrium[name]`. Defaults to the observed columns that change.
+            At most twelve columns are plotted.
 
         Raises
         ------
@@ -218,13 +220,19 @@ class Equilibrium:
         return load_views().plot_equilibrium_path(self, names)
 
     def table(self) -> pd.DataFrame:
-        """Return one row per point: load factors, observed columns, stability, critical points."""
+        """Return load factors, observed columns, unstable directions and kinds of critical points.
+
+        The table has one row per point of the path.
+        """
         import pandas as pd
 
         return pd.DataFrame(self.all_columns())
 
     def coordinates(self) -> pd.DataFrame:
-        """Return coordinates and Lagrange multipliers; headers contain part names and units."""
+        """Return coordinates and Lagrange multipliers, one row per point of the path.
+
+        Headers contain names and units.
+        """
         import pandas as pd
 
         e = self.equations
@@ -237,8 +245,15 @@ class Equilibrium:
 
         Parameters
         ----------
-        beam, s
-            The beam or its name, and arc lengths [m], see `Solution.section_forces`.
+        beam
+            The beam, or its name.
+        s
+            An arc length or several arc lengths [m]; see `Solution.section_forces`.
+
+        Raises
+        ------
+        BeamdaeError
+            If the mechanism does not contain the beam, or an arc length is out of range.
         """
         at_rest = np.zeros_like(self.q[-1:])
         state = State(self.q[-1:], at_rest, at_rest, self.lam[-1:])
@@ -269,7 +284,7 @@ class Equilibrium:
         return tuple(filter(None, (*self.notes, free, *beams)))
 
     def metadata(self, **further: Any) -> dict[str, Any]:
-        """Return the JSON content written by `to_csv`, with the additional entries `further`."""
+        """Return the metadata that `to_csv` writes, with `further` entries added or replaced."""
         return {
             "status": self.status.kind,
             "reason": self.status.sentence,
@@ -285,7 +300,9 @@ class Equilibrium:
         }
 
     def to_csv(self, path: str | Path, **further: Any) -> Path:
-        """Write the table as CSV, and settings and status to a JSON file of the same name.
+        """Write the table as CSV, and settings and status as JSON; return the path of the CSV file.
+
+        The JSON file has the name of the CSV file with the suffix .json.
 
         Parameters
         ----------
@@ -295,7 +312,7 @@ class Equilibrium:
         Raises
         ------
         BeamdaeError
-            If a file cannot be written.
+            If the suffix is .json, or a file cannot be written.
         """
         return write_result(path, self.all_columns(), self.status, self.metadata(**further))
 
@@ -306,6 +323,6 @@ class Equilibrium:
 
     @property
     def _inactive(self) -> tuple[str, ...]:
-        """Names of the initially inactive parts."""
+        """Names of the parts that are inactive until an event activates them."""
         configurations = self.equations.configurations
         return () if configurations is None else tuple(sorted(configurations.initially_inactive))

@@ -32,13 +32,13 @@ class EventRecord:
     branch
         Time inside the interval that selects the active piece of piecewise laws [s].
     state
-        State at the crossing, interpolated by the dense output, before parts are switched.
+        State at the crossing, before the actions of the event.
     impulses
-        Impulses of joints and gaps during a velocity jump, by multiplier name [N s].
+        Impulses of joints and gaps during a velocity jump, by multiplier name [N s or N m s].
     energy_lost
         Kinetic energy dissipated by the velocity jump [J].
     done
-        True if the actions of the event were executed. If the run ended before executing them, a
+        True if the event has no actions left to execute. If the run ended before executing them, a
         resumed run executes them first.
     """
 
@@ -52,7 +52,7 @@ class EventRecord:
     done: bool = True
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the record as JSON-compatible values."""
+        """Return name, direction, time and impulses as a JSON-compatible dictionary."""
         record: dict[str, Any] = {
             "event": self.name,
             "direction": self.direction,
@@ -72,7 +72,7 @@ def format_event_counts(names: Iterable[str]) -> str:
 
 
 def format_event_times(event_records: Sequence[EventRecord]) -> str:
-    """Format the number of occurrences of each event and the time of its first occurrence."""
+    """Format the number of occurrences and the first time [s] of each event."""
     times: dict[str, list[float]] = {}
     for record in event_records:
         times.setdefault(record.name, []).append(record.t)
@@ -86,7 +86,11 @@ def format_event_times(event_records: Sequence[EventRecord]) -> str:
 def tabulate_events(
     equations: EquationsOfMotion, event_records: Sequence[EventRecord]
 ) -> dict[str, Any]:
-    """Return table columns by header: name, direction, time and observed values of each event."""
+    """Return table columns by header, with one row per event.
+
+    The columns are name, direction and time, energy lost and impulses (if any event has impulses),
+    and the observed columns.
+    """
     columns: dict[str, Any] = {
         "event": [record.name for record in event_records],
         "direction": [record.direction for record in event_records],

@@ -29,7 +29,7 @@ class ResponsePoint:
     Attributes
     ----------
     parameter
-        Value of the parameter.
+        Value of the varied parameter.
     period
         Period [s].
     solution
@@ -48,7 +48,7 @@ class ResponsePoint:
 
     @property
     def stable(self) -> bool:
-        """True if no perturbation grows."""
+        """True if no Floquet multiplier exceeds a modulus of 1 by more than 1e-3."""
         return largest_modulus(self.multipliers) <= 1.0 + _STABILITY_MARGIN
 
 
@@ -63,7 +63,8 @@ class FrequencyResponse:
     points
         The motions, in order along the curve.
     status
-        Outcome of the continuation; `status.kind` is "ok" if the whole range is covered.
+        Outcome of the continuation; `status.kind` is "ok" if the curve reached the end of the range
+        or returned to its start.
     """
 
     parameter: str
@@ -82,7 +83,7 @@ class FrequencyResponse:
         """Return one row per motion: parameter, period, mean and half range of observed columns.
 
         The last columns are "stable", "largest multiplier" (the largest modulus) and "fold", which
-        is true where the parameter reverses its direction.
+        is true at the first motion after the parameter reverses its direction.
         """
         import pandas as pd
 
@@ -105,23 +106,38 @@ class FrequencyResponse:
         }
 
     def plot(self, column: str) -> Plot:
-        """Plot the half range of an observed column; unstable parts of the curve are dashed."""
+        """Plot the half range of an observed column over the parameter.
+
+        Unstable parts of the curve are dashed.
+
+        Raises
+        ------
+        BeamdaeError
+            If no observed column has this header.
+        """
         return load_views().plot_frequency_response(self, column)
 
     @property
     def folds(self) -> list[float]:
         """Parameter values at which the curve folds back.
 
-        Each value is the vertex of the parabola through the nearest three points.
+        Each value is the vertex of a parabola, the parameter over the arc length of the curve,
+        through the three nearest points.
         """
         values = np.array([point.parameter for point in self.points])
         reversals = np.flatnonzero(np.diff(np.sign(np.diff(values))) != 0) + 1
         return [self._vertex(k, values) for k in reversals.tolist()]
 
     def peaks(self, column: str) -> list[tuple[float, float]]:
-        """Return (parameter, half range) of an observed column at each peak.
+        """Return (parameter, half range) at each peak of the curve of an observed column.
 
-        Each peak is the vertex of the parabola through the nearest three points.
+        Each peak is the vertex of a parabola, the half range over the arc length of the curve,
+        through the three nearest points. The ends of the curve are not peaks.
+
+        Raises
+        ------
+        BeamdaeError
+            If no observed column has this header.
         """
         if not self.points:
             return []
@@ -139,7 +155,13 @@ class FrequencyResponse:
         return peaks
 
     def curve(self, column: str) -> tuple[Array, Array]:
-        """Return the parameter (k,) and the half range (k,) of an observed column."""
+        """Return the parameter (k,) and the half range (k,) of an observed column.
+
+        Raises
+        ------
+        BeamdaeError
+            If no observed column has this header.
+        """
         if self.points:
             require_choice(
                 "frequency_response", "column", column, list(self.points[0].solution.columns)

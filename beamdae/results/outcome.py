@@ -39,7 +39,7 @@ class Status:
         return self.kind == "failed" and not has_pending_event
 
     def followed_by(self, later: Status, has_pending_event: bool) -> Status:
-        """Return the combined status of this run and a later run that resumed from its end."""
+        """Return the combined status of this run and a later run that resumed this run."""
         if not later.success or not self.is_unreliable(has_pending_event):
             return later
         return Status(
@@ -61,18 +61,18 @@ class Statistics:
     steps
         Number of accepted steps.
     rejected_steps
-        Number of steps rejected by the error test or by Newton's method.
+        Number of steps rejected because of the error test or because Newton's method failed.
     residual_calls, jacobian_calls
         Number of calls to the compiled residual and to the compiled Jacobian.
     factorizations, solves
         Number of LU factorizations and of linear solves.
     newton_failures
         Number of Newton iterations that did not converge, whether with the current Jacobian or with
-        the Jacobian of an earlier step, which is then updated. If the integrator uses
-        scikit-sundae, which does not report this number, it is the number of Jacobian updates
-        within steps.
+        the Jacobian of an earlier step. Integrators that use scikit-sundae, which does not report
+        this number, count Jacobian updates within steps instead.
     setup_time, wall_time
-        Time for building and compiling the equations, and for the integration alone [s].
+        Times for the consistent start and compilation, and for the integration, including a pilot
+        run [s]. The assembly of the equations is not included.
     """
 
     steps: int = 0

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 _STABILITY_MARGIN = 1e-4  # moduli of the multipliers of stable motions may exceed 1 by this
-_IMAGINARY_ROUNDING = 1e-6  # imaginary part of a real multiplier, relative to its modulus
+_IMAGINARY_ROUNDING = 1e-6  # largest imaginary part / modulus of a real multiplier
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -27,20 +27,19 @@ class PeriodicMotion:
     Attributes
     ----------
     solution
-        One period of the motion. If a run of the search ended early, this is that run.
+        One period of the motion, or the run that ended the search by stopping early.
     period
         Period [s].
     multipliers
         Floquet multipliers, sorted by descending modulus: eigenvalues of the monodromy matrix for
-        the motions that the joints allow. A multiplier is the growth factor of a perturbation per
-    period.
-        Perturbations in modes that the steps do not resolve decay numerically, whether or not the
-        modes are damped.
+        the motions that the joints allow. The modulus of a multiplier is the growth factor of a
+        perturbation per period. Perturbations in modes that the steps do not resolve decay
+        numerically, even if the modes are undamped.
     multiplier_error
-        Change of the largest multiplier when the steps of the variational equations are halved.
+        Change of the largest modulus when the steps of the variational equations are halved.
     off
-        Difference between the states at the start and the end of the period, relative to the range
-        of the coordinates [-].
+        Largest difference between the states at the start and the end of the period, relative to
+        the amplitudes of the motion [-].
     iterations
         Number of Newton iterations.
     status
@@ -60,13 +59,16 @@ class PeriodicMotion:
 
     @property
     def stable(self) -> bool:
-        """True if the search converged and no perturbation grows."""
+        """True if the search converged and no perturbation grows.
+
+        Moduli of the multipliers may exceed 1 by 1e-4 plus `multiplier_error`.
+        """
         limit = 1.0 + _STABILITY_MARGIN + self.multiplier_error
         return self.status.success and largest_modulus(self.multipliers) <= limit
 
     @property
     def stability(self) -> str:
-        """Description of the stability and, if unstable, of the growth of perturbations."""
+        """Description of the stability: "stable", "unstable: ..." or "not known: ..."."""
         if not self.status.success:
             return f"not known: {self.status.sentence}"
         if self.stable:
@@ -82,7 +84,7 @@ class PeriodicMotion:
         return f"unstable: growth by a factor of {abs(multiplier):.6g} per period, {growth}"
 
     def amplitudes(self) -> pd.DataFrame:
-        """Return mean, half range, minimum, maximum and unit, one row per observed column."""
+        """Return mean, half range, minimum, maximum and unit, with one row per observed column."""
         import pandas as pd
 
         rows = {}

@@ -18,7 +18,10 @@ _MAX_ENTRIES = 16  # longer lists, such as measured points, are replaced by thei
 
 
 def describe_provenance(equations: EquationsOfMotion) -> dict[str, Any]:
-    """Return the hash of the equations and the gravity and parts of their mechanism, for JSON."""
+    """Return the hash of the equations, and gravity and parts of the mechanism, if there is one.
+
+    The dictionary is JSON-compatible.
+    """
     description: dict[str, Any] = {"identity": hash_model(equations)}
     mechanism = equations.mechanism
     if mechanism is not None:
@@ -36,9 +39,9 @@ def state_hash(t: float, q: Any, v: Any) -> str:
 
 
 def _describe_fields(instance: Any, described: set[int]) -> dict[str, Any]:
-    """Return the public constructor arguments of an instance, skipping objects in `described`.
+    """Return descriptions of the public fields of an instance, by name, except the field `name`.
 
-    `described` contains the ids of objects that are already part of the description.
+    `described` contains the ids of dataclass instances that have been described and are skipped.
     """
     if is_dataclass(instance):
         names = [f.name for f in fields(instance) if f.init]

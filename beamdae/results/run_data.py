@@ -1,6 +1,6 @@
 """Data of a run as arrays: states at the output times and quantities derived from them.
 
-This module does not import pandas because its import takes as long as a short run.
+This module does not import pandas, because importing pandas takes as long as a short run.
 """
 
 from __future__ import annotations
@@ -107,7 +107,10 @@ class RunData:
 
     @cached_property
     def drift_columns(self) -> dict[str, Array]:
-        """Largest |g| and |g_dot| of the active joints (k,) at the output times, by header."""
+        """Largest |g| and |g_dot| of the active joints (k,) at the output times, by header.
+
+        The units are m or rad, and m/s or rad/s.
+        """
         times, state = self._output
         configurations = [interval.configuration for interval in self.trajectory.intervals]
         index = self.trajectory.interval_index(self.t)
@@ -157,7 +160,7 @@ class RunData:
         )
 
     def summary(self) -> dict[str, Any]:
-        """Return status, statistics and quality as a flat dictionary."""
+        """Return status, last time [s], statistics and quality as a flat dictionary."""
         return {
             "success": self.status.success,
             "status": self.status.kind,
@@ -168,7 +171,7 @@ class RunData:
         }
 
     def metadata(self, **further: Any) -> dict[str, Any]:
-        """Return the JSON content written by `to_csv`, with the additional entries `further`."""
+        """Return the metadata that `to_csv` writes, with `further` entries added or replaced."""
         end, last = self.trajectory.end, self.trajectory.intervals[-1].state
         ledger = self._energy_ledger.at(np.array([end]))[0].tolist()
         return {
@@ -185,7 +188,8 @@ class RunData:
             "singular positions": [asdict(position) for position in self.singular_positions],
             "events": [record.as_dict() for record in self.event_records],
             "warnings": list(self.warnings),
-            # Resumed runs find this run by its last state and continue its works.
+            # Used to join the tables of this run and of a run that resumes it: the hash identifies
+            # the run, and the works are added.
             "end": {
                 "state": state_hash(end, last.q[-1], last.v[-1]),
                 **dict(zip(measures.LEDGER_COLUMNS, ledger, strict=True)),
@@ -195,7 +199,7 @@ class RunData:
         }
 
     def _with_checked_rows(self) -> RunData:
-        """Return the run with thinned output times, which suffice to detect non-finite values."""
+        """Return the run with thinned output times, which suffice to check the columns."""
         stride = len(self.t) // _MAX_CHECKED_ROWS + 1
         return self if stride == 1 else replace(self, t=self.t[::stride])
 

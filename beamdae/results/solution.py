@@ -60,7 +60,7 @@ class Solution(RunData, TimeSeries):
     integrator
         Settings of the integrator, including the values selected by "auto".
     model
-        Name, parameters and end time of the model.
+        Requested end time of the run [s] and, if the model has a name, name and parameters.
     equations
         The equations of motion that were integrated.
     trajectory
@@ -70,8 +70,8 @@ class Solution(RunData, TimeSeries):
     event_records
         The events that occurred, in chronological order; `events` returns them as a table.
     event_signs
-        For each event, 1 or -1 if its quantity was above or below its value at the end of the run,
-        and 0 if this is not known.
+        State of each event at the end of the run, by name: 1 if the monitored quantity was above
+        the value to be crossed, -1 if below, 0 if not known.
     resume_warnings
         Warnings about the earlier run that this run resumed.
     """
@@ -111,7 +111,8 @@ class Solution(RunData, TimeSeries):
     def drift(self) -> pd.DataFrame:
         """Largest constraint violations of the active joints, one row per output time.
 
-        The columns are |g| [m or rad] and |g_dot| [m/s or rad/s].
+        The columns are "drift.position", |g| [m or rad], and "drift.velocity", |g_dot| [m/s or
+        rad/s].
         """
         import pandas as pd
 
@@ -119,7 +120,7 @@ class Solution(RunData, TimeSeries):
 
     @property
     def events(self) -> pd.DataFrame:
-        """Table of the events that occurred: name, direction, time and observed columns."""
+        """Table of the events: name, direction, time, impulses (if any) and observed columns."""
         import pandas as pd
 
         return pd.DataFrame(tabulate_events(self.equations, self.event_records))
@@ -142,8 +143,8 @@ class Solution(RunData, TimeSeries):
         Raises
         ------
         BeamdaeError
-            If the name is already used, the quantity does not belong to the mechanism, or the
-            solution has no mechanism.
+            If the name is invalid or a column of this name exists, the attachment or quantity does
+            not belong to the mechanism, or the solution has no mechanism.
         """
         return replace(self, equations=add_observable(self.equations, name, what))
 
@@ -155,7 +156,7 @@ class Solution(RunData, TimeSeries):
         Raises
         ------
         BeamdaeError
-            If the time is outside the run.
+            If the time is not a finite number or lies outside the run.
         """
         return Instant.of(self.trajectory, t)
 
@@ -170,7 +171,7 @@ class Solution(RunData, TimeSeries):
         Raises
         ------
         BeamdaeError
-            If the times are not ascending or lie outside the run.
+            If the times are not numbers, do not ascend or lie outside the run.
         """
         numbers = require_sequence("at_times", "times", times, "a list of times [s]")
         t = np.array([require_finite("at_times", "times", number) for number in numbers])
@@ -223,25 +224,31 @@ class Solution(RunData, TimeSeries):
         what
             The section force.
         t
-            A time [s], or several times for an envelope. Defaults to the envelope over the output
+            A time [s], or ascending times for an envelope. Defaults to the envelope over the output
             times.
+
+        Raises
+        ------
+        BeamdaeError
+            If the mechanism does not contain the beam, `what` is invalid, or a time lies outside
+            the run.
         """
         return recover_section_forces(self, beam, t).diagram(what)
 
     def to_csv(self, path: str | Path, **further: Any) -> Path:
         """Write the table as CSV and the metadata to a JSON file of the same name.
 
-        The metadata contain status, settings, versions and statistics. If the run ended early, the
-        table has an additional last column "status" with "failed", "limited" or "interrupted" in
-        each row. Existing files are replaced atomically. Headers that a spreadsheet would read as
-        formulas are prefixed with an apostrophe.
+        The metadata contain status, settings, versions and statistics. If the run did not succeed,
+        the table has an additional last column "status" with "failed", "limited" or "interrupted"
+        in each row. Existing files are replaced atomically. Headers that a spreadsheet would read
+        as formulas are prefixed with an apostrophe.
 
         Parameters
         ----------
         path
-            Path of the CSV file.
+            Path of the CSV file, with any suffix except .json.
         further
-            Additional entries of the JSON file.
+            Additional entries of the JSON file, as JSON-compatible values.
 
         Returns
         -------
@@ -251,12 +258,12 @@ class Solution(RunData, TimeSeries):
         Raises
         ------
         BeamdaeError
-            If a file cannot be written.
+            If the suffix is .json, or a file cannot be written.
         """
         return write_result(path, self.all_columns(), self.status, self.metadata(**further))
 
     def save(self, path: str | Path) -> Path:
-        """Write all data of the run to one file and return its path, see `load`.
+        """Write all data of the run to one file and return the path; `load` reads the file.
 
         The file is a zip archive of NumPy arrays and JSON. Loading it does not execute code.
 
@@ -268,7 +275,9 @@ class Solution(RunData, TimeSeries):
         return save_run(self, path)
 
     def checkpoint(self, path: str | Path) -> Path:
-        """Write the last state to a JSON file, from which `simulate(..., start=path)` resumes.
+        """Write the last state to a JSON file and return the path.
+
+        `simulate(..., start=path)` resumes from this state.
 
         Raises
         ------
@@ -278,17 +287,17 @@ class Solution(RunData, TimeSeries):
         return Checkpoint.of(self).write(path)
 
     def followed_by(self, later: Solution) -> Solution:
-        """Return this run and a later run that resumed from its end as one solution.
+        """Return this run and a later run that resumed from the end of this run as one solution.
 
         Integrator, model and status are taken from the later run. If the later run succeeded but
         this run failed, the combined status is "failed", unless this run failed while executing an
-        event.
+        event. Costs are added.
 
         Raises
         ------
         BeamdaeError
-            If the later run does not start at the end of this run, or the coordinates or parameters
-            of the models differ.
+            If `later` is not a solution or does not start at the end time of this run, or the
+            coordinates or numbers of the models differ.
         """
         if not isinstance(later, Solution):
             raise BeamdaeError(f"followed_by: later must be a solution, got {short_repr(later)}.")
@@ -334,7 +343,7 @@ class Solution(RunData, TimeSeries):
         equations
             The equations of the run; their start may differ.
         packed
-            The packed run, including its start.
+            The packed run, which contains the start.
         made_by
             The integrator of the run.
         """

@@ -57,14 +57,14 @@ class TimeSeries:
         ----------
         name
             Header of an observed column, energy, coordinate, velocity or multiplier, with or
-            without its unit ("tip.y [m]" or "tip.y"). The name of an observable ("tip") selects all
-            its columns. If an observable and a part have the same name, the observable is
-            selected.
+            without its unit ("tip.y [m]" or "tip.y"). The name of an observable or a part ("tip")
+            selects all its columns. If an observable and a part have the same name, the observable
+            is selected.
 
         Returns
         -------
         pandas.Series or pandas.DataFrame
-            One column, or all columns of an observable, indexed by time [s].
+            One column, or all selected columns if there are several, indexed by time [s].
 
         Raises
         ------
@@ -111,7 +111,8 @@ class TimeSeries:
         Raises
         ------
         BeamdaeError
-            If one of the runs does not contain a column, or the runs have no time in common.
+            If `other` is not a run, one of the runs does not contain a column, or no output time of
+            this run lies within the other run.
 
         Examples
         --------
@@ -130,9 +131,9 @@ class TimeSeries:
         common = self.times[(self.times >= begin) & (self.times <= end)]
         if not len(common):
             raise BeamdaeError(
-                "difference: the runs do not overlap in time: they cover "
-                f"{self.times[0]:g} to {self.times[-1]:g} s and "
-                f"{other.times[0]:g} to {other.times[-1]:g} s; choose runs that overlap."
+                "difference: no output time of this run "
+                f"({self.times[0]:g} to {self.times[-1]:g} s) lies within the other run "
+                f"({other.times[0]:g} to {other.times[-1]:g} s); choose runs that overlap in time."
             )
         one, two = self.at_times(common), other.at_times(common)
         headers = [header for name in names for header in one._select(name)]
@@ -163,7 +164,7 @@ class TimeSeries:
     def to_parquet(self, path: str | Path) -> Path:
         """Write the table as Parquet and return the path.
 
-        This requires pyarrow: `pip install beamdae[parquet]`.
+        This method requires pyarrow: `pip install beamdae[parquet]`.
 
         Raises
         ------
@@ -182,7 +183,7 @@ class TimeSeries:
         return file
 
     def _rows_at(self, times: Array, owner: str, advice: str) -> Array:
-        """Return the indices of the rows at exactly these times [s]."""
+        """Return the indices of the rows at exactly these times [s], or raise BeamdaeError."""
         rows = np.flatnonzero(np.isin(self.times, times))
         if not np.array_equal(self.times[rows], times):
             raise BeamdaeError(f"at_times: {owner} has no rows at some of the times; {advice}.")

@@ -23,20 +23,21 @@ _DEGREE_OF_REACTIONS = 3  # for a and lam, which may jump from step to step
 
 @dataclass(frozen=True)
 class Interval:
-    """Accepted steps between two breakpoints, with dense output.
+    """Accepted steps between two breakpoints or events, with dense output.
 
     For multistep methods and one-step methods without stages, the dense output within a step is the
     Lagrange polynomial through the states at the end of the step and at the preceding steps
     (Hairer, Norsett & Wanner, Solving ODEs I, 1993, section III.6), of degree 4 for q and v and
-    degree 3 for a and lam. For methods with stages, it is the collocation polynomial through the
-    start of the step, the stages and the end (Hairer & Wanner, Solving ODEs II, 1996, section
-    IV.8); q is then the integral of v, one degree higher, with a linear correction so that it
-    equals q at the end of the step. Hermite interpolation is not used: h v and h^2 a contain modes
-    that the step does not resolve, and stiff sections would amplify them to spurious forces far
-    larger than the forces at the steps.
+    degree 3 for a and lam. For methods with stages, the dense output is the collocation polynomial
+    through the start of the step and its stages, the last of which is the end of the step (Hairer &
+    Wanner, Solving ODEs II, 1996, section IV.8); q is the integral of v, one degree higher, with a
+    linear correction that matches q at the end of the step. Hermite interpolation is not used: with
+    the step size h, the terms h v and h^2 a contain modes that the step does not resolve, and stiff
+    sections would amplify these modes to spurious forces far larger than the forces at the steps.
 
     The first state of an interval is consistent with the laws, but fast modes have not yet
-    responded to it. The polynomials therefore exclude this state except before the second node.
+    responded to the laws of this interval. The polynomials therefore exclude the first state,
+    except before the second node and in intervals with too few nodes.
 
     Attributes
     ----------
@@ -47,7 +48,7 @@ class Interval:
     branch
         Time inside the interval that selects the active piece of piecewise laws [s].
     nodes_per_step
-        Number of nodes per step: its stages and its end.
+        Number of nodes per step: 1 for methods without stages, otherwise the number of stages.
     configuration
         The active parts. None if no events switch parts of the mechanism.
     """
@@ -60,7 +61,7 @@ class Interval:
 
     @cached_property
     def t(self) -> Array:
-        """Times of the steps [s]."""
+        """Start of the interval and ends of its steps, (steps + 1,) [s]."""
         return self.nodes[:: self.nodes_per_step]
 
     @cached_property
@@ -70,11 +71,11 @@ class Interval:
 
     @property
     def times(self) -> Array:
-        """Rows (t, branch) of the nodes, the time argument of compiled functions."""
+        """Rows (t, branch) of the nodes, (k, 2): the time argument of compiled functions."""
         return _with_branch(self.nodes, self.branch)
 
     def at(self, t: Array) -> State:
-        """Return the states at times [s] inside the interval."""
+        """Return the states at times (j,) [s] inside the interval, one row per time."""
         q, v, a, lam = self.rows
         node = _preceding_node(self.nodes, t)
         motion = self._lagrange_weights(t, node, _DEGREE_OF_MOTION)
@@ -83,12 +84,19 @@ class Interval:
         return State(position, motion @ v, reaction @ a, reaction @ lam)
 
     def interpolate(self, values: Array, t: Array) -> Array:
-        """Interpolate a quantity at times [s] inside the interval with the polynomials of v.
+        """Interpolate quantities at times inside the interval with the polynomials of v.
 
         Parameters
         ----------
         values
-            Values of the quantity at the nodes, (k, .).
+            Values of c quantities at the nodes, (k, c).
+        t
+            Times inside the interval (j,) [s].
+
+        Returns
+        -------
+        ndarray
+            Values at the times, (j, c).
         """
         node = _preceding_node(self.nodes, t)
         return self._lagrange_weights(t, node, _DEGREE_OF_MOTION) @ values
@@ -96,33 +104,45 @@ class Interval:
     def integrate_to_steps(self, rates: Array) -> Array:
         """Integrate rates from the start of the interval to each of its steps.
 
-        The integrand is the polynomial of the dense output, of degree 3 for methods without stages.
-        For Radau IIA the result equals the quadrature of the method, with the weights
-        (16 - sqrt 6)/36, (16 + sqrt 6)/36, 1/9 and weight 0 at the start of the step.
+        The rates are interpolated like a and lam, with degree 3 for methods without stages. For
+        Radau IIA with three stages, the result equals the quadrature of the method, with the
+        weights (16 - sqrt 6)/36, (16 + sqrt 6)/36 and 1/9 of the stages, relative to the step.
 
         Parameters
         ----------
         rates
-            Values of the rates at the nodes, (k, .).
+            Values of c rates at the nodes, (k, c).
+
+        Returns
+        -------
+        ndarray
+            Integrals (steps + 1, c) at the times `t`; the first row is zero.
         """
         integrals = np.zeros((len(self.t), rates.shape[1]))
         np.cumsum(self._integrate_within_step(rates, self.t[1:]), axis=0, out=integrals[1:])
         return integrals
 
     def integrate_to(self, t: Array, rates: Array, to_steps: Array) -> Array:
-        """Integrate rates from the start of the interval to times [s] inside the interval.
+        """Integrate rates from the start of the interval to times inside the interval.
 
         Parameters
         ----------
+        t
+            Times inside the interval (j,) [s].
         rates
-            Values of the rates at the nodes, (k, .).
+            Values of c rates at the nodes, (k, c).
         to_steps
             Result of `integrate_to_steps` for these rates.
+
+        Returns
+        -------
+        ndarray
+            Integrals at the times, (j, c).
         """
         return to_steps[_preceding_node(self.t, t)] + self._integrate_within_step(rates, t)
 
     def _integrate_within_step(self, rates: Array, t: Array) -> Array:
-        """Integrate rates to each time from the start of the step that contains it."""
+        """Integrate rates from the start of the step that contains each time to that time."""
         step = _preceding_node(self.t, t)
         node, start = step * self.nodes_per_step, self.t[step]
         half = 0.5 * (t - start)
@@ -136,7 +156,7 @@ class Interval:
         return integrals
 
     def _integrate_velocity(self, q: Array, v: Array, t: Array) -> Array:
-        """Return the integral of v with a linear correction in each step to match q at its end."""
+        """Return q as the integral of v, with a linear correction that matches q at the steps."""
         step = _preceding_node(self.t, t)
         ends = q[:: self.nodes_per_step]
         gap = np.diff(ends, axis=0) - self._integrate_within_step(v, self.t[1:])
@@ -144,7 +164,11 @@ class Interval:
         return ends[step] + self._integrate_within_step(v, t) + x * gap[step]
 
     def _lagrange_weights(self, t: Array, node: Array, degree: int) -> sp.csr_array:
-        """Return the Lagrange weights (len(t), k) of the nodes at times after each `node`."""
+        """Return the Lagrange weights (len(t), k) of the nodes at the times `t`.
+
+        `node` contains, for each time, the index of an earlier node: the start of the step or one
+        of its stages.
+        """
         last = len(self.nodes) - 1
         degree = min(degree if self.nodes_per_step == 1 else self.nodes_per_step, last)
         end = (node // self.nodes_per_step + 1) * self.nodes_per_step
@@ -192,12 +216,12 @@ class Trajectory:
         return sum(len(interval.t) - 1 for interval in self.intervals)
 
     def interval_index(self, times: Array) -> Array:
-        """Return the index of the interval of each time, at breakpoints the earlier interval."""
+        """Return the index of the interval of each time; at a breakpoint, the earlier interval."""
         starts = np.array([interval.t[0] for interval in self.intervals])
         return np.clip(np.searchsorted(starts, times, side="left") - 1, 0, None)
 
     def at(self, times: Array) -> tuple[Array, State]:
-        """Return rows (t, branch), (k, 2), and states at ascending times (k,) [s]."""
+        """Return rows (t, branch), (k, 2), and the states at ascending times (k,) [s]."""
         index = self.interval_index(times)
         branches = np.array([interval.branch for interval in self.intervals])[index]
         parts = [x.at(times[index == k]) for k, x in enumerate(self.intervals)]
@@ -235,7 +259,7 @@ class Instant(NamedTuple):
         Raises
         ------
         BeamdaeError
-            If the time is outside the run.
+            If the time is not a finite number or lies outside the run.
         """
         t = require_finite("Solution.at", "t", t)
         if not trajectory.start <= t <= trajectory.end:

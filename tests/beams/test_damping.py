@@ -554,11 +554,11 @@ BODY = bd.RigidBody("body", mass=1.0, inertia=1.0)
         ),
         (
             lambda: bd.Mechanism().add(bd.AirDrag("air", BEAM, 1.0)),
-            "air: the part refers to 'beam', which is not part of this mechanism",
+            "air: 'beam' is not part of this mechanism",
         ),
         (
             lambda: free_beam(VARIANTS[0]).add(bd.RayleighDamping("oil", BEAM)),
-            "oil: the part refers to 'beam', which is not part of this mechanism",
+            "oil: 'beam' is not part of this mechanism",
         ),
     ],
 )

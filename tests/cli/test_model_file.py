@@ -241,7 +241,7 @@ def test_invalid_returns_and_exceptions_of_a_model_function(file, body, message)
         ),
         (
             "mech.add(bd.Force('f', bd.RigidBody('bar', 1, 1).at(0, 0), (1, 0)))",
-            "f: the part refers to 'bar', which is not part of this mechanism",
+            "f: 'bar' is not part of this mechanism",
         ),
     ],
 )

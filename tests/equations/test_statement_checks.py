@@ -93,9 +93,7 @@ def test_regression_a_load_acts_on_the_body_of_its_attachment_whatever_its_field
 def test_an_attachment_of_a_foreign_body_is_rejected_by_add():
     stranger = disk("stranger")
     for part in (Push("push", stranger.at(0.0, 0.0)), Pin("pin", stranger.at(0.0, 0.0))):
-        with pytest.raises(
-            bd.BeamdaeError, match=f"^{part.name}: the part refers to 'stranger', which"
-        ):
+        with pytest.raises(bd.BeamdaeError, match=f"^{part.name}: 'stranger' is not part"):
             bd.Mechanism().add(part)
 
 
@@ -121,9 +119,7 @@ def test_attachments_are_detected_in_containers():
     stranger = disk("stranger").at(0.0, 0.0)
     for part in (Hidden("push", {"there": stranger}), Slotted("push", [("a", [stranger])])):
         assert part.attachments == (stranger,)
-        with pytest.raises(
-            bd.BeamdaeError, match=r"^push: the part refers to 'stranger', which is not"
-        ):
+        with pytest.raises(bd.BeamdaeError, match=r"^push: 'stranger' is not part"):
             bd.Mechanism().add(part)
 
 
@@ -132,9 +128,7 @@ def test_a_foreign_body_without_a_field_is_rejected_by_assembly():
     mech = bd.Mechanism()
     mech.add(disk())
     mech.add(stating(lambda: Push("made", stranger).forces(np.zeros(2))))
-    with pytest.raises(
-        bd.BeamdaeError, match=r"^made: the part refers to 'stranger', which is not"
-    ):
+    with pytest.raises(bd.BeamdaeError, match=r"^made: 'stranger' is not part"):
         bd.equations_of_motion(mech)
 
 

@@ -51,13 +51,11 @@ def test_parts_of_unknown_bodies_are_rejected():
     ):
         with pytest.raises(
             bd.BeamdaeError,
-            match=f"{part.name}: the part refers to 'stranger', which is not part",
+            match=f"{part.name}: 'stranger' is not part",
         ):
             mech.add(part)
     mech.add(stranger)
-    with pytest.raises(
-        bd.BeamdaeError, match="pin: the part refers to the ground of another mechanism"
-    ):
+    with pytest.raises(bd.BeamdaeError, match="pin: the ground belongs to another mechanism"):
         mech.add(bd.Revolute("pin", other.ground.at(0.0, 0.0), hub))
     assert list(mech.parts) == ["stranger"]
 
@@ -89,9 +87,7 @@ def test_observing():
     with pytest.raises(bd.BeamdaeError, match="rim: only attachments and quantities such as"):
         mech.observe("rim", body)
     stranger = disk("stranger")
-    with pytest.raises(
-        bd.BeamdaeError, match="rim: the part refers to 'stranger', which is not part"
-    ):
+    with pytest.raises(bd.BeamdaeError, match="rim: 'stranger' is not part"):
         mech.observe("rim", stranger.at(0.0, 0.0))
     pin = bd.Revolute("pin", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0))
     with pytest.raises(
