@@ -138,7 +138,7 @@ def test_an_integrator_without_its_accuracy_as_a_field_is_rejected(reference):
         def accuracy(self):
             return Accuracy("tolerance", 1e-5)
 
-    with pytest.raises(bd.BeamdaeError, match="the accuracy of Odd must be the field"):
+    with pytest.raises(bd.BeamdaeError, match="the accuracy of Odd must be named"):
         bd.error_estimate(replace(reference, made_by=Odd()))
 
 

@@ -13,7 +13,7 @@ Array = np.ndarray
 
 # Smallest amplitude of a part, relative to the largest amplitude of all parts, ...
 _MIN_PART_SHARE = 1e-3
-# ... and of a single coordinate of a constrained system, whose meaning is unknown.
+# ... and of a part with a single coordinate, as in constrained systems.
 _MIN_COORDINATE_SHARE = 1e-5
 # Largest amplitude of an angle [rad]: a quarter turn to either side separates points as far as any
 # rotation can.
@@ -31,9 +31,9 @@ class Amplitudes:
     Attributes
     ----------
     by_part
-        Amplitude of each part relative to its size [-]: the largest among the amplitudes of its
-        lengths, divided by its size, and the amplitudes of its angles [rad], because an angle moves
-        the points of a body of size L by L times the angle. Amplitudes of angles are at most pi/2.
+        Amplitude of each part relative to its size [-]: the largest of its length amplitudes,
+        divided by the size, and of its angle amplitudes [rad], because an angle moves the points of
+        a body of size L by up to L times the angle. Amplitudes of angles are at most pi/2.
     scales
         Scale of each coordinate [m or rad], (n,): the amplitude of its part, times the size of the
         part for lengths.
@@ -51,8 +51,8 @@ class Amplitudes:
     def from_trajectory(cls, equations: EquationsOfMotion, trajectory: Trajectory) -> Amplitudes:
         """Compute the amplitudes of each part from half the ranges of its coordinates in a run.
 
-        The amplitude of a part is at least 1e-3 of the largest amplitude; the limit is 1e-5 for the
-        coordinates of a constrained system. If nothing moves, the scales are the natural sizes.
+        The amplitude of a part is at least 1e-3 of the largest amplitude, or 1e-5 for a part with a
+        single coordinate. If nothing moves, all amplitudes are 1.
         """
         angles = np.array([c.unit == "rad" for c in equations.coordinates], bool)
         sizes = _coordinate_sizes(equations, angles)

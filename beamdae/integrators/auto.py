@@ -34,7 +34,7 @@ class Auto(AdaptiveIntegrator):
     Parameters
     ----------
     rtol
-        Relative tolerance of the motion of each part.
+        Relative tolerance; absolute tolerances follow from the scales of the mechanism.
     max_step
         Longest step [s]. Defaults to a twentieth of the run, at most a quarter of the time scale of
         the laws.

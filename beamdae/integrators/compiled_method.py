@@ -75,13 +75,14 @@ class ImplicitStage:
     offset
         Part of y' that does not depend on y, set by the step function.
     change
-        Residual, then correction, of the Newton iteration.
+        Residual of the Newton iteration, overwritten by the correction.
     linear, nonzeros
         Linear solver, and non-zeros of dR/dy + c dR/dy'.
     prediction
         Copy of the predicted `y`.
     c, rate
-        Coefficient c of the factors, and the last rate of convergence with these factors.
+        Coefficient c for which the factors were computed, and the last rate of convergence with
+        them (infinite without factors).
     """
 
     y: Array
@@ -119,7 +120,7 @@ class StepWorkspace:
     step_count, total_steps
         Number of completed steps, and total number of equal steps in the interval.
     residuals, jacobians, failures
-        Numbers of evaluations, and number of iterations that failed with old factors.
+        Numbers of evaluations, and number of Newton iterations that failed with old factors.
     """
 
     form: FirstOrderBuffers
@@ -149,8 +150,8 @@ StepFunction = Callable[[Any, float, float], int]
 def solve_stage(run: Any, stage: ImplicitStage, t: float, c: float) -> int:
     """Solve a stage at time `t` [s] by Newton's iteration from its prediction; return the code.
 
-    Factors are reused across steps while the iteration converges fast. If the code is not DONE, the
-    step function must return it.
+    Factors are reused across steps while the iteration converges fast and `c` does not change. If
+    the code is not DONE, the step function must return it.
     """
     combine(stage.prediction, (1.0,), (stage.y,))
     if stage.rate <= KEEP_RATE and stage.c == c:
@@ -243,7 +244,7 @@ def _loop_over(step: StepFunction) -> Callable[[Any], int]:
 
 
 class FixedStepMethod:
-    """Integration method with equal steps on a first-order form, compiled if possible.
+    """Method with equal steps in each interval on a first-order form, compiled if possible.
 
     Parameters
     ----------
@@ -323,7 +324,7 @@ class FixedStepMethod:
 
     @property
     def counts(self) -> Statistics:
-        """Numbers of calls, factorizations and failures so far."""
+        """Numbers of calls, factorizations and Newton failures so far."""
         run = self._run
         solvers = [getattr(run, name).linear for name in self._stages]
         return Statistics(
@@ -344,7 +345,7 @@ class FixedStepMethod:
             getattr(run, name).rate = math.inf
 
     def advance(self, most: int) -> Array:
-        """Take 1 to `most` steps; return their rows (t, q, v, a, lam).
+        """Take 1 to `most` steps, but at most 64; return their rows (t, q, v, a, lam).
 
         Raises
         ------
@@ -353,7 +354,7 @@ class FixedStepMethod:
         """
         run = self._run
         run.most, run.filled = min(most, STEPS_PER_CHECK), 0
-        # Steps before a failure are returned first; the loop fails again on the next call.
+        # Steps before a failure are returned first; the next call fails again.
         code = self._step_loop()
         if run.filled == 0:
             stage = getattr(run, self._stages[-1])

@@ -20,14 +20,14 @@ from beamdae.native.return_codes import NEW_PIVOTS
 Array = np.ndarray
 W = TypeVar("W")
 
-# Newton's method in fixed-step loops keeps its factors while each iteration reduces the correction
-# by this factor, ...
+# Newton's iteration of the generalized-alpha family and of `FixedStepMethod` keeps its factors
+# while the rate of convergence, the ratio of successive corrections, is at most this value, ...
 KEEP_RATE = 0.05
-# ... and computes new factors within the iteration if the rate of convergence exceeds this one.
+# ... and computes new factors within a step if the rate exceeds this value.
 SLOW_RATE = 0.2
 # The iteration has diverged if the correction grows by more than this factor.
 MAX_CORRECTION_GROWTH = 2.0
-# Lower bounds on the estimated rate of convergence, after and before the second iteration.
+# Lower bounds on the estimated rate of convergence from the second iteration on, and in the first.
 MIN_RATE = 1e-4
 MIN_FIRST_RATE = 1e-2
 MAX_ITERATIONS = 12
@@ -39,7 +39,7 @@ class InterpretedSolver:
     Attributes
     ----------
     singular, factorizations, solves
-        Counters with the same meaning as in compiled loops.
+        Flag and counters as in `LinearSolver`; step loops may reset the flag.
     """
 
     def __init__(self, pattern: sp.csc_array, method: str, dtype: type) -> None:
@@ -93,7 +93,7 @@ class FactorizedMatrix:
         return cls(pattern, np.zeros(pattern.nnz, dtype), pivot_source)
 
     def make_solver(self, native: bool, method: str) -> Any:
-        """Return the solver for a compiled or an interpreted loop.
+        """Return the solver for a compiled loop (`native`) or an interpreted loop.
 
         `method` is "auto", "dense" or "sparse"; compiled loops ignore it.
         """
@@ -103,7 +103,7 @@ class FactorizedMatrix:
         )
 
     def renew_pivots(self, linear: LinearSolver) -> None:
-        """Set pivots for the current values in `linear`, or mark the matrix as singular."""
+        """Set the next pivots for the current values in `linear`, or mark it as singular."""
         linear.needs_pivots = 0
         try:
             if not linear.is_untried:
@@ -157,7 +157,7 @@ class StepLoop(Generic[W]):
             Function that returns the linear solvers in the workspace, each with the matrix it
             factorizes.
         native
-            False if the workspace does not support machine code.
+            False to run in plain Python because the equations have no machine code.
         """
         self._function = function
         self.work, self._loop = prepare_loop(function, make, native)
@@ -165,7 +165,7 @@ class StepLoop(Generic[W]):
         self._matrices = matrices(self.work)
 
     def __call__(self) -> int:
-        """Run the loop, renewing pivots whenever it requests them; return its code."""
+        """Run the loop, renewing pivots whenever it requests new ones; return its code."""
         if self._loop is None:
             return self._function(self.work)
         while (code := self._loop()) == NEW_PIVOTS:

@@ -1,6 +1,6 @@
 """Driver shared by all integrators: intervals, restarts, limits, events and the solution.
 
-Methods only take steps. `drive` plans the smooth intervals, makes a pilot run if the method needs
+Methods only take steps. `drive` plans the smooth intervals, makes pilot runs if the method needs
 amplitudes, restarts at breakpoints and events, enforces limits and collects the accepted steps.
 """
 
@@ -78,18 +78,18 @@ def drive(
     progress
         Function called with the time reached [s]; see `Integrator.integrate`.
     pilot_on
-        Function that creates the same method with the tolerance PILOT_RTOL for the pilot run, which
-        measures the amplitudes of the motion. The pilot run is skipped if the equations define
-        their scales. None if the method does not use `RunPlan.amplitudes`.
+        Function that creates a method with the tolerance PILOT_RTOL for pilot runs, which measure
+        the amplitudes of the motion. There are no pilot runs if it is None or if the equations
+        define their scales.
 
     Raises
     ------
     BeamdaeError
-        If the model has no consistent start.
+        If the run cannot begin, for example because the model has no consistent start.
     """
     solution = None
     try:
-        # A state that is not finite ends the run; NumPy's warnings would be redundant.
+        # NumPy's warnings would be redundant: a state that is not finite ends the run.
         with single_threaded, np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             reduced = remove_redundant(equations, float(times[0]))
             independent = equations if reduced is None else reduced.equations
@@ -185,7 +185,7 @@ class _RunInProgress:
     ) -> None:
         """Prepare a run.
 
-        `equations` contain all parts, active or not; `label` is appended to the status of an
+        `equations` contain all parts, active or not; `label` is appended to the message of an
         interrupted run.
         """
         self._equations, self._plan, self._limits, self._label = equations, plan, limits, label
@@ -204,12 +204,11 @@ class _RunInProgress:
 
     @property
     def event_records(self) -> tuple[EventRecord, ...]:
-        """Records of the events so far, in order of time."""
         return () if self._detector is None else tuple(self._detector.records)
 
     @property
     def event_signs(self) -> dict[str, int]:
-        """Sign of each event quantity minus its threshold at the end of the run."""
+        """Sign of (quantity - threshold) of each event at the end of the run; 0 if unknown."""
         return {} if self._detector is None else self._detector.signs
 
     @property
@@ -220,7 +219,6 @@ class _RunInProgress:
         self._segments.append(RunSegment(StepHistory(t, state), branch, self._configuration))
 
     def execute(self) -> tuple[Trajectory, Status]:
-        """Integrate all intervals in turn, up to the end of the run or to an early stop."""
         try:
             status = self._integrate_intervals()
         except KeyboardInterrupt:
@@ -228,7 +226,6 @@ class _RunInProgress:
         return self._collect(status)
 
     def report_interrupt(self) -> tuple[Trajectory, Status]:
-        """Return the steps taken before Ctrl-C and the status."""
         sentence = f"interrupted at t = {self._history.end:.6g} s{self._label}"
         return self._collect(Status("interrupted", sentence))
 
@@ -267,7 +264,7 @@ class _RunInProgress:
         return starter.state(time, state.q, state.v)
 
     def _integrate_to(self, end: float) -> Status:
-        """Take steps from the start of the current segment to the end of its interval [s]."""
+        """Take steps until `end` [s], a limit, an event or a failure; return the status."""
         segment, method, limits = self._segments[-1], self.method, self._limits
         history, branch = segment.history, segment.branch
         steps_per_check = method.steps_per_check
@@ -290,7 +287,7 @@ class _RunInProgress:
             causes = diagnose_failure(equations, time, state, ahead, problem.residual)
             return self._failure("; ".join(filter(None, (str(problem), causes))))
         except BeamdaeError as problem:
-            # Before the first step, the model is at fault; later, the steps taken are returned.
+            # Before the first step there is nothing to return; later, the steps are returned.
             if self.steps == 0:
                 raise
             return self._failure(problem)
@@ -334,7 +331,7 @@ def _take_steps(method: Method, history: StepHistory, most: int, end: float) -> 
     Raises
     ------
     StepError
-        If the method takes no step, or takes a step that does not advance time or passes `end`.
+        If the method cannot continue, or returns steps that are not ascending or pass `end`.
     """
     if not hasattr(method, "advance"):
         t, state, *stages = cast(StepMethod, method).step()

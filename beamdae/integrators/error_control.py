@@ -20,14 +20,15 @@ Array = np.ndarray
 ERROR_CONTROL = ("auto", "positions", "velocities", "all")
 # Absolute tolerance of unknowns outside the error test.
 _UNTESTED_ATOL = 1e10
-# Upper bound on the Newton error of untested multipliers, relative to the force scale. Tight
-# tolerances lower it to their square root, except on index 3, where rounding errors are larger.
+# Upper bound on the Newton error of untested multipliers, relative to the force scale. The bound is
+# lowered to the square root of a tight tolerance, except in the index-3 form, where rounding errors
+# are larger.
 _MAX_MULTIPLIER_ERROR = 1e-3
 # Accumulated rounding error of a position, relative to the size of the mechanism.
 POSITION_ROUNDING = 1e-14
 
 # Modes are stiff, and their vibrations are not resolved, if they are this many times faster than
-# the motion. Unresolved modes cost BDF more than a fifth-order method of equal stability.
+# the motion. The ratio is larger for BDF, because unresolved modes limit its order to 2.
 STIFF_RATIO_BDF = 300.0
 STIFF_RATIO_RADAU = 30.0
 # Damping ratio above which BDF of order 5 is stable: cosine of its stability angle, 52 degrees.
@@ -35,8 +36,7 @@ STABLE_DAMPING_RATIO = 0.62
 # Second-order steps resolve modes up to this factor times (rate of the motion) / sqrt(rtol).
 # Lightly damped modes below this limit do not slow order 5 down (validation/tolerances, --damping).
 _RESOLVED_RATIO = 12.0
-# Below this rtol, BDF of order 2 costs more than a fifth-order method of equal stability
-# (validation/tolerances).
+# Below this rtol, BDF of order 2 costs more than Radau of order 5 (validation/tolerances).
 _ORDER_2_RTOL = 3e-6
 # Calibrated so that the largest error of a run stays below 100 rtol, or below 30 rtol with damping.
 _LINEAR_FACTOR = 0.045
@@ -67,17 +67,20 @@ class MotionScales:
     force: float
 
     def tolerances(self, local: float) -> Array:
-        """Return absolute tolerances of the positions, bounded below by their rounding errors."""
+        """Return absolute tolerances of positions [m or rad], (n,), not below rounding errors."""
         return np.maximum(local * self.position, POSITION_ROUNDING * self.size)
 
     def first_step(self, local: float, state: State) -> float:
-        """Return the first step [s]: accelerations move no position by more than its tolerance."""
+        """Return the first step [s], in which accelerations move positions by their tolerances.
+
+        It is at most sqrt(2 local) / rate.
+        """
         fastest = float(np.max(np.abs(state.a) / self.tolerances(local)))
         return float(np.sqrt(2.0 / max(fastest, self.rate**2 / local)))
 
 
 def motion_scales(plan: RunPlan) -> MotionScales:
-    """Compute the scales from the pilot run, the consistent start and the laws' time scale."""
+    """Compute the scales of a run from measured amplitudes or the start, duration and laws."""
     equations, state, position = plan.equations, plan.state, plan.scales
     rates = [1.0 / plan.duration]
     if plan.amplitudes is None:
@@ -100,14 +103,14 @@ class ErrorControl:
     Attributes
     ----------
     policy
-        Components in the error test: "positions", "velocities" (and positions) or "all" (and
+        Components in the error test: "positions", "velocities" (with positions) or "all" (with
         multipliers).
     max_order
         Highest BDF order.
     reason
-        Reason for the choice made by "auto".
+        Reason for the choice made by "auto", or "as set".
     radau_below
-        Below this rtol, Radau is cheaper than BDF.
+        Value of rtol below which Radau is cheaper than BDF.
     """
 
     policy: str
@@ -118,11 +121,11 @@ class ErrorControl:
     def tolerance(self, rtol: float, size: int) -> float:
         """Return the tolerance of the local error that keeps the error of a run near `rtol`.
 
-        The error test uses the root mean square over `size` components, which is at least
-        1/sqrt(size) of the largest component; the tolerance is divided accordingly. The error of a
-        run grows with the local tolerance to the power k / (k + 1), where k is the order. For small
-        rtol the local tolerance must therefore fall with rtol^((k + 1) / k), as in RADAU5 (Hairer &
-        Wanner, Solving ODEs II, 1996, section IV.8).
+        The error test uses the root mean square over `size` components, which may be as small as
+        1/sqrt(size) times the largest component; the tolerance is therefore divided by sqrt(size).
+        The error of a run is proportional to the local tolerance to the power k / (k + 1), where k
+        is the order. For small rtol, the local tolerance is therefore proportional to
+        rtol^((k + 1) / k).
         """
         k = self.max_order
         asymptotic = _ASYMPTOTIC_FACTORS[k] * rtol ** ((k + 1) / k)
@@ -133,9 +136,9 @@ class ErrorControl:
     ) -> Array:
         """Return absolute tolerances of (q, v, multipliers), huge for untested components.
 
-        With `iterated`, untested multipliers get tolerances for Newton's iteration. If the unknowns
-        are time integrals of multipliers, these tolerances are multiplied by a typical step, whose
-        error of order k + 1 equals `tolerance`.
+        With `iterated`, untested multipliers lam get tolerances for Newton's iteration. If the
+        unknowns are time integrals of multipliers, these tolerances are multiplied by a typical
+        step h, for which (h rate)^(k + 1) equals the tolerance of a single component.
         """
         n, m = form.equations.n, form.equations.m
         has_impulses = form.formulation.impulses
@@ -173,15 +176,16 @@ def resolve_error_control(
     fastest_modes: Callable[[], tuple[Mode, ...]],
     multipliers_matter: bool = False,
 ) -> ErrorControl:
-    """Resolve "auto": choose the components of the error test and the highest order.
+    """Return the error control of a run, with "auto" resolved as follows.
 
     - Without stiff modes, positions and velocities are tested and the order is at most 5.
     - With stiff modes, only positions are tested: resolving axial vibrations would cost 20 to 1000
       times as much. BDF of orders 3 to 5 is unstable near the imaginary axis, where undamped modes
-      lie. The order is therefore limited to 2, unless all modes that second-order steps would not
-      resolve have damping ratios above 0.62, for example by strong material damping.
-    - On index 3, only positions are tested, because the error of velocities grows as the step
-      shrinks.
+      lie. The order is therefore limited to 2, unless all stiff modes have damping ratios above
+      0.62 (for example by strong material damping) and second-order steps would resolve the modes
+      with smaller ratios.
+    - In the index-3 form, only positions are tested, because the error of velocities grows as the
+      step shrinks.
     - Testing multipliers would make "ggl", "index2" and, once it drifts, "index1" stall. With
       "stabilized-index1", they are tested if no mode is stiff and either all motions are prescribed
       or friction depends on multipliers. If all motions are prescribed, positions and velocities do
@@ -200,7 +204,8 @@ def resolve_error_control(
     stiff_ratio
         Modes are stiff if they are this many times faster than the motion.
     fastest_modes
-        Function that returns the fastest natural mode of each body.
+        Function that returns the fastest natural mode of each body; not called if neither setting
+        is "auto".
     multipliers_matter
         True if forces depend on multipliers or all motions are prescribed.
     """
@@ -217,7 +222,7 @@ def resolve_error_control(
         choice, order, reason = "velocities", 5, "no mode is much faster than the motion"
         radau_below = np.inf if fastest > STIFF_RATIO_RADAU * rate else 0.0
     elif overdamped and light <= _RESOLVED_RATIO * rate / np.sqrt(rtol):
-        choice, order, reason = "positions", 5, "the fast modes are overdamped"
+        choice, order, reason = "positions", 5, "fast modes have damping ratios above 0.62"
         radau_below = 0.0
     else:
         choice, order, reason = "positions", 2, "fast modes are lightly damped"
@@ -241,7 +246,8 @@ def resolve_error_control(
 def _max_lightly_damped_frequency(mode: Mode) -> float:
     """Return the highest frequency at which modes of a body may be lightly damped [rad/s].
 
-    Material damping grows with frequency, so BDF is stable for modes above this frequency.
+    The ratio of material damping is proportional to frequency, so that BDF of order 5 is stable for
+    the modes above this frequency.
     """
     if mode.damping_ratio <= STABLE_DAMPING_RATIO:
         return mode.frequency

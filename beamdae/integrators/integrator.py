@@ -20,23 +20,23 @@ _MIN_RTOL = 1e-14
 # Larger tolerances do not resolve the motion.
 _MAX_RTOL = 0.1
 
-# Called with the time reached [s]. If it returns a string, the run stops; it becomes the reason.
+# Function of the time reached [s]; a returned string stops the run and becomes the reason.
 Progress = Callable[[float], str | None]
 
 
 class Accuracy(NamedTuple):
-    """Setting that controls accuracy: name ("step" or "rtol") and value."""
+    """Setting that controls the accuracy: its name, "step" or "rtol", and its value."""
 
     name: str
     value: float
 
 
 class Integrator(ABC):
-    """Settings of one integration method, a frozen dataclass without run state.
+    """Base class of the settings of integration methods.
 
-    `accuracy` names one of its fields, "step" or "rtol". The errors of positions and velocities are
-    proportional to the value of this field to the power `order`. Studies, references and tables use
-    only `accuracy`, `order` and `label`.
+    A subclass is a frozen dataclass of settings without run state. `accuracy` gives the name,
+    "step" or "rtol", and the value of one of its fields. The errors of positions and velocities are
+    proportional to this value to the power `order`.
     """
 
     @property
@@ -52,7 +52,7 @@ class Integrator(ABC):
     @property
     @abstractmethod
     def order(self) -> int:
-        """Order of the error of positions and velocities in `accuracy`; 1 for "rtol"."""
+        """Order of the errors of positions and velocities in step or rtol; 1 for rtol."""
 
     @property
     def label(self) -> str:
@@ -78,12 +78,13 @@ class Integrator(ABC):
         Returns
         -------
         Solution
-            If the run fails, the solution ends at the failure and its status gives the reason.
+            Motion at the output times. If the run stops early, the solution ends there and its
+            status gives the reason.
 
         Raises
         ------
         BeamdaeError
-            If the model has no consistent start.
+            If the run cannot begin, for example because the model has no consistent start.
         """
 
 
@@ -104,7 +105,13 @@ class AdaptiveIntegrator(Integrator):
 
 
 def require_tolerance(settings: Any) -> None:
-    """Check rtol, max_step, max_steps and time_limit of an adaptive integrator."""
+    """Check and convert rtol and, if present, max_step, max_steps and time_limit.
+
+    Raises
+    ------
+    BeamdaeError
+        If a value is invalid.
+    """
     name = type(settings).__name__
     rtol = require_positive(name, "rtol", settings.rtol)
     if not _MIN_RTOL <= rtol <= _MAX_RTOL:
@@ -118,7 +125,13 @@ def require_tolerance(settings: Any) -> None:
 
 
 def require_limits(settings: Any) -> None:
-    """Check the optional fields time_limit and max_steps of an integrator."""
+    """Check and convert the optional fields time_limit [s] and max_steps of an integrator.
+
+    Raises
+    ------
+    BeamdaeError
+        If a value is invalid.
+    """
     name = type(settings).__name__
     if getattr(settings, "time_limit", None) is not None:
         set_fields(settings, time_limit=require_positive(name, "time_limit", settings.time_limit))
@@ -153,7 +166,7 @@ def require_integrator(part: str, value: Any) -> Integrator:
     field_names = [field.name for field in fields(value)]
     if not isinstance(name, str) or name not in ("rtol", "step") or name not in field_names:
         raise BeamdaeError(
-            f"{part}: the accuracy of {value.method} must be the field 'rtol' or "
-            f"'step', got {short_repr(name)}."
+            f"{part}: the accuracy of {value.method} must be named 'rtol' or 'step' "
+            f"after one of its fields, got {short_repr(name)}."
         )
     return value

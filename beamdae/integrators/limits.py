@@ -1,4 +1,4 @@
-"""Limits that stop a run early: set by the user, or because the run would never finish."""
+"""Limits that stop a run early: those set by the user, and the detection of stalled runs."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class StallDetector:
     _window_starts: dict[int, float] = field(default_factory=dict, init=False)
 
     def stall_reason(self, t: float, steps: int, steps_per_check: int) -> str | None:
-        """Return the reason why a run at time `t` [s] stalls after `steps` steps, or None."""
+        """Return the reason why a run is stalled at `t` [s] after `steps` steps, or None."""
         if steps % steps_per_check:
             return None
         for checks, max_checks in _STALL_WINDOWS:
@@ -47,8 +47,8 @@ class StallDetector:
         remaining = (self.end - t) / step if step > 0.0 else float("inf")
         return (
             f"steps have shrunk to {step:.2g} s, so the run would need {remaining:.2g} "
-            "more, possibly because of extreme loads, speeds or stiffnesses, or a law "
-            "that grows without bound; check values and units, or set max_steps to "
+            "more steps, possibly because of extreme loads, speeds or stiffnesses, or a "
+            "law that grows without bound; check values and units, or set max_steps to "
             "continue anyway"
         )
 
@@ -69,7 +69,7 @@ class RunLimits:
     begin
         Value of `time.perf_counter` at the start of the run [s].
     stall_detector
-        Detects steps that are too short to reach the end.
+        Detector of steps that are too short to reach the end.
     """
 
     progress: Progress | None
@@ -103,7 +103,7 @@ class RunLimits:
 def require_feasible_step(part: str, setting: str, step: float, duration: float) -> None:
     """Reject a step [s] that is too short for a run of this duration [s].
 
-    `part` and `setting` name the step in the error message.
+    `part` names the integrator, `setting` the step in the error message.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Protocol of integration methods: how `drive` begins intervals and requests steps."""
+"""Protocols of integration methods, by which `drive` begins intervals and requests steps."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ STEP_TOO_SMALL = (
 RESIDUAL_NOT_FINITE = "the residual is not finite; check laws and start values"
 MATRIX_SINGULAR = "the matrix is singular or not finite; check masses and joints"
 
-# Steps that a compiled loop takes between two checks of limits.
+# Number of steps between two checks of limits; methods with more expensive steps use fewer.
 STEPS_PER_CHECK = 64
 # After a failure, the residual is evaluated this far ahead, relative to the rest of the interval,
-# because steps shrink to nothing before a time after which the residual is not finite.
+# because steps shrink to zero before a time after which the residual is not finite.
 PROBE_SHARE = 1e-6
 
-# Time and state at the end of a step, followed by the inner stages of methods that have them.
+# Time [s] and state at the end of a step, followed by the inner stages of methods that have them.
 StepResult = tuple[float, State] | tuple[float, State, Sequence[tuple[float, State]]]
 
-# A step that covers more than this fraction of the rest of an interval is extended to the end.
+# A step of at least this fraction of the rest of an interval ends at the end of the interval.
 _LAST_STEP_MARGIN = 1.0 - 1e-9
 # Rounding tolerance of the number of equal steps in an interval.
 _STEP_COUNT_ROUNDING = 1e-6
@@ -52,7 +52,7 @@ class Method(Protocol):
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
         """Begin a smooth interval [s] at a consistent state.
 
-        `branch` is a time inside the interval, which selects the pieces of piecewise laws.
+        `branch` is a time [s] inside the interval, which selects the pieces of piecewise laws.
         """
 
 
@@ -60,11 +60,11 @@ class StepMethod(Method, Protocol):
     """Method that returns one step per call."""
 
     def step(self) -> StepResult:
-        """Take one step, not beyond the end of the interval; return its time and state.
+        """Take one step, at most to the end of the interval; return the new time [s] and state.
 
         An optional third value lists (time, state) of the inner stages in ascending order of time.
         The number of stages must be the same in every step. Output between steps and the energy
-        ledger use the stages; see `Interval`.
+        balance use the stages; see `Interval`.
 
         Raises
         ------
@@ -87,6 +87,8 @@ class LoopMethod(Method, Protocol):
     def advance(self, most: int) -> Array:
         """Take 1 to `most` steps within the interval; return their rows (t, q, v, a, lam).
 
+        Each step has `rows_per_step` rows, in ascending order of time.
+
         Raises
         ------
         StepError
@@ -95,12 +97,12 @@ class LoopMethod(Method, Protocol):
 
 
 class StepError(ArithmeticError):
-    """Raised by a method that cannot continue; the message gives the reason and a remedy.
+    """Raised if a method cannot continue; the message gives the reason.
 
     Attributes
     ----------
     residual
-        Residual of the first-order form at the failure, or None.
+        Last residual of the first-order form, or None; used for the diagnosis of the failure.
     """
 
     def __init__(self, message: str, residual: Array | None = None) -> None:
@@ -109,10 +111,13 @@ class StepError(ArithmeticError):
 
 
 def clip_step(step: float, remaining: float) -> float:
-    """Return the next step [s], limited so that the last two steps of an interval are equal."""
+    """Return the next step [s]: `remaining` if `step` reaches the end, else at most half of it.
+
+    The limit prevents a last step that is much shorter than the steps before it.
+    """
     return remaining if step >= _LAST_STEP_MARGIN * remaining else min(step, 0.5 * remaining)
 
 
 def count_equal_steps(duration: float, step: float) -> int:
-    """Return the number of equal steps of at most `step` [s] that cover `duration` [s]."""
+    """Return the least number of equal steps, at most `step` [s] long, in `duration` [s]."""
     return max(int(np.ceil(duration / step - _STEP_COUNT_ROUNDING)), 1)

@@ -19,11 +19,11 @@ PILOT_RTOL = 1e-2
 PILOT_LABEL = f"{PILOT_RUN_SUFFIX} with rtol = {PILOT_RTOL:g}"
 _MAX_PILOT_RUNS = 4
 _MAX_PILOT_STEPS = 20_000
-# Fraction of the time limit of the run that pilot runs may use.
+# Fraction of the time limit that all pilot runs together may use.
 _PILOT_TIME_SHARE = 0.25
-# A pilot run is repeated if amplitudes fall below this fraction of the scales that it used.
+# A pilot run is repeated if an amplitude is below this fraction of the scale that it used.
 _REPEAT_RATIO = 0.3
-# A pilot run that covers less than this fraction of the run is discarded.
+# A pilot run that covers less than this fraction of the run is discarded, unless an event ended it.
 _MIN_COVERAGE = 0.2
 
 
@@ -43,11 +43,25 @@ R = TypeVar("R", bound=PilotRun)
 def run_pilot(
     plan: RunPlan, prepare_run: Callable[[RunPlan, RunLimits], R], limits: RunLimits
 ) -> tuple[RunPlan, R, Trajectory, Status]:
-    """Make pilot runs; return the plan with amplitudes, and the last run with its results.
+    """Measure the amplitudes of the motion by up to four pilot runs.
 
-    The pilot run is repeated as long as the motion is much smaller than the scales of the run. The
-    trajectory and the status of the last pilot run are returned with the run. `limits` are the
-    limits of the main run. `progress` is always called with the start time; it may stop the run.
+    A pilot run is repeated while the motion is much smaller than the scales that it used. The
+    callback `limits.progress` receives the start time in all calls.
+
+    Parameters
+    ----------
+    plan
+        Plan of the main run.
+    prepare_run
+        Function that creates a pilot run for a plan and limits.
+    limits
+        Limits of the main run.
+
+    Returns
+    -------
+    tuple
+        Plan with the amplitudes, if a pilot run was long enough to measure them; then the last
+        pilot run, its trajectory and its status.
     """
     time_limit = None if limits.time_limit is None else _PILOT_TIME_SHARE * limits.time_limit
     start, progress = plan.intervals[0][0], limits.progress

@@ -18,7 +18,7 @@ Array = np.ndarray
 
 
 def remove_redundant(equations: EquationsOfMotion, start: float) -> ReducedEquations | None:
-    """Return the reduction that removes constraints redundant after `start` [s], or None.
+    """Return equations without the constraints that are redundant after `start` [s], or None.
 
     None means that the model does not request the removal or has no redundant constraints.
     """
@@ -29,7 +29,7 @@ def remove_redundant(equations: EquationsOfMotion, start: float) -> ReducedEquat
 
 
 def restore_reactions(solution: Solution, reduced: ReducedEquations) -> Solution:
-    """Return the solution with minimum-norm reactions of all constraints."""
+    """Return the solution with the full equations and minimum-norm reactions of all constraints."""
 
     def restore(interval: Interval) -> Interval:
         rows = interval.rows

@@ -37,13 +37,13 @@ class RunPlan:
     intervals
         (start, end) of the smooth intervals between breakpoints [s].
     state
-        Consistent state at the start.
+        Consistent state at the start, or after the last event that switched parts.
     fastest_modes
-        Function that returns the fastest natural mode of each body at the start; cached.
+        Cached function that returns the fastest natural mode of each body in this state.
     amplitudes
         Amplitudes of the parts measured by a pilot run, or None.
     matrices
-        Last matrix of each method, so that a run can reuse the pivots of its pilot run.
+        Last matrix by name of the method, so that a run can reuse the pivots of its pilot run.
     """
 
     starter: ConsistencySolver
@@ -54,7 +54,7 @@ class RunPlan:
     matrices: dict[str, FactorizedMatrix] = field(default_factory=dict, compare=False)
 
     def matrix(self, method: str, pattern: sp.csc_array) -> FactorizedMatrix:
-        """Return a new matrix for a method; it first tries the pivots of the previous matrix."""
+        """Return a new matrix for a method, which first tries the pivots of the last matrix."""
         matrix = FactorizedMatrix.from_pattern(pattern, pivot_source=self.matrices.get(method))
         self.matrices[method] = matrix
         return matrix
@@ -66,12 +66,15 @@ class RunPlan:
 
     @property
     def time(self) -> Array:
-        """(t, branch) at the start."""
+        """(t, branch) at the start of the run [s]."""
         return np.array([self.intervals[0][0], branch_time(*self.intervals[0])])
 
     @property
     def scales(self) -> Array:
-        """Scale of each coordinate [m or rad], (n,): amplitude if measured, else natural size."""
+        """Scale of each coordinate [m or rad], (n,).
+
+        Measured amplitude if available, else the amplitude that the model gives, else the size.
+        """
         if self.amplitudes is not None:
             return self.amplitudes.scales
         scales = self.equations.scales
@@ -85,12 +88,13 @@ class RunPlan:
     def longest_step(self, part: str, max_step: float | None) -> float:
         """Return the longest step [s]: `max_step`, or by default a step that resolves the laws.
 
-        The default is a twentieth of the run and at most a quarter of the time scale of the laws.
+        The default is a twentieth of the run, but at most a quarter of the time scale of the laws.
+        `part` names the integrator in error messages.
 
         Raises
         ------
         BeamdaeError
-            If the run would take too many steps of this length; `part` names the integrator.
+            If the run would take too many steps of this length.
         """
         if max_step is not None:
             require_feasible_step(part, "max_step", max_step, self.duration)
@@ -110,7 +114,7 @@ def plan_run(equations: EquationsOfMotion, times: Array) -> RunPlan:
     Raises
     ------
     BeamdaeError
-        If the model has no consistent start, or if a law becomes infinite.
+        If inertia is missing, the model has no consistent start or a law becomes infinite.
     """
     start, end = float(times[0]), float(times[-1])
     intervals = tuple(pairwise((start, *interval_ends(equations.breakpoints, start, end))))

@@ -15,25 +15,25 @@ from beamdae.results.trajectory import Interval
 Array = np.ndarray
 
 _BYTES_PER_NUMBER = 8
-# Limits of the size of a block.
+# Upper limits of the size of a block.
 _MAX_BLOCK_ROWS = 8192
 _MAX_BLOCK_BYTES = 1e7
 # Upper bound on the number of earlier steps that the interpolation of new rows uses.
 _TAIL_STEPS = 8
 # Relative difference below which two times are equal.
 _SAME_TIME = 1e-13
-# Smaller histories do not query the available memory: a query takes as long as hundreds of steps.
+# Below this size, the available memory is not queried: a query takes as long as hundreds of steps.
 _UNCHECKED_BYTES = 1e8
 # Number of copies of the rows that exist while the result is assembled.
 _RESULT_COPIES = 2.0
 
 
 class OutOfMemoryError(MemoryError):
-    """Raised if no memory is left for more steps; the message states the memory in use."""
+    """Raised if no memory is left for more steps; the message states the memory that they take."""
 
 
 class StepHistory:
-    """Rows (t, q, v, a, lam) of the accepted steps of one segment, stored in blocks.
+    """Rows (t, q, v, a, lam) of one segment, stored in blocks: the start, then accepted steps.
 
     A step may include rows for its inner stages; their number is the same in every step.
     """
@@ -51,7 +51,7 @@ class StepHistory:
         self._write(np.concatenate(((t,), *state))[None])
 
     def append(self, t: float, state: State, stages: Sequence[tuple[float, State]] = ()) -> bool:
-        """Append a step with its inner stages; return False if it is invalid (see `extend`).
+        """Append a step at `t` [s] with its inner stages; return False if invalid (see `extend`).
 
         Raises
         ------
@@ -64,7 +64,8 @@ class StepHistory:
     def extend(self, rows: Array, rows_per_step: int = 1) -> bool:
         """Append rows (t, q, v, a, lam) of several steps; return False if they are invalid.
 
-        Valid rows have ascending times and the same number of rows in every step.
+        Times must ascend from the last stored row, and every step must have the same number of
+        rows.
 
         Raises
         ------
@@ -122,7 +123,7 @@ class StepHistory:
 
     @property
     def is_finite(self) -> bool:
-        """Return True if all values are finite."""
+        """True if all values are finite."""
         return self._is_finite
 
     @property
@@ -134,7 +135,7 @@ class StepHistory:
         ]
 
     def drop_nonfinite(self) -> bool:
-        """Drop the first non-finite step and all later steps; return True if all are finite."""
+        """Drop the first non-finite step and all later steps; return True if there was none."""
         if self._is_finite:
             return True
         finite = np.concatenate([np.isfinite(rows).all(axis=1) for rows in self._filled_blocks])
@@ -148,10 +149,10 @@ class StepHistory:
         return max(count - 1, 0) // self._rows_per_step * self._rows_per_step + 1
 
     def tail(self, first: int, branch: float) -> tuple[Interval, float] | None:
-        """Return the finite rows from `first` on, preceded by rows needed for interpolation.
+        """Return the rows from `first` on, preceded by rows needed for interpolation.
 
-        Also return the time [s] of the row before `first`. Return None if no row from `first` on is
-        finite.
+        Also return the time [s] of the row before `first`. The rows end before the first step that
+        is not finite. Return None if there is no finite step from `first` on.
         """
         begin = self._tail_begin = max(first - 1 - _TAIL_STEPS * self._rows_per_step, 0)
         blocks = self._filled_blocks[begin // self._block_rows :]
@@ -165,8 +166,8 @@ class StepHistory:
     def truncate(self, tail: Interval, t: float) -> None:
         """Drop the steps that end after time `t` [s], and make the last step end at `t`.
 
-        If no step ends at `t`, the rows of a last step up to `t` are interpolated from `tail`, the
-        interval last returned by the method `tail`.
+        If no step ends at `t`, the rows of a last step up to `t` are interpolated from the argument
+        `tail`, the interval that the method `tail` returned last.
         """
         steps, rows_per_step = tail.t, self._rows_per_step
         tolerance = _SAME_TIME * max(abs(t), steps[-1] - steps[0])
@@ -181,7 +182,7 @@ class StepHistory:
             self._write(np.column_stack([times, *tail.at(times)]))
 
     def interval(self, branch: float) -> Interval:
-        """Return all rows as an interval; rows of a single block are not copied."""
+        """Return all rows as an interval; the states of a single block are not copied."""
         return self._make_interval(self._filled_blocks, branch)
 
     def _make_interval(self, blocks: Sequence[Array], branch: float) -> Interval:
@@ -213,11 +214,11 @@ class RunSegment:
     configuration: Configuration | None
 
     def interval(self, m: int) -> Interval:
-        """Return all steps as an interval with all `m` multipliers of the model."""
+        """Return all steps as an interval with the `m` multipliers of all parts."""
         return self._expand(self.history.interval(self.branch), m)
 
     def tail(self, first: int, m: int) -> tuple[Interval, float] | None:
-        """Return `StepHistory.tail` with all `m` multipliers of the model."""
+        """Return `StepHistory.tail` with the `m` multipliers of all parts."""
         tail = self.history.tail(first, self.branch)
         return None if tail is None else (self._expand(tail[0], m), tail[1])
 

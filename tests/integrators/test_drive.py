@@ -352,7 +352,7 @@ class Plain(bd.Integrator):
 @pytest.mark.parametrize(
     ("integrator", "message"),
     [
-        (Loose(), "the accuracy of Loose must be the field 'rtol' or 'step', got 'h'"),
+        (Loose(), "the accuracy of Loose must be named 'rtol' or 'step'"),
         (Plain(), "Plain must be a dataclass whose fields"),
         (bd.Ida, "integrator must be Ida"),
         ("ida", "integrator must be Ida"),

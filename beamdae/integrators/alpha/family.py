@@ -29,9 +29,9 @@ class AlphaParameters(NamedTuple):
     q_{n+1} = q_n + h v_n + h^2 ((1/2 - beta) a_n + beta a_{n+1}),
     v_{n+1} = v_n + h ((1 - gamma) a_n + gamma a_{n+1}).
 
-    a_n approximates q'' at t_n + `shift` h, up to h^2. The first formula then requires shift =
-    alpha_m - alpha_f. Where constraints prescribe q, the third formula requires shift = 1/2 -
-    gamma. Both values agree for second-order members.
+    a_n approximates q'' at t_n + `shift` h with an error of order h^2. The first formula then
+    requires shift = alpha_m - alpha_f. Where constraints prescribe q, the third formula requires
+    shift = 1/2 - gamma. Both values agree for second-order members; `shift` is 1/2 - gamma.
     """
 
     alpha_m: float
@@ -46,18 +46,19 @@ class AlphaParameters(NamedTuple):
 
         The value follows from a_n = q'' + shift h q''' and a_{n+1} = q'' + (1 + shift) h q''' in
         the second formula. Because a_{n+1} - a_n approximates h q''', the error of a step is
-        estimated by the value times h^2 (a_{n+1} - a_n). For shift = 0, this is the estimate of
+        estimated by this value times h^2 (a_{n+1} - a_n). For shift = 0, this is the estimate of
         Zienkiewicz & Xie, Earthq. Eng. Struct. Dyn. 20 (1991) 871, which Negrut, Rampalli,
-        Ottarsson & Sajdak, J. Comput. Nonlinear Dyn. 2 (2007) 73, use for HHT on index 3. Over
-        time, the error h^3 q'''' of the velocities causes position errors of similar size: the
-        period of an oscillation is wrong by 1 to 1.4 times (beta + shift/2 - 1/6) (h w)^2.
-        Unresolved modes contribute to the estimate with their amplitude in q; rho_inf damps them.
+        Ottarsson & Sajdak, J. Comput. Nonlinear Dyn. 2 (2007) 73, use for HHT in the index-3 form.
+        Over time, the error h^3 q'''' of the velocities causes position errors of similar size:
+        the relative error of the period of an oscillation with angular frequency w is 1 to 1.4
+        times (beta + shift/2 - 1/6) (h w)^2. Unresolved modes contribute to the estimate with their
+        amplitudes in q; they are damped if rho_inf < 1.
         """
         return 1.0 / 6.0 - 0.5 * self.shift - self.beta
 
 
 def family_parameters(family: str, rho_inf: float) -> AlphaParameters:
-    """Return the member of a family with spectral radius `rho_inf` at infinite frequency.
+    """Return the parameters of a family for the spectral radius `rho_inf` at infinite frequency.
 
     All three families have gamma = (3 - rho_inf) / (2 (1 + rho_inf)) and
     beta = (gamma + 1/2)^2 / 4. They differ in alpha_m and alpha_f:
@@ -67,12 +68,14 @@ def family_parameters(family: str, rho_inf: float) -> AlphaParameters:
     =================  ===============================  =============================  ===========
     generalized-alpha  (2 rho_inf - 1) / (rho_inf + 1)  rho_inf / (rho_inf + 1)        2
     hht                0                                (1 - rho_inf) / (1 + rho_inf)  2
-    newmark            0                                0                              1 (2 at 1)
+    newmark            0                                0                              1
     =================  ===============================  =============================  ===========
 
+    With rho_inf = 1, "newmark" is the trapezoidal rule, of order 2. "hht" has a second eigenvalue
+    of magnitude alpha_f / (1 - alpha_f) at infinite frequency, which exceeds rho_inf < 1/2.
+
     Chung & Hulbert, J. Appl. Mech. 60 (1993) 371; Hilber, Hughes & Taylor, Earthq. Eng. Struct.
-    Dyn. 5 (1977) 283; Newmark, J. Eng. Mech. Div. ASCE 85 (1959) 67. HHT has a second eigenvalue
-    alpha_f / (1 - alpha_f) at infinity, which is the larger one for rho_inf < 1/2.
+    Dyn. 5 (1977) 283; Newmark, J. Eng. Mech. Div. ASCE 85 (1959) 67.
     """
     alpha_m = (2.0 * rho_inf - 1.0) / (rho_inf + 1.0)
     alpha_f = rho_inf / (rho_inf + 1.0)
@@ -111,8 +114,8 @@ class AlphaStart:
     def initial_motion(self, time: Array, state: State, h: float) -> Motion:
         """Return the starting values at time = (t, branch) for steps `h` [s].
 
-        To avoid spurious oscillations, only the jerk prescribed by the joints is used, and the
-        accelerations of modes too fast for the step are reduced.
+        To avoid spurious oscillations, the corrections use only the jerk that the constraints
+        prescribe, and reduce the accelerations of modes that are too fast for the step.
         """
         q, v, ddq, lam = (x.copy() for x in state)
         if not self.cured:

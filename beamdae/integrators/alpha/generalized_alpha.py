@@ -1,4 +1,4 @@
-"""`GeneralizedAlpha`: generalized-alpha, HHT and Newmark methods on index 3 and index 2."""
+"""`GeneralizedAlpha`: generalized-alpha, HHT and Newmark methods in index-3 or index-2 form."""
 
 from __future__ import annotations
 
@@ -65,29 +65,29 @@ class GeneralizedAlpha(Integrator):
         "index3" (the paper's) or "stabilized-index2" (Arnold, Bruls & Cardona, Numer. Math. 129
         (2015) 149), which enforces the constraints on position and velocity level.
     start
-        "cured": starting values a0 = q''(0) + (alpha_m - alpha_f) h P q'''(0) and, on index 3,
-        v0 + h^2 (1/6 - (alpha_m - alpha_f)/2 - beta) P q'''(0), which keep the multipliers second
-        order from the first step; P q''' is the jerk that the joints prescribe. For "newmark",
-        1/2 - gamma replaces alpha_m - alpha_f. "plain": no corrections.
+        "cured": starting values a0 = q''(0) + (alpha_m - alpha_f) h P q'''(0) and, in the index-3
+        form, v0 + h^2 (1/6 - (alpha_m - alpha_f)/2 - beta) P q'''(0), which keep the multipliers
+        second order from the first step; P q''' is the jerk that the joints prescribe. For
+        "newmark", 1/2 - gamma replaces alpha_m - alpha_f. "plain": no corrections.
     newton_tolerance
-        Bound on the Newton error relative to the largest acceleration. With the default, the Newton
-        error is less than 1/100 of the discretization error, or 1/50 for multipliers (published
-        systems, steps of 0.25 to 4 ms). If rho_inf is near 1, Newton errors accumulate in the
-        multipliers of the index-3 form: use 1e-10 for convergence studies of lam.
+        Bound on the Newton error of accelerations relative to the largest acceleration, both in
+        units of the scales of their coordinates. With the default, the Newton error was less than
+        1/100 of the discretization error, or 1/50 for multipliers (published systems, steps of 0.25
+        to 4 ms). If rho_inf is near 1, Newton errors accumulate in the multipliers of the index-3
+        form: use 1e-10 for convergence studies of lam.
     linear_solver
-        "dense", "sparse", or "auto" by size.
+        Solver of runs without machine code: "dense", "sparse", or "auto" by size.
     time_limit
         Maximum wall time [s]. Defaults to no limit.
     family
         "generalized-alpha", "hht" (rho_inf in [1/2, 1]) or "newmark" (first order unless
         rho_inf = 1); see `family.family_parameters`.
     rtol
-        Relative tolerance for adaptive steps. Defaults to None: all steps equal `step`. Adaptive
-        steps follow an estimate of the local error of positions (`family.AlphaParameters.defect`),
-        which keeps the position errors of a run below 100 rtol. Steps are at most a twentieth of
-        the run and a quarter of the time scale of the laws. Multipliers are second order, too, but
-        not tested. With rho_inf near 1, unresolved modes are hardly damped and keep the steps
-        short.
+        Relative tolerance for adaptive steps. Defaults to None: steps are fixed. Adaptive steps
+        follow an estimate of the local error of positions (`family.AlphaParameters.defect`),
+        calibrated to keep the position errors of a run below 100 rtol; multipliers are not tested.
+        Steps are at most a twentieth of the run and a quarter of the time scale of the laws. With
+        rho_inf near 1, unresolved modes are hardly damped and keep the steps short.
     max_steps
         Maximum number of adaptive steps. Defaults to no limit; the run still stops if its steps
         become too short to reach the end (`limits.StallDetector`).
@@ -136,16 +136,16 @@ class GeneralizedAlpha(Integrator):
             if self.max_steps is not None:
                 raise BeamdaeError(
                     f"GeneralizedAlpha: max_steps = {self.max_steps} requires rtol, "
-                    "because the end time determines the number of fixed steps; omit "
-                    "max_steps or set rtol."
+                    "because the end time and the step determine the number of fixed steps; "
+                    "omit max_steps or set rtol."
                 )
             return
         require_tolerance(self)
         if self.family == "newmark" and self.rho_inf < 1.0:
             raise BeamdaeError(
-                "GeneralizedAlpha: rtol requires a method of second order, and family "
-                "'newmark' has second order only with rho_inf = 1, got "
-                f"rho_inf = {self.rho_inf:g}."
+                "GeneralizedAlpha: rtol requires a method of second order, but family "
+                f"'newmark' is of first order with rho_inf = {self.rho_inf:g}; set "
+                "rho_inf = 1 or another family."
             )
 
     @property
@@ -164,7 +164,7 @@ class GeneralizedAlpha(Integrator):
 
     @property
     def gamma(self) -> float:
-        """Newmark's parameter of the velocities."""
+        """Newmark's parameter of the velocities, (3 - rho_inf) / (2 (1 + rho_inf))."""
         return self._member.gamma
 
     @property
@@ -185,7 +185,7 @@ class GeneralizedAlpha(Integrator):
 
     @property
     def label(self) -> str:
-        """Short name for tables and legends."""
+        """Short name with `accuracy`, and `family` unless it is the default, for tables."""
         family = "" if self.family == "generalized-alpha" else f"family={self.family}, "
         name, value = self.accuracy
         return f"GeneralizedAlpha({family}{name}={value:g})"
@@ -221,7 +221,7 @@ class GeneralizedAlpha(Integrator):
 def local_tolerance(rtol: float) -> float:
     """Return the local error tolerance that keeps the error of a run near `rtol`.
 
-    The local error is of order h^3, the error of a run of order h^2. The error of a run is
+    The local error is of order h^3, and the error of a run is of order h^2. The error of a run is
     therefore proportional to `rtol` if the local tolerance is proportional to rtol^(3/2); cf.
     `ErrorControl.tolerance`.
     """

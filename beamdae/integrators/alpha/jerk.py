@@ -1,7 +1,7 @@
-"""Jerk prescribed by the constraints, which corrects velocities inside the step loops.
+"""Jerk prescribed by the constraints, which corrects velocities when an adaptive step changes.
 
-The functions are plain Python over arrays that `native.loops` compiles. The equivalent for the
-start of a run is `ConsistencySolver.evaluate_normal_jerk`.
+The functions are plain Python over arrays; `native.loops` compiles them if possible. The equivalent
+for the start of an interval is `ConsistencySolver.evaluate_normal_jerk`.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class JerkEquations:
 
     @classmethod
     def from_equations(cls, equations: EquationsOfMotion) -> JerkEquations:
-        """Return the jerk equations of a mechanism for one run."""
+        """Return the jerk equations with a new matrix, for one run."""
         structure = equations.structure
         sums = plan_state_sums(structure)
         matrix = FactorizedMatrix.from_pattern(sums.saddle_pattern)
@@ -130,10 +130,11 @@ class AdaptiveAlphaWorkspace(AlphaWorkspace):
 def evaluate_normal_jerk(
     jerk: JerkBuffers, t: float, branch: float, at: Motion, interval: float
 ) -> int:
-    """Evaluate P q''' for position constraints into `jerk.unknowns`; return the code.
+    """Evaluate the jerk P q''' prescribed by holonomic constraints; return the code.
 
-    d(g_ddot)/dt at constant acceleration is approximated by a central difference over +-`interval`
-    [s]. See `ConsistencySolver.evaluate_normal_jerk`.
+    The result is the first part of `jerk.unknowns`. d(g_ddot)/dt at constant acceleration is
+    approximated by a central difference over +-`interval` [s]. See
+    `ConsistencySolver.evaluate_normal_jerk`.
     """
     n = at.q.size
     _evaluate_constraint_accelerations(jerk, t, branch, at, interval, jerk.ahead)

@@ -47,23 +47,27 @@ STEP_NOT_CHANGED = -6
 # Relative difference below which two steps are equal.
 _SAME_STEP = 1e-9
 
-# The step grows by _MIN_GROWTH to _MAX_GROWTH if this many steps allow it: new factors cost more
-# than a few steps, and the estimate vanishes briefly when the jerk of a vibration crosses zero.
+# The step grows by a factor from _MIN_GROWTH to _MAX_GROWTH if this many steps allow it: new
+# factors cost more than a few steps, and the estimate vanishes briefly when the jerk of a vibration
+# crosses zero.
 _STEPS_BEFORE_GROWTH = 8
 _MIN_GROWTH = 1.2
 _MAX_GROWTH = 2.0
-# Bounds on the reduction of a step whose error is too large.
+# Bounds on the factor that reduces a step whose error is too large.
 _WEAKEST_SHRINKAGE = 0.9
 _STRONGEST_SHRINKAGE = 0.2
-# Reduction after a failure of Newton's iteration, when the error is unknown.
+# Factor that reduces a step after a failure of Newton's iteration, when the error is unknown.
 _FAILURE_FACTOR = 0.5
 _SAFETY = 0.8
-# Lower bound on the relative error that predicts the next step.
+# Lower bound on the relative error from which the next step is computed.
 _MIN_ERROR = 1e-9
 
 
 def take_fixed_steps(run: AlphaWorkspace) -> int:
-    """Take equal steps until the interval ends or the rows are full; return the code."""
+    """Take equal steps until the interval ends, the rows are full or a step fails.
+
+    Return DONE, FULL, or the code of a failure or of a request for new pivots.
+    """
     while run.step_count < run.total_steps:
         if run.filled == run.most:
             return FULL
@@ -78,7 +82,11 @@ def take_fixed_steps(run: AlphaWorkspace) -> int:
 
 
 def take_adaptive_steps(run: AdaptiveAlphaWorkspace) -> int:
-    """Take steps that pass the error test until the interval ends or the rows are full."""
+    """Take steps that pass the error test until the interval ends or the rows are full.
+
+    Return DONE, FULL, the code of a failure at the smallest step, or a request: FIRST_STEP or
+    NEW_PIVOTS.
+    """
     while run.t < run.end:
         if run.filled == run.most:
             return FULL
@@ -119,7 +127,7 @@ def take_adaptive_steps(run: AdaptiveAlphaWorkspace) -> int:
 
 
 def set_step(run: AlphaWorkspace, h: float) -> None:
-    """Set the length of the next steps [s]."""
+    """Set the length `h` [s] of the next steps, with the coefficients that depend on it."""
     c_f = h * h * run.beta
     c = run.prediction.coefficients
     c[0] = run.gamma / (h * run.beta)
@@ -130,16 +138,16 @@ def set_step(run: AlphaWorkspace, h: float) -> None:
 
 
 def _change_step(run: AdaptiveAlphaWorkspace, h: float) -> int:
-    """Convert the motion to the step length `h` [s], preserving second order.
+    """Convert the motion to the step length `h` [s], preserving second order; return the code.
 
     a_n = q''_n + shift h_n q''' + O(h^2) depends on the last step h_n; for a step h it becomes
-    q''_n + (h / h_n) (a_n - q''_n). On index 3, the velocities contain the error h_n^2 defect P
-    q''', which compensates the local error defect h^3 q''' so that positions satisfy the
-    constraints (P as in `ConsistencySolver.evaluate_normal_jerk`). This velocity error is converted
-    to h^2 defect P q'''. Without the first conversion, the method would be of first order if the
-    step changes all the time; without the second, multipliers would be of first order after every
-    change. Cf. Arnold, Hante & Koebis, PAMM 14 (2014) 27. Bruls & Arnold, J. Comput. Nonlinear Dyn.
-    3 (2008) 041007, instead make the parameters depend on the step ratio.
+    q''_n + (h / h_n) (a_n - q''_n). In the index-3 form, the velocities contain the error
+    h_n^2 defect P q''', which compensates the local error defect h^3 q''' so that positions
+    satisfy the constraints (P as in `ConsistencySolver.evaluate_normal_jerk`). This velocity error
+    is converted to h^2 defect P q'''. Without the first conversion, the method would be of first
+    order if the step changed repeatedly; without the second, multipliers would be of first order
+    after every change. Cf. Arnold, Hante & Koebis, PAMM 14 (2014) 27. Bruls & Arnold, J. Comput.
+    Nonlinear Dyn. 3 (2008) 041007, instead make the parameters depend on the step ratio.
     """
     accepted_motion, current, h_n = run.accepted_motion, run.current, run.accepted_motion.h
     _copy_motion(current, accepted_motion)
@@ -165,7 +173,7 @@ def _acceleration_change(run: AlphaWorkspace) -> float:
 
 
 def _accept_step(run: AlphaWorkspace, h: float) -> None:
-    """Count an accepted step; increase the step if several accepted steps allow it."""
+    """Count an accepted step; increase the step if the last eight accepted steps allow it."""
     run.steps_checked += 1
     run.max_error = max(run.max_error, run.error)
     if run.steps_checked < _STEPS_BEFORE_GROWTH:
@@ -213,8 +221,8 @@ def _advance_step(run: AlphaWorkspace, t: float) -> int:
     """Advance the current motion to time `t` [s]; a failure leaves it unchanged."""
     current, at, x, c = run.current, run.prediction, run.x, run.prediction.coefficients
     n, end, h, beta = current.q.size, current.q.size + current.lam.size, current.h, run.beta
-    # Predictor: q'' and the multipliers are extrapolated; increments are relative to this
-    # prediction.
+    # Predictor: q'' and the multipliers are extrapolated; x[:n] is the correction of the predicted
+    # positions.
     factor = 1.0 / (1.0 - run.alpha_m)
     extrapolation = (1.0 + run.step_ratio, -run.step_ratio)
     combine(at.a, extrapolation, (current.ddq, run.ddq_n))

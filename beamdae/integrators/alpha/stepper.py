@@ -119,12 +119,11 @@ class AlphaStepper:
         return AlphaWorkspace(**fields)
 
     def _further_matrices(self, run: Any) -> list[tuple[Any, FactorizedMatrix]]:
-        """Return further linear solvers of the loop with their matrices."""
         return []
 
     @property
     def counts(self) -> Statistics:
-        """Numbers of calls, factorizations and failures so far."""
+        """Numbers of calls, rejected steps, factorizations and Newton failures so far."""
         run = self._run
         return Statistics(
             rejected_steps=run.rejections,
@@ -198,8 +197,8 @@ class FixedAlphaStepper(AlphaStepper):
 class AdaptiveAlphaStepper(AlphaStepper):
     """Stepper with adaptive steps whose estimated errors stay below a tolerance.
 
-    Every interval begins with a step `first` [s]. Steps lie between 1e-9 of the duration of the run
-    and `largest` [s].
+    The first step tried in an interval is `first` [s], and no step exceeds `largest` [s]. The run
+    fails if the error or Newton's iteration requires steps below 1e-9 of its duration.
     """
 
     _loop: ClassVar[Callable[[Any], int]] = staticmethod(take_adaptive_steps)
@@ -238,7 +237,7 @@ class AdaptiveAlphaStepper(AlphaStepper):
 
     @property
     def resolved_options(self) -> dict[str, Any]:
-        """Local tolerance of the run."""
+        """Local tolerance of the run, relative to the scales of the coordinates."""
         return {"local_tolerance": self._run.tolerance}
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:

@@ -56,9 +56,10 @@ class AlphaWorkspace:
         Rows (t, q, v, ddq, lam) of the steps taken, number of filled rows, and number of requested
         rows.
     newton_tolerance, min_correction_limit
-        Newton tolerance of increments relative to the largest increment, and its absolute minimum.
+        Newton tolerance relative to beta h^2 times the largest scaled acceleration, and lower bound
+        on `correction_limit`.
     correction_limit, rate
-        Newton tolerance in the current step, and last rate of convergence.
+        Newton tolerance of scaled positions in the current step, and last rate of convergence.
     t, branch, start_time, end
         Current time, a time inside the interval, and start and end of the interval [s].
     step_count, total_steps

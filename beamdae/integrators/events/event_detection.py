@@ -16,7 +16,8 @@ from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
 
-# Steps between two checks for events that may end a segment; steps beyond the event are wasted.
+# Number of steps between two checks for events that may end a segment, small because steps beyond
+# the event are wasted.
 STEPS_PER_EVENT_CHECK = 16
 
 # Fractions of a step at which quantities are sampled: two crossings less than a quarter of a step
@@ -60,7 +61,7 @@ class EventSide:
     near: float = 0.0
 
     def signs(self, differences: Array) -> Array:
-        """Return the signs of further differences from the threshold; 0 if zero or not finite."""
+        """Return the signs of further differences from the threshold, 0 at the threshold or NaN."""
         finite = np.nan_to_num(differences, nan=0.0)
         self.largest = max(self.largest, float(np.max(np.abs(finite), initial=0.0)))
         away = np.abs(finite) > max(_VALUE_ROUNDING * self.largest, self.near)
@@ -69,7 +70,7 @@ class EventSide:
         return np.where(away, np.sign(finite), 0.0)
 
     def begin_near(self, difference: float) -> None:
-        """Start at the threshold within rounding and the changes for a consistent start."""
+        """Start at the threshold, up to rounding and the changes made by a consistent start."""
         self.near = max(_LEAVING_FACTOR * abs(difference), _CONSTRAINED_SHARE * self.largest)
 
     def begin_from(self, sign: float, difference: float) -> None:
@@ -79,13 +80,13 @@ class EventSide:
             self.begin_on(sign, difference)
 
     def begin_on(self, sign: float, difference: float) -> None:
-        """Start at the threshold within rounding, on the side given by `sign`."""
+        """Start at the threshold, up to rounding, on the side given by `sign`."""
         self.sign, self.near = sign, _LEAVING_FACTOR * abs(difference)
 
 
 @dataclass(frozen=True)
 class _Crossing:
-    """Crossing of a threshold, possibly in a direction that does not count as an event."""
+    """Crossing of a threshold, possibly in a direction that the event ignores."""
 
     t: float
     term: EventTerm
@@ -121,22 +122,22 @@ class EventDetector:
 
     @property
     def may_stop(self) -> bool:
-        """Return True if an event can end the current segment."""
+        """True if the model has events that end a segment."""
         return any(term.do != "record" for term in self.equations.events)
 
     @property
     def signs(self) -> dict[str, int]:
-        """Sign of each event quantity minus its threshold after the last check."""
+        """Sign of (quantity - threshold) of each event after the last check; 0 if unknown."""
         return {name: int(side.sign) for name, side in self._sides.items()}
 
     @property
     def last_event(self) -> EventTerm:
-        """Most recent event."""
+        """Event of the last record."""
         name = self.records[-1].name
         return next(term for term in self.equations.events if term.name == name)
 
     def has_due_event(self, segment: RunSegment) -> bool:
-        """Record the event that is due at the start of the first segment; return False if none."""
+        """Record the first event that is due at the start; return True if there is one."""
         start = segment.interval(self.equations.m)
         due = [term for term in self.equations.events if term.due]
         for term in due:
@@ -156,7 +157,7 @@ class EventDetector:
     def record_switch(
         self, segment: RunSegment, impulses: dict[str, float], energy_lost: float
     ) -> None:
-        """Complete the record of the last event, and reset the signs for the new segment."""
+        """Complete the last record; reset the quantities at their thresholds for a new segment."""
         self.records[-1] = replace(
             self.records[-1], impulses=impulses, energy_lost=energy_lost, done=True
         )
@@ -176,7 +177,7 @@ class EventDetector:
             self._sides[self.last_event.name].sign = 0.0
 
     def _departure_sign(self, term: EventTerm, start: Interval) -> float:
-        """Return the sign of the departure of a quantity from its threshold, 0 if it stays."""
+        """Return the sign of the rate of an event quantity at the start, 0 if negligible."""
         q, v, a, lam = start.rows
         rates = np.abs(v[0]) / self.equations.position_scales
         ahead = _PROBE_DISTANCE / max(float(np.max(rates, initial=0.0)), _MIN_RATE)
@@ -191,7 +192,8 @@ class EventDetector:
     def find_terminal_event(self, segment: RunSegment, first: int) -> EventTerm | None:
         """Check the rows from `first` on; return the event that ends the segment, or None.
 
-        The segment is truncated at the time of that event. Events before it are recorded.
+        This event and all earlier ones are recorded, and the segment is truncated at its time.
+        Without such an event, all events of the checked rows are recorded.
         """
         tail = segment.tail(first, self.equations.m)
         if tail is None:
@@ -224,7 +226,7 @@ class EventDetector:
     def _record_crossings(
         self, crossings: list[_Crossing], end: float, interval: Interval
     ) -> EventTerm | None:
-        """Record the events up to `end`, update the signs, and return the terminal event."""
+        """Record the events, update the signs, and return the event that ends the segment."""
         terminal: EventTerm | None = None
         self._at_end.clear()
         for crossing in crossings:

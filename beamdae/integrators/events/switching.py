@@ -1,4 +1,7 @@
-"""Actions of events: impacts and switched parts. They change v and the equations, but not q."""
+"""Actions of events: impacts, which change v, and switches, which change the equations.
+
+Positions change only as far as needed to close the small gaps of activated joints.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +51,7 @@ class SwitchResult:
     branch
         Time inside the first of these intervals [s].
     impulses
-        Impulses of the velocity jump by multiplier [N s or N m s].
+        Impulses of the velocity jump by name of the multiplier [N s or N m s].
     energy_lost
         Kinetic energy lost in the velocity jump [J].
     """
@@ -85,8 +88,8 @@ def apply_event(
     Raises
     ------
     BeamdaeError
-        If a joint that is switched on is open, if joints contradict each other, or if a law that
-        begins at the event becomes infinite.
+        If a joint that is switched on is open, if joints contradict or depend on each other, or if
+        a law that begins at the event becomes infinite.
     """
     configurations = equations.configurations
     assert configurations is not None
@@ -124,7 +127,7 @@ def apply_event(
 def _update_intervals(
     equations: EquationsOfMotion, time: Array, ends: tuple[float, ...]
 ) -> tuple[tuple[float, ...], Array]:
-    """Return the ends of the remaining intervals and (t, branch), for laws that begin at t."""
+    """Return the ends of the remaining intervals and (t, branch) after laws have been replaced."""
     t = float(time[0])
     later_ends = interval_ends(equations.breakpoints, t, ends[-1]) if t < ends[-1] else ()
     require_no_pole(equations.laws, tuple(pairwise((t, *later_ends))))
@@ -161,7 +164,7 @@ class MethodCache:
     first: Method
     configuration: Configuration | None
     _by_inactive_parts: dict[frozenset[str], Method] = field(default_factory=dict, init=False)
-    # Configurations with frozen gaps never return, so that only the last method is kept ...
+    # Configurations with frozen gaps never recur, so that only their last method is kept ...
     _frozen: tuple[EquationsOfMotion | None, Method | None] = field(
         default=(None, None), init=False
     )
@@ -179,7 +182,7 @@ class MethodCache:
             self._by_inactive_parts[inactive] = self.first
 
     def get(self, plan: RunPlan, configuration: Configuration) -> Method:
-        """Return the method of a configuration; create it for this plan if it is new."""
+        """Return the method of a configuration; create it for `plan` if there is none yet."""
         if not configuration.frozen_gaps:
             if configuration.inactive not in self._by_inactive_parts:
                 self._by_inactive_parts[configuration.inactive] = self.make(plan)
@@ -216,6 +219,6 @@ class MethodCache:
         if len(self._switch_times) < _MAX_SWITCHES or window > _SWITCH_WINDOW * duration:
             return None
         return (
-            f"event {event.name} and others switched parts {_MAX_SWITCHES} times "
-            f"within {window:.2g} s; separate the values at which the events switch"
+            f"parts were switched {_MAX_SWITCHES} times within {window:.2g} s, last by event "
+            f"{event.name}; separate the thresholds of the events"
         )

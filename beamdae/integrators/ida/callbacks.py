@@ -1,10 +1,10 @@
 """Residual and Jacobian callbacks of IDA, and its step loop.
 
-The functions are plain Python over arrays that `native.loops` compiles.
+The functions are plain Python over arrays; `native.loops` compiles them if possible.
 
-beamdae's linear solver replaces IDA's without a Krylov iteration: IDA receives the residual
-premultiplied by the inverse of the Jacobian from its last setup, and the identity as Jacobian.
-IDA's (diagonal) solver then only scales by 2 / (1 + c / c_setup).
+beamdae's linear solver replaces that of IDA: IDA receives the residual premultiplied by the inverse
+of the Jacobian from its last setup, and the identity as Jacobian. The diagonal solver of IDA then
+only scales corrections by 2 / (1 + c / c_setup).
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ class IdaWorkspace:
     memory
         Address of IDA's memory.
     residual_vector
-        Vector that received the last residual.
+        Address of the SUNDIALS vector that received the last residual.
     end
         End of the smooth interval [s].
     filled, most
@@ -161,7 +161,10 @@ class IdaWorkspace:
 
 
 def evaluate_preconditioned(newton: NewtonState, t: float, y: Array, yp: Array, out: Array) -> None:
-    """Evaluate the residual premultiplied by the inverse of the last Jacobian."""
+    """Evaluate the residual into `out`, premultiplied by the inverse of the last Jacobian.
+
+    It is not premultiplied if there are no factors. `correction_fraction` is applied in both cases.
+    """
     evaluate_residual(newton.form, t, newton.branch, y, yp, newton.raw_residual)
     scale_residual(newton.kinematic, y, yp, newton.raw_residual)
     newton.residuals += 1
@@ -175,8 +178,8 @@ def factorize_jacobian(
 ) -> int:
     """Factorize dR/dy + c dR/dy' and return the code for IDA.
 
-    IDA has just evaluated the residual at the same point into `out`; it is premultiplied again with
-    the new factors.
+    IDA has just evaluated the residual at the same point into `out`; the raw residual is
+    premultiplied again with the new factors.
     """
     evaluate_jacobian(newton.form, t, newton.branch, c, y, yp, newton.nonzeros)
     scale_jacobian(newton.kinematic, c, newton.nonzeros)
@@ -253,9 +256,9 @@ def next_stop_time(before: float, t: float, end: float) -> float:
     """Return the time [s] at which the next step, after a step from `before` to `t`, must stop.
 
     If another step of the same length would leave a shorter last step, the remaining time is split
-    into two equal steps: on index 2 and 3, errors of multipliers are errors of velocities or
-    positions divided by the step. After a very short last step, multipliers were wrong by a fifth
-    of their size.
+    into two equal steps: in the index-2 and index-3 forms, errors of multipliers are errors of
+    velocities or positions divided by powers of the step. After a very short last step, multipliers
+    were wrong by a fifth of their size.
     """
     step, remaining = t - before, end - t
     if (1.0 + _STEP_ROUNDING) * step < remaining < 2.0 * step:

@@ -136,7 +136,10 @@ class CompiledIda:
         self.code = DONE
 
     def advance(self, most: int) -> Array:
-        """Take up to `most` steps; return their rows (t, q, v, a, lam), none after a failure."""
+        """Take up to `most` steps; return their rows (t, q, v, a, lam), none after a failure.
+
+        An exception during the renewal of pivots, such as KeyboardInterrupt, is raised here.
+        """
         run = self._run
         run.most, run.filled = min(most, STEPS_PER_CHECK), 0
         # Steps before a failure are returned first; the next call returns no rows.
@@ -148,7 +151,7 @@ class CompiledIda:
 
     @property
     def last_point(self) -> tuple[Array, Array, Array]:
-        """(y, y', R) at the last evaluation."""
+        """(y, y') last returned by IDA, and the last residual before premultiplication."""
         return self._run.y, self._run.yp, self._newton.raw_residual
 
     def _count_failures(self) -> Counter[str]:
@@ -158,7 +161,7 @@ class CompiledIda:
 
     @property
     def counts(self) -> Statistics:
-        """Numbers of calls, factorizations and failures so far."""
+        """Numbers of calls, rejected steps, factorizations and Newton failures so far."""
         newton, failures = self._newton, self._count_failures()
         return Statistics(
             rejected_steps=failures["error_test_failures"] + failures["failed_solves"],
@@ -171,7 +174,7 @@ class CompiledIda:
 
     @property
     def step_report(self) -> dict[str, Any]:
-        """Error test failures, number of steps per order, and unknowns that limit the step size."""
+        """Error test failures, steps per order, and at most three unknowns that limit steps."""
         orders, limiting = self._run.orders, self._run.limiting_counts
         names, total = self._form.names, max(int(limiting.sum()), 1)
         descending = np.argsort(-limiting, kind="stable")

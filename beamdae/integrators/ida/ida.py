@@ -26,8 +26,8 @@ class Ida(AdaptiveIntegrator):
 
     R(t, y, y') = 0 with y = (q, v, multipliers) and sum_i alpha_{n,i} y_{n-i} + h_n y'_n = 0, i = 0
     to k: fixed-leading-coefficient BDF of order k = 1 to 5. Newton's iteration starts from the
-    extrapolation of the polynomial through the last k + 1 values; the difference from the solution
-    estimates the local error. IDA selects step and order. Brenan, Campbell & Petzold, Numerical
+    extrapolated polynomial through the last k + 1 values; its difference from the solution gives
+    the error estimate. IDA selects step and order. Brenan, Campbell & Petzold, Numerical
     Solution of Initial-Value Problems in Differential-Algebraic Equations, SIAM 1996; Hindmarsh et
     al., ACM Trans. Math. Softw. 31 (2005) 363, doi:10.1145/1089014.1089020.
 
@@ -37,12 +37,12 @@ class Ida(AdaptiveIntegrator):
     by the inverse of its last Jacobian (`callbacks`), so that beamdae factorizes and solves the
     linear systems.
 
-    The entry "ida" of `Solution.integrator` is "shared libraries" if IDA runs in machine code, and
-    "scikit-sundae" if it runs through that package. The latter takes the same steps up to rounding,
-    except with friction and nonholonomic constraints, where its error test includes their
-    reactions. Machine code also reports "orders" (number of steps per order), "error_test_failures"
-    and "limited_by": the unknowns that most often had the largest error of a step, with the
-    fraction of such steps.
+    The entry "ida" of `Solution.integrator` is "shared libraries" if the callbacks of IDA are
+    machine code, and "scikit-sundae" if they are called through that package. The latter takes the
+    same steps up to rounding, except with friction, nonholonomic constraints or only prescribed
+    motions, where its error test includes multipliers. Machine code also reports "orders" (number
+    of steps per order), "error_test_failures" and "limited_by": the unknowns that most often had
+    the largest error of a step, with the fraction of such steps.
 
     Parameters
     ----------
@@ -55,16 +55,16 @@ class Ida(AdaptiveIntegrator):
         `Solution.warnings`). With "index3", errors far exceed rtol: for a rigid slider-crank,
         errors were 20 to 170 rtol in positions and 160 to 1400 rtol in velocities.
     error_control
-        Components in the error test: "positions", "velocities" (and positions) or "all" (and
-        multipliers). "auto" chooses by the stiffness of the mechanism.
+        Components in the error test: "positions", "velocities" (with positions) or "all" (with
+        multipliers). "auto" chooses by formulation and by the stiffness of the mechanism.
     max_order
-        Highest order, 1 to 5. "auto" is 2 if fast modes are undamped or lightly damped, 5
-        otherwise.
+        Highest order, 1 to 5. "auto" is 2 if fast modes are undamped or lightly damped, otherwise
+        5.
     max_step
         Longest step [s]. Defaults to a twentieth of the run, at most a quarter of the time scale of
         the laws.
     linear_solver
-        "dense", "sparse", or "auto" by size.
+        Solver of runs without machine code: "dense", "sparse", or "auto" by size.
     max_steps
         Maximum number of steps. Defaults to no limit; the run still stops if its steps become too
         short to reach the end (`limits.StallDetector`).

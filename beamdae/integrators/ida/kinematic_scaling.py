@@ -2,8 +2,8 @@
 
 Stabilized forms keep positions on the constraints by q' = v - G^T mu, the smallest correction in
 the units of the coordinates. This correction failed for a rotor making many revolutions, driven
-from a frame that hardly moves: half of the admissible error of the rotor angle was assigned to the
-frame, whose tolerance is a thousand times smaller. IDA tried to double the step after each step,
+from a frame that hardly moved: half of the admissible error of the rotor angle was assigned to the
+frame, whose tolerance was a thousand times smaller. IDA tried to double the step after each step,
 failed, and stayed at order 1. Positions are therefore corrected in proportion to their scales,
 q' = v - S G^T mu with S = diag(scales / largest scale). S does not change the solution because mu
 is zero if the constraints are satisfied.
@@ -23,12 +23,12 @@ Array = np.ndarray
 
 @dataclass(slots=True)
 class KinematicRowScaling:
-    """Indices and weights to change rows q' - v + G^T mu into S^-1 (q' - v) + G^T mu.
+    """Indices and weights that change rows q' - v + G^T mu into S^-1 (q' - v) + G^T mu.
 
     Attributes
     ----------
     n
-        Number of rows; 0 if the form does not correct positions.
+        Number of these rows; 0 if the form does not correct positions.
     rows
         Row indices of the entries of q', then of v: 0 to n - 1, twice.
     columns
@@ -65,14 +65,14 @@ class KinematicRowScaling:
 
 
 def scale_residual(scaling: KinematicRowScaling, y: Array, yp: Array, result: Array) -> None:
-    """Scale q' - v in the residual."""
+    """Multiply q' - v in the residual `result` by S^-1."""
     n, rows, columns = scaling.n, scaling.rows, scaling.columns
     add_weighted(result, rows, scaling.weights, yp, columns, 0, n)
     add_weighted(result, rows, scaling.weights, y, columns, n, 2 * n)
 
 
 def scale_jacobian(scaling: KinematicRowScaling, c: float, nonzeros: Array) -> None:
-    """Scale the derivatives of q' - v in the non-zeros of dR/dy + c dR/dy'."""
+    """Multiply the derivatives of q' - v in the non-zeros of dR/dy + c dR/dy' by S^-1."""
     n, factors, columns = scaling.n, scaling.factors, scaling.columns
     fill(factors[:n], c)
     add_weighted(nonzeros, scaling.entry_indices, scaling.weights, factors, columns, 0, 2 * n)

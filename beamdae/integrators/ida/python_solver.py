@@ -2,9 +2,9 @@
 
 Used with BEAMDAE_NATIVE=off, without numba or llvmlite, and where the functions of SUNDIALS cannot
 be loaded (`sundials.library`): in builds with static libraries, with MPI, with 64-bit indices or
-with another major version. This interface takes the same steps as the C interface in plain Python,
-which is 15 to 30 times slower than machine code. Unlike ctypes callbacks, its callbacks can be
-interrupted at any time.
+with another major version. This interface takes the same steps as the C interface up to rounding
+(for exceptions see `Ida`), but in plain Python, which is 15 to 30 times slower than machine code.
+Unlike ctypes callbacks, its callbacks can be interrupted at any time.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class SksundaeCallbacks:
         self._expected_iterate = None
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
-        """Evaluate the residual premultiplied by the inverse of the last Jacobian."""
+        """Evaluate the residual for IDA into `out`; see `evaluate_preconditioned`."""
         # Every attempt at a step ends at a different time.
         if t != self._t:
             self._attempts += 1
@@ -89,7 +89,7 @@ class SksundaeCallbacks:
         evaluate_preconditioned(self.newton, t, y, yp, out)
 
     def jacobian(self, t: float, y: Array, yp: Array, res: Array, c: float, out: Array) -> None:
-        """Factorize dR/dy + c dR/dy', and write the identity into `out`."""
+        """Factorize dR/dy + c dR/dy', and write the identity into `out` if this succeeds."""
         self._setups += 1
         if self._last_setup != self._attempts:
             self._attempts_with_setup += 1
@@ -145,7 +145,8 @@ class SksundaeCallbacks:
 class SksundaeIda:
     """IDA through scikit-sundae, one step per call; cf. `compiled_solver.CompiledIda`.
 
-    The option "untested" is ignored: the error test includes all unknowns of the Newton iteration.
+    The option "untested" is ignored: multipliers that have tolerances for Newton's iteration are
+    also in the error test.
 
     Attributes
     ----------
@@ -203,7 +204,7 @@ class SksundaeIda:
 
     @property
     def last_point(self) -> tuple[Array, Array, Array]:
-        """(y, y', R) at the last evaluation."""
+        """(y, y') last returned by IDA, and the last residual before premultiplication."""
         return self._y, self._yp, self._callbacks.newton.raw_residual
 
     @property
@@ -221,7 +222,7 @@ def _make_ida(callbacks: SksundaeCallbacks, size: int, **options: Any) -> IDA:
     options["jacfn"] = callbacks.jacobian
     if size > DENSE_LIMIT:
         with warnings.catch_warnings(), contextlib.suppress(ValueError):
-            # The warning asks for a pattern that fits the Jacobian, which is the case.
+            # The warning asks for a pattern that fits the Jacobian; the identity fits its pattern.
             warnings.filterwarnings("ignore", message="Custom sparse Jacobian")
             pattern = sp.eye_array(size, format="csc")
             return IDA(callbacks.residual, linsolver="sparse", sparsity=pattern, **options)

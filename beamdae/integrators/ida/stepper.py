@@ -53,13 +53,13 @@ _MIN_FIRST_STEP = 1e-300
 # Errors are weighted by absolute tolerances; IDA requires a nonzero relative tolerance.
 _NEGLIGIBLE_RTOL = 1e-15
 _RADAU_ADVICE = (
-    "lightly damped modes limit BDF at this tolerance, where Radau is usually 2 to 20 "
+    "fast modes make BDF expensive at this tolerance, where Radau is usually 2 to 20 "
     "times faster; use Radau(rtol) or Auto(rtol)"
 )
 
 
 class IdaStepper:
-    """Method of IDA: up to 64 steps per call."""
+    """Method of IDA: up to 64 steps per call, or 1 through scikit-sundae."""
 
     rows_per_step: ClassVar[int] = 1
     steps_per_check: ClassVar[int] = STEPS_PER_CHECK
@@ -122,12 +122,12 @@ class IdaStepper:
 
     @property
     def prefers_radau(self) -> bool:
-        """True if Radau is cheaper at this tolerance."""
+        """True if Radau is expected to be cheaper at this tolerance."""
         return self._rtol < self._control.radau_below
 
     @property
     def counts(self) -> Statistics:
-        """Numbers of calls, factorizations and failures so far."""
+        """Numbers of calls, rejected steps, factorizations and Newton failures so far."""
         return self._ida.counts
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
@@ -171,7 +171,7 @@ class IdaStepper:
             return STEP_TOO_SMALL
         if code == _ERROR_TEST_FAILED:
             unknown = next(iter(self._ida.step_report.get("limited_by", {})), "")
-            cause = f" (the error of {unknown} limits most steps)" if unknown else ""
+            cause = f" (the step is limited most often by {unknown})" if unknown else ""
             return (
                 "the error test failed at the smallest step; loosen rtol or test only "
                 f"positions{cause}"

@@ -24,11 +24,10 @@ class Radau(AdaptiveIntegrator):
 
     Y_i = y_n + h sum_j a_ij Y'_j with R(t_n + c_i h, Y_i, Y'_i) = 0, c = ((4 - sqrt 6)/10,
     (4 + sqrt 6)/10, 1), and y_{n+1} = Y_3: collocation by polynomials of degree 3. It is L-stable:
-    modes too fast for the step are damped, not resolved, and constraints hold at every step.
-    Positions and velocities are of order 5, multipliers and, in constrained directions,
-    accelerations of order 3 (Hairer, Lubich & Roche, Lecture Notes in Mathematics 1409, 1989, for
-    index 2, which has the same stages). RADAU5: Hairer & Wanner, Solving ODEs II, 1996,
-    section IV.8.
+    modes too fast for the step are damped, not resolved. Constraints hold at every step. Positions
+    and velocities are of order 5, multipliers and, in constrained directions, accelerations of
+    order 3 (Hairer, Lubich & Roche, Lecture Notes in Mathematics 1409, 1989, for the index-2 form,
+    which has the same stages). RADAU5: Hairer & Wanner, Solving ODEs II, 1996, section IV.8.
 
     Departures from RADAU5: the error estimate includes constraints (`stages.estimate_error`), a
     failure of Newton's iteration limits the steps that follow (`workspace.StepSizeState`), and
@@ -39,13 +38,13 @@ class Radau(AdaptiveIntegrator):
     rtol
         Relative tolerance; absolute tolerances follow from the scales of the mechanism.
     error_control
-        Components in the error test: "positions" or "velocities" (and positions). "auto" chooses by
-        the stiffness of the mechanism. Multipliers are not tested.
+        Components in the error test: "positions" or "velocities" (with positions). "auto" chooses
+        by the stiffness of the mechanism. Multipliers are not tested.
     max_step
         Longest step [s]. Defaults to a twentieth of the run, at most a quarter of the time scale of
         the laws.
     linear_solver
-        "dense", "sparse", or "auto" by size.
+        Solver of runs without machine code: "dense", "sparse", or "auto" by size.
     max_steps
         Maximum number of steps. Defaults to no limit; the run still stops if its steps become too
         short to reach the end (`limits.StallDetector`).

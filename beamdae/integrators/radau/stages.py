@@ -47,7 +47,7 @@ _MAX_SECOND_GROWTH = 2.0
 
 
 def solve_stages(run: RadauWorkspace, h: float, renew: bool) -> int:
-    """Solve for the stages of a step `h` [s]; `renew` requests new factors."""
+    """Solve for the stages of a step `h` [s]; `renew` requests new factors. Return the code."""
     _predict_stages(run, h)
     set_stages(run, h)
     velocities = run.iteration_weights[run.form.n :]
@@ -158,7 +158,7 @@ def _iterate_newton(run: RadauWorkspace, h: float) -> int:
 
 
 def estimate_error(run: RadauWorkspace, h: float) -> None:
-    """Estimate the error by an embedded third-order method, filtered to remove its stiff part.
+    """Estimate the error into `run.error` by a third-order method, filtered to damp stiff parts.
 
     With y^ = y_n + h (y'_n / gamma + sum_i b^_i Y'_i) and e = y^ - y_{n+1}, the filter
     (R_y + (gamma/h) R_y') x = (gamma/h) R_y' e passes slow components and damps fast ones. For

@@ -23,28 +23,31 @@ _SAFETY = 0.9
 # Bounds on the ratio of successive steps.
 _MIN_FACTOR = 0.2
 _MAX_FACTOR = 4.0
-# Lower bound on the relative error that predicts the next step.
+# Lower bound on the relative error from which the next step is computed.
 _MIN_ERROR = 1e-2
 # The step, and with it the factors, is kept if it would grow by less than this factor and Newton's
 # iteration converges faster than _KEEP_RATE.
 _KEPT_GROWTH = 1.2
 _KEEP_RATE = 0.05
-# Reduction of the step after a failure of Newton's iteration.
+# Factor that reduces the step, and limits the next ones, after a failure of Newton's iteration.
 _FAILURE_FACTOR = 0.5
-# Growth factor of the resulting step limit while the iteration converges faster than _SLOW_RATE.
+# Growth factor of this limit per step while the iteration converges faster than _SLOW_RATE.
 _RECOVERY_FACTOR = 1.1
 _SLOW_RATE = 0.2
 
 
 def take_radau_steps(run: RadauWorkspace) -> int:
-    """Take steps that pass the error test until the interval ends or the rows are full."""
+    """Take steps that pass the error test until the interval ends or the rows are full.
+
+    Return DONE, FULL, NEW_PIVOTS, or the code of the last failure if steps become too small.
+    """
     size = run.step_size
     while run.t < run.end:
         if run.filled == 3 * run.most:
             return FULL
         remaining = run.end - run.t
         h = clip_step(size.next_step, remaining)
-        # The step is NaN after states that are not finite.
+        # The next step is NaN after an error estimate that is NaN.
         if size.next_step != size.next_step or h < min(size.smallest, remaining):
             return run.failure_code
         renew = not _can_reuse_factors(run, h)
@@ -76,7 +79,6 @@ def take_radau_steps(run: RadauWorkspace) -> int:
 
 
 def _can_reuse_factors(run: RadauWorkspace, h: float) -> bool:
-    """Return True if the factors are for this step and gave fast convergence."""
     return h == run.factors_step and run.rate <= _KEEP_RATE
 
 
@@ -87,7 +89,7 @@ def _step_factor(run: RadauWorkspace, error: float) -> float:
 
 
 def _accept_step(run: RadauWorkspace, h: float, error: float) -> None:
-    """Set the next step after an accepted step `h` [s]."""
+    """Set the next step after an accepted step `h` [s]; see `workspace.StepSizeState`."""
     size = run.step_size
     error = max(error, _MIN_ERROR)
     factor = _step_factor(run, error)

@@ -33,9 +33,9 @@ Array = np.ndarray
 
 _FORM = "stabilized-index1"
 _ORDER = 5
-# Shortest step, relative to the times of an interval; shorter steps are lost in rounding.
+# Shortest step, relative to the larger time of an interval; shorter steps are lost in rounding.
 _MIN_STEP_SHARE = 1e-12
-# A step of Radau costs as much as ten steps of Ida.
+# Fewer than with Ida, because a step of Radau costs as much as ten steps of Ida.
 _STEPS_PER_CHECK = 8
 _STAGES = 3
 _FAILURES = {
@@ -65,7 +65,7 @@ class StepTolerance:
     Attributes
     ----------
     local
-        Tolerance relative to the scales of the mechanism.
+        Tolerance relative to the scales of the motion.
     scales
         Scales of the motion.
     velocities
@@ -99,10 +99,11 @@ class StepTolerance:
 
     @property
     def iteration_weights(self) -> tuple[Array, Array]:
-        """Reciprocal tolerances of Newton's iteration for q, and for v in long steps.
+        """Reciprocal tolerances of Newton's iteration for q, and for v in long steps, (n,) each.
 
-        Velocities are included even if the error test excludes them: the next step starts from
-        them, and in short steps positions do not reveal their errors.
+        Tolerances of q are not smaller than rounding errors. Velocities are included even if the
+        error test excludes them: the next step starts from them, and in short steps positions do
+        not reveal their errors.
         """
         fraction = min(_MAX_ITERATION_FRACTION, _ITERATION_FRACTION_OF_ROOT * np.sqrt(self.local))
         positions, velocities = np.split(self.weights / fraction, 2)
@@ -173,9 +174,9 @@ class RadauStepper:
 
     @property
     def counts(self) -> Statistics:
-        """Numbers of calls, factorizations and failures so far.
+        """Numbers of calls, rejected steps, factorizations and Newton failures so far.
 
-        Residuals are counted per stage; real and complex factorizations count separately.
+        Residuals are counted per stage, and real and complex factorizations are counted separately.
         """
         run = self._run
         return Statistics(
@@ -199,7 +200,7 @@ class RadauStepper:
         size.last_step, size.last_error, size.is_retry = 0.0, 0.0, 0
 
     def advance(self, most: int) -> Array:
-        """Take 1 to `most` steps; return rows (t, q, v, a, lam) of all their stages.
+        """Take 1 to `most` steps, but at most 8; return rows (t, q, v, a, lam) of all stages.
 
         Raises
         ------
@@ -208,7 +209,7 @@ class RadauStepper:
         """
         run = self._run
         run.most, run.filled = min(most, _STEPS_PER_CHECK), 0
-        # Steps before a failure are returned first; the loop fails again on the next call.
+        # Steps before a failure are returned first; the next call fails again.
         code = self._step_loop()
         if run.filled == 0:
             raise StepError(_FAILURES[code], run.stage_residuals[-1])

@@ -19,10 +19,11 @@ TOO_SMALL = -5
 class StepSizeState:
     """State of the step size control, which uses the last two errors and Newton failures.
 
-    h_{n+1} = 0.9 h_n e_n^(-1/4) min(1, (h_n / h_{n-1}) (e_{n-1} / e_n)^(1/4)); Gustafsson, ACM
-    Trans. Math. Softw. 20 (1994) 496. Slender beams need little force to bend and much to stretch:
-    Newton's iteration fails if a step rotates an element by more than its slenderness, often long
-    before the error test does. Such a step is halved; the limit then grows again by small factors.
+    h_{n+1} = 0.9 h_n e_n^(-1/4) min(1, (h_n / h_{n-1}) (e_{n-1} / e_n)^(1/4)), within bounds and
+    less after slow Newton iterations; Gustafsson, ACM Trans. Math. Softw. 20 (1994) 496. Slender
+    beams are easy to bend and hard to stretch: Newton's iteration may fail for steps that rotate an
+    element too far, long before the error test fails. Such a step is halved and becomes a limit,
+    which then grows again by small factors.
 
     Attributes
     ----------
