@@ -61,7 +61,7 @@ _MAX_TURN_PER_STRAIGHT_ELEMENT = 0.2  # [rad]
 # at its inner surface differs from the stress of a straight beam by h / (3 R).
 _WINKLER_BACH_STIFFNESS = 0.15
 _WINKLER_BACH_STRESS = 3.0
-# Curvature times height at which the bending stiffness has an error of 1 % (the stress 8 %).
+# Curvature times height at which the bending stiffness has an error of 1 % (the stress 9 %).
 _MAX_CURVATURE_TIMES_HEIGHT = 0.26
 
 # Radius of gyration over length. Below the minimum, the bending terms are lost in rounding errors
@@ -81,19 +81,19 @@ class Beam(Part):
     """Planar, shear-flexible, geometrically nonlinear curved beam.
 
     The default formulation is the floating frame of Pan & Liu, Theor. Appl. Mech. Lett. 2 (2012)
-    063006, doi:10.1063/2.1206306. With `formulation="exact"` it is the geometrically exact
-    formulation of Reissner, J. Appl. Math. Phys. 23 (1972) 795, and Simo, Comput. Methods Appl.
-    Mech. Eng. 49 (1985) 55.
+    063006, doi:10.1063/2.1206306. `formulation="exact"` selects the geometrically exact formulation
+    of Reissner, J. Appl. Math. Phys. 23 (1972) 795, and Simo, Comput. Methods Appl. Mech. Eng. 49
+    (1985) 55.
 
     Parameters
     ----------
     name
         Unique name.
     curve
-        Reference curve of the axis (Line, Arc, Parabola, Curve, Segment).
+        Reference curve of the axis (Line, Arc, Parabola, Curve, IntrinsicCurve or Segment).
     section
-        Cross-section. For a section that varies along the beam, a function of arc length s [m] that
-        returns a `Section`, evaluated at the quadrature points, or a `taper`.
+        Cross-section. For a section that varies along the beam, a `taper` or a function of arc
+        length s [m] that returns a `Section`.
     elements
         Number of elements, of equal arc length.
     strain
@@ -106,7 +106,7 @@ class Beam(Part):
         - "linear": no quadratic terms.
         - "exact": Reissner's strains, valid for any rotation relative to the frame.
     elements_shape
-        "curved" (default, as in the paper) or "straight" (polygon through the curve).
+        "curved" (default, as in the paper) or "straight" (polygon through points of the curve).
     continuity
         Displacements that neighboring elements of the floating frame share at their common node, in
         addition to the section rotation: "cartesian" (default), the displacement vector, or
@@ -120,25 +120,26 @@ class Beam(Part):
         Reduced quadrature needs about half as many elements for the same error (measured, see
         validation/). With full quadrature, 2-node elements and curved 3-node elements lock.
     frame
-        Position of the floating frame: "chord", from end to end (default unless the ends are closer
-        than a tenth of the length), or "tangent", on the start section (as in the paper; default
-        for rings). The strains hold for moderate rotations relative to the frame. In a chord frame,
-        a beam can bend several times as far for the same error, and integrators need as few as half
-        the steps (measured, see validation/). With "nonlinear" strains and a curve whose tangent
-        rotates by more than 90 degrees, the tangent frame is more accurate. `Solution.validity`
-        reports the rotations of a run. If they are too large, use `welded_beams` or strain="exact".
-        An exact beam has no floating frame: `frame` is then the reference frame of `deformation`.
+        Position of the floating frame: "chord", from end to end (default if the distance between
+        the ends is at least a tenth of the length), or "tangent", on the start section (as in the
+        paper; otherwise the default). The strains hold for moderate rotations relative to the
+        frame. In a chord frame, a beam can bend several times as far for the same error, and
+        integrators need as few as half the steps (measured, see validation/). With "nonlinear"
+        strains and a curve whose tangent rotates by more than 90 degrees, the tangent frame is more
+        accurate. `Solution.validity` reports the rotations of a run. If these are too large, use
+        `welded_beams` or strain="exact". A beam with formulation="exact" has no floating frame:
+        `frame` is then the reference frame of `deformation`.
     velocity, angular_velocity
-        Initial velocity [m/s] and angular velocity [rad/s] of the floating frame; made consistent
-        with the joints.
+        Initial velocity of the start point [m/s] and angular velocity [rad/s] of the beam, moving
+        as a rigid body; made consistent with the joints.
     kinematics
         Custom kinematics in place of `formulation`: a function of (name, mesh, section) that
-        returns a `Kinematics`, such as a subclass of `Kinematics`.
+        returns a `Kinematics`, such as a subclass of that class.
     free_curve
         Stress-free shape of a beam that is bent in the reference configuration, where it carries
         the moment M = EI (1/R_free - 1/R). The position of this curve is irrelevant. Its length may
-        differ by up to 1 %, which causes an initial axial strain. Strains, section forces and the
-        strain energy are measured from the stress-free shape.
+        differ by up to 1 % from the length of `curve`, which causes an initial axial strain.
+        Strains, section forces and the strain energy are measured from the stress-free shape.
     formulation
         - "floating frame" (default): small strains and moderate rotations relative to a frame that
           moves with the beam.
@@ -150,13 +151,14 @@ class Beam(Part):
     Raises
     ------
     BeamdaeError
-        If a setting is invalid or belongs to another formulation, the section does not fit the
-        length of the beam, the elements do not follow the curve, or memory is insufficient.
+        If a setting is invalid or belongs to another formulation, the radius of gyration of the
+        section does not fit the length of the beam, the elements are too few to follow the curve,
+        or memory is insufficient.
 
     Warns
     -----
     BeamdaeWarning
-        If elements or the section are too large for the curvature of the axis.
+        If the elements are too long or the section is too high for the curvature of the axis.
 
     Examples
     --------
@@ -223,7 +225,7 @@ class Beam(Part):
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Geometric errors of the elements and of the curve, by name."""
+        """Mesh errors, curvature measures and facts of the curve, by name."""
         return {
             "largest relative error of arc length": self.mesh.length_error,
             "largest error of curvature times length": self.kinematics.curvature_error,
@@ -252,12 +254,12 @@ class Beam(Part):
         return self.curve.point(np.linspace(0.0, self.length, _OUTLINE_POINTS))
 
     def forces(self, gravity: Array) -> list[ForceStatement]:
-        """Return the inertia, elasticity, material damping and weight under `gravity` (2,)."""
+        """Return the forces of inertia, elasticity, material damping and `gravity` (2,) [m/s^2]."""
         kernel, piece = self.kinematics.element.kernel(), Piece(self, self.kinematics.operator)
         return [ForceStatement(self.name, kernel, (piece,), self.kinematics.data(gravity))]
 
     def ranges(self) -> list[RangeStatement]:
-        """Return the validity range of the strains; empty if they hold for any deformation."""
+        """Return the validity range of the strains; empty for strains that are always valid."""
         validity = self.kinematics.strain_validity
         if validity is None:
             return []
@@ -265,7 +267,7 @@ class Beam(Part):
         return [RangeStatement(self.name, validity.kernel, pieces, *validity[1:])]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
-        """Return `points` sections along the axis."""
+        """Return a drawing of `points` equidistant sections along the axis."""
         return Drawing("beam", [self.at(s) for s in np.linspace(0.0, self.length, points)])
 
     @property
@@ -285,7 +287,7 @@ class Beam(Part):
 
     @property
     def floating_frame(self) -> Attachment:
-        """Floating frame as an attachment for `Mechanism.observe`."""
+        """Floating frame, or reference frame of an exact beam, for `Mechanism.observe`."""
         return self._create_attachment(self.kinematics.floating_frame)
 
     def _create_attachment(self, point: MaterialPoint, s: float | None = None) -> Attachment:
@@ -298,20 +300,20 @@ class Beam(Part):
         slack = ARC_LENGTH_TOLERANCE
         if not -slack * self.length <= s <= self.length * (1.0 + slack):
             raise BeamdaeError(
-                f"{self.name}: arc length s must lie in [0, {self.length:.6g}] m, got {s:g}."
+                f"{self.name}: arc length s must lie in [0, {self.length:.6g}] m, got {s:g} m."
             )
         return s
 
     def deformation(self, s: float, axes: str = "inertial") -> Quantity:
-        """Return the displacement of the axis relative to the undeformed beam in the beam's frame.
+        """Return displacement and rotation at `s` relative to the undeformed beam in its frame.
 
         Parameters
         ----------
         s
             Arc length [m].
         axes
-            Axes of the components: "inertial", "frame" (the floating frame) or "local" (the tangent
-            frame at `s`).
+            Axes of the displacement: "inertial", "frame" (the floating frame) or "local" (the
+            undeformed tangent frame at `s`).
 
         Returns
         -------
@@ -337,6 +339,11 @@ class Beam(Part):
         offset
             Distance of the fiber from the axis [m], positive to the left of the curve; or, if the
             section has a height, "top" (left surface) or "bottom" (right surface).
+
+        Returns
+        -------
+        Quantity
+            One column, the strain [-].
         """
         offset = self._section_at(s).fiber_offset(self.name, offset)
         return self._evaluate_strains(s, (Variable("", "-"),), fiber_strain, offset)
@@ -351,10 +358,10 @@ class Beam(Part):
         return self._evaluate_strains(s, (Variable("", "Pa"),), fiber_stress, *numbers)
 
     def section_forces(self, s: float) -> Quantity:
-        """Return axial force N, shear force Q [N] and bending moment M [N m] at arc length `s`.
+        """Return axial force N [N], shear force Q [N] and bending moment M [N m] at `s` [m].
 
         N = EA eps11, Q = GA 2 eps12, M = EI kappa11 on the axis (eqs. 5-7), including material
-        damping. M has the sign of kappa11 = -phi': a positive M lengthens the left side.
+        damping. A positive M lengthens the left side of the beam.
         """
         x = self._section_at(s)
         columns = (Variable("N", "N"), Variable("Q", "N"), Variable("M", "N m"))
@@ -387,20 +394,14 @@ def _create_kinematics(
     section: Any,
     settings: Mapping[str, Any],
 ) -> Kinematics:
-    """Return the kinematics of a formulation, or the custom kinematics that `make` returns.
-
-    Raises
-    ------
-    BeamdaeError
-        If one of the `settings` belongs to another formulation.
-    """
+    """Return the kinematics of a formulation, or the custom kinematics that `make` returns."""
     require_choice(part, "formulation", formulation, tuple(_KINEMATICS_BY_FORMULATION))
     if make is not None:
         unused = [*settings, *(["formulation"] if formulation != _DEFAULT_FORMULATION else [])]
         if unused:
             raise BeamdaeError(
-                f"{part}: {' and '.join(unused)} must be omitted with custom "
-                "kinematics; these settings apply to the formulations of beamdae."
+                f"{part}: {' and '.join(unused)} must be omitted with custom kinematics, "
+                "which replaces the built-in formulations."
             )
         return create_custom_kinematics(part, make, mesh, section)
     kinematics = _KINEMATICS_BY_FORMULATION[formulation]
@@ -409,14 +410,14 @@ def _create_kinematics(
     if unsupported:
         raise BeamdaeError(
             f"{part}: {' and '.join(unsupported)} must be omitted with "
-            f"formulation={formulation!r}; only formulation={_DEFAULT_FORMULATION!r} "
-            "supports these settings."
+            f"formulation={formulation!r}; alternatively, use "
+            f"formulation={_DEFAULT_FORMULATION!r}."
         )
     return kinematics(part, mesh, section, **settings)
 
 
 def _measure_curvature(mesh: Mesh, section: Section | VaryingSection) -> Mapping[str, float]:
-    """Return the largest curvature times the element length, and times the section height."""
+    """Return the largest curvature times element length, and times section height if known."""
     s = mesh.gauss_arc_lengths(mesh.nodes)
     curvature = np.abs(mesh.curve.curvature(s))
     length = mesh.curve.length / mesh.elements
@@ -432,7 +433,6 @@ def _measure_curvature(mesh: Mesh, section: Section | VaryingSection) -> Mapping
 
 
 def _warn_about_curvature(part: str, mesh: Mesh, section: Section | VaryingSection) -> None:
-    """Warn if elements or the section are too large for the curvature of a beam."""
     turn_per_element, *height_ratios = _measure_curvature(mesh, section).values()
     max_turn = (
         _MAX_TURN_PER_STRAIGHT_ELEMENT
@@ -443,7 +443,7 @@ def _warn_about_curvature(part: str, mesh: Mesh, section: Section | VaryingSecti
         sufficient = int(np.ceil(mesh.elements * turn_per_element / max_turn))
         message = (
             f"{part}: the curve turns by {turn_per_element:.2g} rad within an element, "
-            f"and deflections have an error of more than 1 % above {max_turn:g} rad; "
+            f"but above {max_turn:g} rad deflections have errors of more than 1 %; "
             f"use elements={sufficient} or more."
         )
         warnings.warn(message, BeamdaeWarning, stacklevel=3)
@@ -454,13 +454,12 @@ def _warn_about_curvature(part: str, mesh: Mesh, section: Section | VaryingSecti
                 "curvature, so beam theory has an error of "
                 f"{_WINKLER_BACH_STIFFNESS * ratio**2:.1%} in the bending stiffness "
                 f"and {ratio / _WINKLER_BACH_STRESS:.0%} in the stress at the inner "
-                "surface."
+                "surface; reduce the height or the curvature."
             )
             warnings.warn(message, BeamdaeWarning, stacklevel=3)
 
 
 def _require_valid_slenderness(part: str, section: Section | VaryingSection, length: float) -> None:
-    """Reject a section whose radius of gyration does not fit the length of the beam [m]."""
     for x in map(section.at, np.linspace(0.0, length, _GYRATION_SAMPLES)):
         gyration = float(np.sqrt(x.second_moment / x.area))
         if not _MIN_GYRATION_RATIO <= gyration / length <= _MAX_GYRATION_RATIO:
@@ -473,7 +472,7 @@ def _require_valid_slenderness(part: str, section: Section | VaryingSection, len
 
 
 def _require_mesh_memory(part: str, mesh: Mesh) -> None:
-    """Reject a mesh whose run needs more than the available memory, before allocating any."""
+    """Reject a mesh whose run would exceed the available memory, before arrays are allocated."""
     bytes_per_element = _BYTES_PER_ELEMENT_INTERVAL * (mesh.nodes - 1)
     needed_bytes, available = bytes_per_element * mesh.elements, available_memory()
     if needed_bytes <= available:

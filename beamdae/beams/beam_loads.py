@@ -44,9 +44,10 @@ _MAX_PASSAGE_TIME = 1e30
 
 @dataclass(frozen=True)
 class _LineLoad:
-    """Load per length on a section, given by laws of time in the axes `axes`.
+    """Line load at a quadrature point, with components in `axes` given by laws of time.
 
-    `numbers` are the quadrature weight, the inclination of the section and the arc length.
+    `numbers` are the quadrature weight [m], the inclination of the section [rad] and the arc
+    length [m].
     """
 
     axes: str
@@ -67,7 +68,7 @@ class _LineLoad:
 
 @dataclass(frozen=True)
 class _FormulaLineLoad(_LineLoad):
-    """Load per length on a section, given by a user function of (s, x, y, t)."""
+    """Line load at a quadrature point, given by a user function of (s, x, y, t)."""
 
     part: str
     law: Callable[..., Any]
@@ -101,12 +102,14 @@ class DistributedForce(Part):
         (x, y) [m] the position of the deformed axis in the inertial frame and t [s] the time.
     axes
         "inertial" (default) for a dead load, or "section" for a follower load with components
-        along the axis and its left normal: a pressure p from the right is (0, p).
+        normal to the section and, within it, to the left: a force p per length from the right is
+        (0, p).
 
     Raises
     ------
     BeamdaeError
-        If `law` is neither a pair nor a formula that returns two numbers and has no jumps.
+        If `beam` is not a Beam, `axes` is unknown, or `law` is neither a pair of laws nor a formula
+        that returns two components without jumps.
 
     Examples
     --------
@@ -149,7 +152,7 @@ class DistributedForce(Part):
         return "line"
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return the loads at the quadrature points of the inertia terms."""
+        """Return one statement per quadrature point of the inertia terms."""
         mesh = self.beam.mesh
         kind = (
             _FormulaLineLoad(self.axes, self.name, self.law)
@@ -180,7 +183,8 @@ class DistributedForce(Part):
     ) -> tuple[ForceKernel, np.ndarray]:
         """Return the kernel and data of one point.
 
-        With a user formula, the points share kernels only within this part, through `kernels`.
+        Kernels that models cannot share, such as those with a user formula, are shared within this
+        part through `kernels`.
         """
         expression, numbers = FormulaExpression.of(kind, functions)
         if expression.is_shareable and not callable(self.law):
@@ -197,9 +201,9 @@ class DistributedForce(Part):
 class _NodalForce:
     """Nodal force of an element while a moving force is at the local coordinate a + b t.
 
-    The force is distributed by the Lagrange polynomial of the node. `numbers` are the force divided
-    by the product of the distances from the node to the other nodes, a, b, and the local
-    coordinates of the other nodes.
+    The force is distributed by the Lagrange polynomial of the node. `numbers` are (factor, a, b,
+    *others), where `others` are the local coordinates of the other nodes and the factor is the
+    force divided by the product of (node - other) over these coordinates.
     """
 
     nodes: int
@@ -221,8 +225,8 @@ class MovingForce(Part):
     """Constant force in the inertial frame that moves along a beam at constant speed.
 
     At time t, the force acts at the arc length start + speed * t; beyond the ends of the beam, it
-    is zero. The shape functions of the element distribute it to the nodes. Integrators stop and
-    restart when the force passes from one element to the next.
+    is zero. The shape functions of the element distribute the force to the nodes. Integrators stop
+    and restart when the force passes an end of an element.
 
     Parameters
     ----------
@@ -240,7 +244,8 @@ class MovingForce(Part):
     Raises
     ------
     BeamdaeError
-        If `speed` is zero or too small to pass the beam within 1e30 s.
+        If `beam` is not a Beam, a number is not finite, or `speed` is zero or too small to pass the
+        beam within 1e30 s.
 
     Examples
     --------
@@ -269,13 +274,14 @@ class MovingForce(Part):
         )
         if self.speed == 0.0:
             raise BeamdaeError(
-                f"{self.name}: speed must not be zero; for a load at rest, use a Force on "
+                f"{self.name}: speed must not be zero; for a force at rest, use a Force on "
                 "beam.at(s)."
             )
         if (abs(self.start) + self.beam.length) / abs(self.speed) > _MAX_PASSAGE_TIME:
             raise BeamdaeError(
-                f"{self.name}: at speed = {self.speed:g} m/s the load needs more than "
-                f"{_MAX_PASSAGE_TIME:g} s to pass the beam; increase speed."
+                f"{self.name}: at speed = {self.speed:g} m/s, the force needs more than "
+                f"{_MAX_PASSAGE_TIME:g} s to pass the beam; increase the magnitude of speed or "
+                "reduce the magnitude of start."
             )
 
     @cached_property
@@ -311,7 +317,7 @@ class MovingForce(Part):
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """One law that stops integrators when the force passes from one element to the next."""
+        """A zero law whose breakpoints are the times at which the force passes element ends."""
         mesh = self.beam.mesh
         bounds = np.linspace(0.0, self.beam.length, mesh.elements + 1)
         times = np.sort((bounds - self.start) / self.speed)

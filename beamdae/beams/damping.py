@@ -24,15 +24,16 @@ class RayleighDamping(Part):
 
     The mass term acts on velocities in the inertial frame, -mass rho A r' per length and
     -mass rho I (theta' + phi') on the sections. This term damps the rigid motion of the beam as
-    well, like a viscous fluid. Vibrations about a frame at rest decay as exp(-mass t / 2).
-    The stiffness term acts on the rates of the nodal coordinates; K is the constant stiffness
-    of the undeformed beam (linear strains). A mode of angular frequency w has the damping ratio
+    well, like a viscous fluid. By this term, vibrations about a frame at rest decay as
+    exp(-mass t / 2). By the stiffness term, a mode of angular frequency w has the damping ratio
     stiffness * w / 2.
 
-    For amplitudes that are small compared to the radius of gyration of the section, the stiffness
-    term is equivalent to `Section.damping` (Kelvin-Voigt). For larger amplitudes of thin beams, use
+    In a floating frame, K is the constant stiffness of the undeformed beam (linear strains). For
+    amplitudes that are small compared to the radius of gyration of the section, the stiffness term
+    is then equivalent to `Section.damping` (Kelvin-Voigt). For larger amplitudes of thin beams, use
     `Section.damping`: K treats the shortening of a bent beam as axial strain, so this damping
-    increases with the square of the amplitude.
+    increases with the square of the amplitude. For `formulation="exact"`, the stiffness term uses
+    the strain rates of the deformed beam and equals `Section.damping`.
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ class RayleighDamping(Part):
     Raises
     ------
     BeamdaeError
-        If `beam` is not a Beam or a coefficient is negative.
+        If `beam` is not a Beam, or a coefficient is negative or not finite.
 
     Examples
     --------
@@ -73,7 +74,7 @@ class RayleighDamping(Part):
         )
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return the damping of all elements."""
+        """Return the damping forces of all elements."""
         kernel = _rayleigh_kernel(self.beam.kinematics.element)
         return [_damping_statement(self.name, self.beam, kernel, [self.mass, self.stiffness])]
 
@@ -82,8 +83,8 @@ class RayleighDamping(Part):
 class AirDrag(Part):
     """Quadratic drag on a strip in still air: the force -coefficient |v_n| v_n per length.
 
-    v_n is the component of the velocity in the inertial frame along the normal of the deformed
-    section; the force acts along this normal.
+    v_n is the component of the velocity in the inertial frame that lies in the plane of the
+    deformed section, across the axis; the force acts in the same direction.
 
     Parameters
     ----------
@@ -98,7 +99,7 @@ class AirDrag(Part):
     Raises
     ------
     BeamdaeError
-        If `beam` is not a Beam or the coefficient is negative.
+        If `beam` is not a Beam, or the coefficient is negative or not finite.
 
     Examples
     --------
@@ -120,7 +121,7 @@ class AirDrag(Part):
         )
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return the drag on all elements."""
+        """Return the drag forces on all elements."""
         kernel = _drag_kernel(self.beam.kinematics.element)
         return [_damping_statement(self.name, self.beam, kernel, [self.coefficient])]
 
@@ -128,7 +129,7 @@ class AirDrag(Part):
 def _damping_statement(
     part: str, beam: Beam, kernel: ForceKernel, coefficients: list[float]
 ) -> ForceStatement:
-    """Return one copy of the kernel per element; the coefficients follow the element data."""
+    """Return one copy of the kernel per element; append the coefficients to the element data."""
     elements = beam.kinematics.data(np.zeros(2))
     repeated = np.repeat(np.array(coefficients)[:, None], elements.shape[1], axis=1)
     piece = Piece(beam, beam.kinematics.operator)

@@ -45,7 +45,7 @@ class ElementDataLayout:
     mass_points, stiffness_points
         Numbers of inertia points and of stiffness points.
     mass_point, stiffness_point
-        Names of the values that the formulation needs at each point, beginning with the weight.
+        Names of the values that the formulation requires at each point; the first is "weight".
     varying
         True if the section varies, so that section properties are stored at each point.
     """
@@ -115,11 +115,11 @@ class ElementData:
     gravity: Any
 
     def inertia(self, k: int) -> SX:
-        """Return (rhoA, rhoI) at inertia point `k`."""
+        """Return (rhoA [kg/m], rhoI [kg m]) at inertia point `k`."""
         return self.mass[-2:, k] if self.varying else self.section[_INERTIAS]
 
     def elasticity(self, k: int) -> SX:
-        """Return (EA, GA, EI) at stiffness point `k`."""
+        """Return (EA [N], GA [N], EI [N m^2]) at stiffness point `k`."""
         return self.stiffness[-4:-1, k] if self.varying else self.section[_STIFFNESSES]
 
     def damping(self, k: int) -> SX:
@@ -146,8 +146,8 @@ def assemble_point_data(
 ) -> Array:
     """Return the values of all quadrature points, one column per element.
 
-    `mass` and `stiffness` contain one array for each value of `layout.mass_point` and
-    `layout.stiffness_point`, at the points of all elements in order.
+    `mass` and `stiffness` contain one array for each name in `layout.mass_point` and
+    `layout.stiffness_point`, with the values at the points of all elements in order.
     """
     s = mesh.gauss_arc_lengths(layout.mass_points)
     mass = [*mass, *_sample_varying_section(section, s, INERTIA_VALUES)]
@@ -176,7 +176,7 @@ def _sample_varying_section(
 
 
 def compute_prestrains(curve: PlaneCurve, free: PlaneCurve | None, s: Array) -> list[Array]:
-    """Return the axial strain and kappa11 of the reference configuration at arc lengths `s` [m].
+    """Return axial strain [-] and kappa11 [1/m] of the reference configuration at `s` [m].
 
     Strains are relative to the stress-free shape `free`; the list is empty if `free` is None.
     Cross-sections are normal to the axis in both shapes.

@@ -44,13 +44,14 @@ class InertiaPoint(NamedTuple):
     weight
         Length of axis that the point represents [m].
     density
-        (rhoA, rhoA, rhoI), the inertias for the two velocities and the angular velocity.
+        (rhoA, rhoA, rhoI) [kg/m, kg/m, kg m], which multiply the velocity and the angular
+        velocity.
     velocity
         Velocity of the axis (2,) [m/s], resolved in any orthogonal axes.
     angular_velocity
         Angular velocity of the section [rad/s].
     rotation
-        Angle of the section relative to these axes [rad]: its normal is (-sin, cos).
+        Angle of the section relative to these axes [rad]; (-sin, cos) lies in the section.
     """
 
     weight: SX
@@ -68,10 +69,10 @@ class StrainRatePoint(NamedTuple):
     weight
         Length of axis that the point represents [m].
     stiffness
-        (EA, GA, EI).
+        (EA [N], GA [N], EI [N m^2]).
     rates
-        Rates of axial strain, shear strain and curvature of the undeformed beam, linear in the
-        velocities.
+        Rates of axial strain, shear strain and kappa11, linear in the velocities: linearized about
+        the undeformed beam in a floating frame, and about the deformed beam for exact beams.
     """
 
     weight: SX
@@ -96,7 +97,7 @@ class Element(ABC):
     def kernel(self) -> ForceKernel:
         """Return the virtual work of inertia, elasticity, material damping and weight.
 
-        Every call must return the same object: elements of all beams that share a kernel are
+        Equal elements must return the same object, because all elements that share a kernel are
         evaluated together.
         """
 
@@ -110,7 +111,7 @@ class Element(ABC):
 
 
 class MaterialPoint(NamedTuple):
-    """Section of a beam.
+    """Section or reference frame of a beam, and its motion.
 
     Attributes
     ----------
@@ -132,7 +133,7 @@ class MaterialPoint(NamedTuple):
 
 
 class PointValues(NamedTuple):
-    """Values at a section.
+    """Values at a section as a function of the local coordinates, such as strains.
 
     Attributes
     ----------
@@ -152,12 +153,12 @@ class StrainValidity(NamedTuple):
     Attributes
     ----------
     kernel
-        Largest deflection, rotation and strain of an element.
+        Largest deflection / length, rotation [rad] and strain of an element.
     data
         Data of the kernel, one column per element.
     error
-        Coefficients (a, b) of the relative error a r + b r^2 at a rotation r [rad]; None for
-        exact strains.
+        Coefficients (a, b) of the relative error a r + b r^2 of the deformation at a rotation
+        r [rad]; None for exact strains.
     remedies
         Settings that extend the valid range.
     """
@@ -171,8 +172,9 @@ class StrainValidity(NamedTuple):
 class Kinematics(ABC):
     """Mapping from the coordinates of a beam to the motion and strains of its points.
 
-    A beam creates an instance by `kinematics(name, mesh, section, **settings)` with `mesh` in
-    inertial axes. `section.at(s)` returns the section at arc length s, also if it is constant.
+    A beam creates an instance by calling `kinematics(name, mesh, section)`, for the built-in
+    formulations with further settings, and passes `mesh` in inertial axes. `section.at(s)` returns
+    the `Section` at arc length s [m] of constant and of varying sections.
     """
 
     name: str
@@ -217,17 +219,17 @@ class Kinematics(ABC):
         """Return the section at arc length s [m], on the axis of its element.
 
         Elements interpolate the curve. Inertia is integrated along the interpolated axes, while
-        `material_point` lies on the curve.
+        `material_point` lies on the curve. By default, both are the same.
         """
         return self.material_point(s)
 
     @abstractmethod
     def strains(self, s: float) -> PointValues:
-        """Return axial strain, shear strain and curvature at arc length s [m], shape (3,)."""
+        """Return axial strain, shear strain and kappa11 [1/m] at arc length s [m], shape (3,)."""
 
     @property
     def curvature_error(self) -> float:
-        """Largest error of the element curvature, times the length of the beam."""
+        """Largest error of the element curvature times the length of the beam; 0 by default."""
         return 0.0
 
     @property
@@ -250,23 +252,27 @@ class Kinematics(ABC):
         raise self._missing_frame_error()
 
     def deformation(self, s: float, axes: str) -> PointValues:
-        """Return (u, v, phi) at arc length s [m] relative to the undeformed beam in the frame.
+        """Return (u, v, phi) [m, m, rad] at s [m] relative to the undeformed beam in its frame.
 
-        `axes` selects the axes of the components: "inertial", "frame" or "local" (tangent frame).
+        `axes` selects the axes of (u, v): "inertial", "frame" or "local" (tangent frame at s).
+
+        Raises
+        ------
+        BeamdaeError
+            If the formulation has no reference frame.
         """
         raise self._missing_frame_error()
 
     def _missing_frame_error(self) -> BeamdaeError:
         return BeamdaeError(
-            f"{self.name}: {type(self).__name__} has no floating frame as a reference "
-            "for deformations; use bd.relative_displacement between two sections "
-            "instead."
+            f"{self.name}: {type(self).__name__} has no floating frame; observe "
+            "bd.relative_displacement between two sections instead."
         )
 
 
 @dataclass(frozen=True, eq=False)
 class FormulationKinematics(Kinematics):
-    """Settings, element data and material points shared by both built-in formulations.
+    """Settings, element data and material points of the built-in formulations.
 
     `Beam` documents the settings.
     """
@@ -324,7 +330,7 @@ class FormulationKinematics(Kinematics):
 
 
 def nonzero_shape_functions(row: Array) -> Array:
-    """Return a mask of the shape functions in `row` that are not rounding errors of zero."""
+    """Return a mask of the shape functions in `row` that exceed rounding errors of zero."""
     return np.abs(row) > _MIN_SHAPE_FUNCTION
 
 

@@ -44,7 +44,7 @@ class Material:
     Raises
     ------
     BeamdaeError
-        If E, rho or the yield stress is not positive, or nu is out of range.
+        If E, rho or the yield stress is not positive and finite, or nu is out of range.
 
     Examples
     --------
@@ -88,8 +88,8 @@ class Material:
         "copper"              115     0.343 8940     ASM Handbook vol. 2, C11000, nu of pure copper
         ===================== ======= ===== ======== ==========================================
 
-        The unit of rho is kg/m^3. Values differ by a few percent between alloys and tempers; create
-        a `Material` from measured values if available.
+        The unit of rho is kg/m^3; the yield stress is not set. Values differ by a few percent
+        between alloys and tempers; create a `Material` from measured values if available.
 
         Raises
         ------

@@ -67,7 +67,7 @@ class Mesh:
     angle: float = 0.0
 
     def in_axes(self, origin: tuple[float, float], angle: float) -> Mesh:
-        """Return the mesh in other axes."""
+        """Return the mesh in axes with the given origin [m] and inclination [rad]."""
         return replace(self, origin=origin, angle=angle)
 
     @property
@@ -83,16 +83,16 @@ class Mesh:
 
     @cached_property
     def node_arc_lengths(self) -> Array:
-        """Arc length of each node [m]."""
+        """Arc length of each node [m], shape (node_count,)."""
         return np.linspace(0.0, self.curve.length, self.node_count)
 
     def tangent_angle(self, s: Any) -> Array:
-        """Return the tangent angle of the curve [rad] at arc lengths s [m]."""
+        """Return the tangent angle of the curve [rad] at s [m], in the axes of the mesh."""
         return self.curve.tangent_angle(s) - self.angle
 
     @cached_property
     def node_points(self) -> Array:
-        """Nodes of each element, shape (elements, nodes, 2)."""
+        """Positions of the nodes of each element [m], shape (elements, nodes, 2)."""
         relative = self.curve.point(self.node_arc_lengths) - np.asarray(self.origin, float)
         points = rotate_points(relative, -self.angle)[self.element_nodes]
         if self.shape == "straight":
@@ -101,7 +101,7 @@ class Mesh:
         return points
 
     def require_resolved_curve(self, part: str) -> None:
-        """Reject elements that are much shorter than the part of the curve they represent.
+        """Reject elements that are much shorter than the part of the curve that they represent.
 
         Raises
         ------
@@ -115,15 +115,15 @@ class Mesh:
         if not shortest >= _MIN_POLYGON_LENGTH * arc_length:
             raise BeamdaeError(
                 f"{part}: elements={self.elements} with {self.nodes} nodes each are "
-                f"too few for the curve, where nodes {shortest:.3g} m apart bound an "
-                f"arc of {arc_length:.3g} m; use more elements."
+                f"too few for the curve, where a polygon of {shortest:.3g} m through the "
+                f"nodes replaces an arc of {arc_length:.3g} m; use more elements."
             )
 
     def axis(self, element: Array, xi: Array) -> AxisPoints:
         """Return points on the interpolated axes (eqs. 2, 13, 14).
 
-        `element` and the local coordinates `xi` have the shape (n,). Angles are continuous along
-        the curve.
+        `element` (numbers of the elements) and the local coordinates `xi` have the shape (n,).
+        Angles are continuous along the curve.
         """
         nodes = self.node_points[element]
         position, d1, d2 = (
@@ -137,7 +137,7 @@ class Mesh:
         return AxisPoints(position, angle, curvature, ds)
 
     def gauss(self, points: int) -> tuple[Array, AxisPoints]:
-        """Return the weights times ds/dxi and the axis points at the Gauss points of all elements.
+        """Return weights times ds/dxi [m] and axis points at the Gauss points of all elements.
 
         Arrays have the shape (elements * points, ...), ordered by element.
         """

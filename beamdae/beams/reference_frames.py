@@ -31,7 +31,13 @@ def resolve_frame(part: str, curve: PlaneCurve, frame: str | None) -> str:
 
 
 def compute_frame_angle(part: str, curve: PlaneCurve, frame: str) -> float:
-    """Return the angle of the frame in the reference configuration [rad]."""
+    """Return the angle of the frame in the reference configuration [rad].
+
+    Raises
+    ------
+    BeamdaeError
+        If `frame` is "chord" and the ends of the curve coincide.
+    """
     if frame == "tangent":
         return float(curve.tangent_angle(0.0))
     chord = chord_vector(curve)

@@ -48,16 +48,16 @@ class Section:
         to the values of the material and the shape.
     height
         Height [m] in the plane of motion, half on either side of the axis. Required for
-        strains at "top" and "bottom"; the class methods below set it.
+        strains at "top" and "bottom"; set by the class methods such as `rectangle`.
     shear_peak
-        Largest shear stress (on the axis) relative to the mean Q / A; 3/2 for a rectangle. The
-        class methods below set it.
+        Largest shear stress (on the axis) relative to the mean Q / A; 3/2 for a rectangle. Set by
+        the class methods.
 
     Raises
     ------
     BeamdaeError
-        If a value is not positive (or `damping` is negative), or if a stiffness or an inertia is
-        not finite.
+        If `material` is not a Material, a value is not positive (or `damping` is negative), or a
+        stiffness or an inertia is not finite.
 
     Examples
     --------
@@ -101,7 +101,10 @@ class Section:
     def rectangle(
         cls, material: Material, width: float, height: float, damping: float = 0.0
     ) -> Section:
-        """Return a rectangle of `width` [m] and of `height` [m] in the plane of motion."""
+        """Return a rectangle of `width` [m] and of `height` [m] in the plane of motion.
+
+        `damping` is the Kelvin-Voigt retardation time [s].
+        """
         width = require_positive("Section.rectangle", "width", width)
         height = require_positive("Section.rectangle", "height", height)
         area, second_moment = width * height, width * height**3 / 12.0
@@ -109,7 +112,11 @@ class Section:
 
     @classmethod
     def circle(cls, material: Material, diameter: float, damping: float = 0.0) -> Section:
-        """Return a solid circle of `diameter` [m]; k_G = 6 (1 + nu) / (7 + 6 nu) (Cowper 1966)."""
+        """Return a solid circle of `diameter` [m].
+
+        k_G = 6 (1 + nu) / (7 + 6 nu) (Cowper 1966). `damping` is the Kelvin-Voigt retardation
+        time [s].
+        """
         diameter = require_positive("Section.circle", "diameter", diameter)
         nu = require_material("Section.circle", material).nu
         return cls(
@@ -129,7 +136,8 @@ class Section:
         """Return a round pipe of outer `diameter` and `wall` thickness [m].
 
         k_G = 6 (1 + nu) (1 + m^2)^2 / ((7 + 6 nu) (1 + m^2)^2 + (20 + 12 nu) m^2) (Cowper 1966)
-        with m the ratio of the inner to the outer diameter.
+        with m the ratio of the inner to the outer diameter. `damping` is the Kelvin-Voigt
+        retardation time [s].
         """
         diameter = require_positive("Section.pipe", "diameter", diameter)
         wall = require_positive("Section.pipe", "wall", wall)
@@ -178,6 +186,12 @@ class Section:
             Thickness of the web [m].
         damping
             Kelvin-Voigt retardation time [s].
+
+        Raises
+        ------
+        BeamdaeError
+            If a size is not positive, `flange` is not less than half the height, or `web` is not
+            less than the width.
         """
         sizes = {"width": width, "height": height, "flange": flange, "web": web}
         width, height, flange, web = (
@@ -201,14 +215,19 @@ class Section:
         )
 
     def at(self, s: float) -> Section:
-        """Return the section itself for any `s`, for compatibility with `VaryingSection`."""
+        """Return the section itself for any `s`; the counterpart of `VaryingSection.at`."""
         return self
 
     def fiber_offset(self, part: str, offset: float | str) -> float:
         """Return the distance of a fiber from the axis [m], positive to the left of the curve.
 
-        `offset` is this distance, "top" (left surface) or "bottom" (right surface); `part` names
-        the beam in errors.
+        `offset` is this distance, "top" (left surface) or "bottom" (right surface). `part` is the
+        name of the beam in error messages.
+
+        Raises
+        ------
+        BeamdaeError
+            If the section has no height for "top" or "bottom", or the fiber lies outside.
         """
         if isinstance(offset, str):
             require_choice(part, "offset", offset, ("top", "bottom"))
@@ -300,7 +319,7 @@ class VaryingSection:
     Attributes
     ----------
     part
-        Name of the beam, for errors.
+        Name of the beam in error messages.
     law
         Function of arc length s [m] that returns the `Section` at s.
     """
@@ -371,7 +390,8 @@ def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) 
     material
         The material.
     dimensions
-        Arguments of `shape`: each a number, or a pair (at the start, at the end).
+        Arguments of `shape`: each a number, or a pair (at the start, at the end) between which it
+        varies linearly.
 
     Returns
     -------
@@ -381,7 +401,7 @@ def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) 
     Raises
     ------
     BeamdaeError
-        If `shape` rejects the dimensions at the start or at the end.
+        If an argument is invalid, or `shape` rejects the dimensions at the start or at the end.
 
     Examples
     --------
@@ -421,7 +441,7 @@ def require_section(part: str, value: Any, length: float) -> Section | VaryingSe
     Raises
     ------
     BeamdaeError
-        If `value` is neither a `Section`, a `Taper` nor a function.
+        If `value` is not a `Section`, a `Taper` or a function.
     """
     if isinstance(value, Section):
         return value

@@ -24,7 +24,7 @@ def shape_functions(nodes: int, xi: Array, derivative: int = 0) -> Array:
     Returns
     -------
     ndarray
-        Shape (n, nodes).
+        Values, shape (n, nodes).
     """
     at = np.asarray(xi, float)[..., None]
     values = np.zeros((*at.shape[:-1], nodes))

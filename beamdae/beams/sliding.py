@@ -3,8 +3,8 @@
 The axes of neighboring elements meet at small angles, but the second derivative of the constraint
 requires a track with two continuous derivatives. The track consists of quintics between the nodes
 of the beam; their slopes and curvatures at the nodes are central differences over five nodes. Two
-points beyond each end are extrapolated by the quartic through the last five nodes, or by the
-polynomial through all nodes if there are fewer.
+points beyond each end are extrapolated by the quartic through the five nodes next to this end, or
+by the polynomial through all nodes if there are fewer than five.
 """
 
 from __future__ import annotations
@@ -60,7 +60,10 @@ _SLIDER_OPERATOR = sp.eye_array(1, format="csr")
 
 @cache
 def _quintic_coefficients() -> Array:
-    """Return the weights of six points as polynomials between the middle two, (power, point)."""
+    """Return the polynomial coefficients of the weights of six points, shape (power, point).
+
+    The polynomials hold between the middle two points, where the parameter runs from 0 to 1.
+    """
     first_difference = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
     second_difference = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
     # Values, slopes and curvatures at the middle two points.
@@ -99,7 +102,7 @@ def _extension_matrix(count: int) -> Array:
 
 
 def _point_weights(x: SX) -> list[SX]:
-    """Return the weights of six points at x, which is 0 to 1 between the middle two points.
+    """Return the weights of six points at x, which runs from 0 to 1 between the middle two.
 
     Outside this interval, the curve continues along its tangent.
     """
@@ -116,7 +119,8 @@ def _point_weights(x: SX) -> list[SX]:
 def interpolate_track(points: SX, along: SX) -> SX:
     """Return the point of the smooth curve through `points` (2, count) at the parameter `along`.
 
-    `along` is 0 at the first and count - 1 at the last point.
+    `along` is 0 at the first and count - 1 at the last point; beyond them, the curve continues
+    along its tangents.
     """
     count = points.shape[1]
     cell = ca.fmin(ca.fmax(ca.floor(along), 0.0), count - 2.0)
@@ -170,10 +174,10 @@ class _Reaction:
     on_beam
         True for the reaction on the beam, False for the reaction on the body of the point.
     axes
-        "inertial", or "body": the axes of the body, or along and across the axis of the beam.
+        "inertial", or "body": the axes of the body, or along and across the track of the beam.
     has_angle
-        True if the body of the point has an orientation, so that the reaction includes a moment
-        (zero).
+        True if the body of the point has an orientation, so that the reaction on the body includes
+        a moment (zero).
     """
 
     sizes: tuple[int, ...]
@@ -227,7 +231,7 @@ class SlidingOnBeam(Part):
     name
         Unique name.
     a
-        Attachment of a body, a particle or another beam; it must lie on the beam in the reference
+        Attachment of another part; it must lie on the axis of the beam in the reference
         configuration.
     beam
         The beam, of at most 32 elements.
@@ -238,8 +242,8 @@ class SlidingOnBeam(Part):
     Raises
     ------
     BeamdaeError
-        If the point belongs to the beam itself or does not lie on it, or the beam has too many
-        elements.
+        If an argument is invalid, the point belongs to the beam itself or does not lie on its axis,
+        or the beam has more than 32 elements.
 
     Examples
     --------
@@ -269,7 +273,7 @@ class SlidingOnBeam(Part):
             raise BeamdaeError(
                 f"{self.name}: the beam must have at most {_MAX_ELEMENTS} elements, "
                 f"but {self.beam.name} has {self.beam.mesh.elements}; use fewer "
-                "elements with more nodes each, up to 4."
+                "elements, with up to 4 nodes each."
             )
         section = self.beam.at(self._initial_arc_length)
         gap = float(np.hypot(*np.subtract(section.point, self.a.point)))
@@ -324,15 +328,15 @@ class SlidingOnBeam(Part):
         Parameters
         ----------
         place
-            "a" (default), or "beam", at the position of the point.
+            "a" (default) for the body of `a`, or "beam" for the beam at the position of the point.
         axes
             "inertial" (default), or "body": axes that rotate with the body of `a`; for the beam,
-            along the axis and its left normal.
+            along the track and its left normal.
 
         Returns
         -------
         Quantity
-            Columns Fx, Fy [N]; on a body with an orientation also M [N m], which is zero.
+            Columns Fx, Fy [N]; for a body of `a` with an orientation also M [N m], which is zero.
         """
         require_choice(self.name, "place", place, ("a", "beam"))
         require_choice(self.name, "axes", axes, ("inertial", "body"))

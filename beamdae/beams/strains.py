@@ -24,15 +24,16 @@ STRAIN_SIZE = 3
 def elastic_work(
     points: Sequence[tuple[SX, SX]], data: ElementData, damped: bool, q: Any, v: Any
 ) -> tuple[SX, SX, SX]:
-    """Return the generalized elastic and viscous forces, strain energy and dissipated power.
+    """Return the generalized force of elasticity and damping, strain energy and dissipated power.
 
     The section forces are D (eps + damping eps') with D = diag(EA, GA, EI), eq. (21) of Pan & Liu
-    (2012).
+    (2012). The energy [J] and the power [W] are those of one element.
 
     Parameters
     ----------
     points
-        Weight and (axial strain, shear strain, kappa11) of each stiffness point, functions of `q`.
+        Weight [m] and (axial strain, shear strain, kappa11) of each stiffness point; the strains
+        are expressions in `q`.
     data
         Stiffnesses and retardation times of the points.
     damped
@@ -72,8 +73,8 @@ class _StrainElement(Protocol):
 class InterpolatedStrains:
     """Strains at a section, interpolated between the stiffness points of its element.
 
-    `numbers` are the interpolation weights of the points, then each value of
-    `layout.stiffness_point` except the quadrature weight, at all points.
+    `numbers` are the interpolation weights of the points, followed by the values at all points of
+    each name in `layout.stiffness_point` except the quadrature weight.
     """
 
     element: _StrainElement
@@ -91,13 +92,13 @@ class InterpolatedStrains:
 
 
 def fiber_strain(local: Local, strains: Callable[[Local], SX], offset: Callable[[], Any]) -> SX:
-    """Return the longitudinal strain of a fiber (eq. 5) at the distance `offset` from the axis."""
+    """Return the longitudinal strain (eq. 5) of a fiber; `offset()` returns its offset [m]."""
     strain = strains(local)
     return strain[AXIAL] + offset()[0] * strain[BENDING]
 
 
 def fiber_stress(local: Local, strains: Callable[[Local], SX], numbers: Callable[[], Any]) -> SX:
-    """Return the longitudinal stress of a fiber; `numbers` are offset, E and damping."""
+    """Return the longitudinal stress [Pa] of a fiber; `numbers` are offset, E and damping."""
     offset, modulus, damping = (numbers()[k] for k in range(3))
     strain = fiber_strain(local, strains, lambda: (offset,))
     return modulus * (strain + damping * local.dot(strain))
@@ -112,5 +113,5 @@ def section_forces(local: Local, strains: Callable[[Local], SX], numbers: Callab
 
 
 def identity(local: Local, values: Callable[[Local], SX]) -> SX:
-    """Return the values unchanged; used for quantities that need no further formula."""
+    """Return the values unchanged, for quantities that require no further formula."""
     return values(local)

@@ -37,9 +37,9 @@ class Frame(NamedTuple):
     Attributes
     ----------
     beams
-        Beams by the names of their two points, in the order given in the member.
+        Beams by the names of their two points, in the order of the member.
     corners
-        Attachment at each point, for joints, loads and observables.
+        Attachment at each point that has a beam, for joints, loads and observables.
     """
 
     beams: Mapping[tuple[str, str], Beam]
@@ -68,7 +68,8 @@ def frame(
     points
         Positions (x, y) [m] of corners and ends, by name.
     members
-        The beams: pairs of point names, or triples of two point names and a section.
+        The beams: pairs of point names, or triples of two point names and a section. For points
+        with one-letter names, a string such as "AB" is a pair.
     section
         Section of the members that do not specify one.
     settings
@@ -82,7 +83,8 @@ def frame(
     Raises
     ------
     BeamdaeError
-        If a member refers to an unknown point, has no section, or is given twice.
+        If an argument is invalid, or a member refers to an unknown point, has no section, or is
+        listed twice.
 
     Examples
     --------
@@ -130,8 +132,8 @@ def frame(
 def _parse_member(
     name: str, member: Any, positions: Mapping[str, Any], section: Any
 ) -> tuple[str, str, Any]:
-    """Return the names of both points of a member, and its section."""
-    # Points with names of one letter may be written as one string, such as "AB".
+    """Return the names of the two points of a member, and its section."""
+    # A string such as "AB" is a pair of points with one-letter names.
     entries = (
         list(member)
         if isinstance(member, str)
@@ -166,15 +168,16 @@ def welded_beams(
 ) -> list[Beam]:
     """Add a beam divided into `bodies` beams of equal length that are welded end to start.
 
-    The strains of eqs. (5) and (6) hold for moderate displacements relative to the floating frame.
-    A beam divided into n bodies can bend n times as far for the same deformation in each frame.
+    The strains of a floating frame, eqs. (5) and (6) of Pan & Liu (2012), hold for moderate
+    rotations relative to the frame. A beam divided into n bodies can bend n times as far for the
+    same rotations in each frame.
 
     Parameters
     ----------
     mechanism
         The `Mechanism` to which the beams are added.
     name
-        Name of the beam; if there are several, they are named "name 1", "name 2", ...
+        Name of a single beam; several beams are named "name 1", "name 2", ...
     curve, section
         Curve and section of the whole beam, as in `Beam`.
     bodies
@@ -194,7 +197,8 @@ def welded_beams(
     Raises
     ------
     BeamdaeError
-        If `closed` is set for a single body or for a curve whose ends do not meet.
+        If an argument is invalid, or `closed` is set for a single body or for a curve whose ends do
+        not meet.
 
     Examples
     --------
@@ -237,7 +241,7 @@ def welded_beams(
 
 
 def _require_closed_curve(name: str, curve: PlaneCurve, bodies: int) -> None:
-    """Reject a curve whose ends do not meet, and a single body."""
+    """Reject a single body and a curve whose ends do not meet."""
     if bodies < 2:
         raise BeamdaeError(f"{name}: closed=True requires at least 2 bodies, got {bodies}.")
     ends = np.array([0.0, curve.length])

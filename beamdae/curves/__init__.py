@@ -1,5 +1,5 @@
 """Plane curves parametrized by arc length: point, tangent angle, curvature.
 
-May import: errors. Plain numpy, no symbols.
-To extend: add a frozen dataclass with the methods of `plane_curves.PlaneCurve`.
+May import: errors. Curves are evaluated with numpy and scipy, without CasADi.
+To extend: add a frozen dataclass with the members of `plane_curves.PlaneCurve`.
 """

@@ -44,8 +44,8 @@ class IntrinsicCurve:
     Raises
     ------
     BeamdaeError
-        If the law fails, is not finite, or the tangent rotates by more than 0.5 rad within 1/400 of
-        the length.
+        If an argument is invalid, if the law fails or returns a value that is not finite, or if the
+        tangent turns by 0.5 rad or more within 1/400 of the length.
 
     Examples
     --------
@@ -74,9 +74,9 @@ class IntrinsicCurve:
         turn = float(np.max(np.abs(np.diff(self.tangent_angle(self._grid)))))
         if not turn < _MAX_TURN_PER_INTERVAL:
             raise BeamdaeError(
-                "IntrinsicCurve: the tangent must turn gradually, but this law turns "
-                f"the tangent by {turn:.3g} rad within 1/{ARC_LENGTH_INTERVALS} of the "
-                "length."
+                f"IntrinsicCurve: law turns the tangent by {turn:.3g} rad within "
+                f"1/{ARC_LENGTH_INTERVALS} of the length, but must turn it by less than "
+                f"{_MAX_TURN_PER_INTERVAL:g} rad; reduce the curvature or the length."
             )
 
     @cached_property
@@ -89,15 +89,15 @@ class IntrinsicCurve:
         except Exception as problem:
             raise BeamdaeError(
                 "IntrinsicCurve: law must return a number for every s in [0, "
-                f"{self.length:g}], but the call failed at s = {s:.6g} m: "
+                f"{self.length:g}] m, but the call failed at s = {s:.6g} m: "
                 f"{format_exception(problem)}."
             ) from problem
-        return require_finite("IntrinsicCurve", f"the curvature at s = {s:.6g}", value)
+        return require_finite("IntrinsicCurve", f"the curvature at s = {s:.6g} m", value)
 
     @cached_property
     def _splines(self) -> tuple[Any, Any]:
-        """Splines of curvature and tangent angle."""
-        # Imported here because it takes as long as a short run and few models need it.
+        """Splines of the curvature and of its integral, the tangent angle minus `angle`."""
+        # Imported here because the import takes as long as a short run, and few models need it.
         from scipy.interpolate import make_interp_spline
 
         values = np.array([self._curvature_at(s) for s in self._grid.tolist()])
@@ -106,12 +106,12 @@ class IntrinsicCurve:
 
     @cached_property
     def _grid_points(self) -> Array:
-        """Points (n, 2) of the curve at the grid."""
+        """Points (n, 2) [m] at the arc lengths `_grid`."""
         steps = self._integrate_tangent(self._grid[:-1], self._grid[1:])
         return np.concatenate([[self.start], self.start + np.cumsum(steps, axis=0)])
 
     def _integrate_tangent(self, a: Array, b: Array) -> Array:
-        """Return the vectors (..., 2) from arc lengths a to b by Gauss quadrature."""
+        """Return the vectors (..., 2) [m] between the points at arc lengths `a` and `b`."""
         nodes, weights = ARC_LENGTH_GAUSS
         half = 0.5 * (b - a)
         angle = self.tangent_angle(0.5 * (a + b)[..., None] + half[..., None] * nodes)

@@ -19,13 +19,13 @@ from beamdae.errors import (
 
 Array = np.ndarray
 
-# Largest tangent angle of an arc [rad]; beyond it, rounding of the angle distorts the curve.
+# Largest tangent angle at the start of an arc [rad]; rounding of larger angles distorts the curve.
 _MAX_ANGLE = 1e6
-ARC_LENGTH_TOLERANCE = 1e-9  # relative to the length; rounding of points and ends
+ARC_LENGTH_TOLERANCE = 1e-9  # relative to the length; rounding of arc lengths and points
 _CIRCLE_TOLERANCE = 1e-12  # relative to the circumference; rounding of a full circle
 
-# Quadrature of curves without a closed-form arc length: intervals, and Gauss points and weights per
-# interval.
+# Quadrature along curves whose points or arc lengths have no closed form: number of intervals, and
+# Gauss points and weights of each interval.
 ARC_LENGTH_INTERVALS = 400
 ARC_LENGTH_GAUSS = np.polynomial.legendre.leggauss(8)
 
@@ -49,10 +49,10 @@ class PlaneCurve(Protocol):
         """Return points (..., 2) [m] at arc lengths s [m]."""
 
     def tangent_angle(self, s: Any) -> Array:
-        """Return the angle of the tangent [rad] at s, continuous along the curve."""
+        """Return the angle of the tangent [rad] at arc lengths s [m], without jumps by 2 pi."""
 
     def curvature(self, s: Any) -> Array:
-        """Return the signed curvature 1/R = d angle / ds [1/m], positive to the left (eq. 2)."""
+        """Return the signed curvature 1/R [1/m] at arc lengths s [m], positive to the left."""
 
 
 def require_curve(part: str, curve: Any) -> PlaneCurve:
@@ -60,8 +60,8 @@ def require_curve(part: str, curve: Any) -> PlaneCurve:
     # Curve classes, unlike instances, are rejected although they have the same methods.
     if isinstance(curve, type) or not isinstance(curve, PlaneCurve):
         raise BeamdaeError(
-            f"{part}: curve must be a Line, Arc, Parabola, Curve or Segment, got "
-            f"{short_repr(curve)}."
+            f"{part}: curve must be a Line, Arc, Parabola, Curve, IntrinsicCurve or Segment, "
+            f"got {short_repr(curve)}."
         )
     require_positive(part, "the length of the curve", curve.length)
     return curve
@@ -81,7 +81,7 @@ class Line:
     Raises
     ------
     BeamdaeError
-        If both points are the same.
+        If a point is not a pair of finite numbers, or both points are the same.
 
     Examples
     --------
@@ -141,7 +141,8 @@ class Arc:
     Raises
     ------
     BeamdaeError
-        If the radius is zero, or the arc is longer than a full circle.
+        If an argument is not finite, the radius is zero, the length is not positive, the angle
+        exceeds 1e6 rad in absolute value, or the arc is longer than a full circle.
 
     Examples
     --------
@@ -165,11 +166,11 @@ class Arc:
             angle=require_finite("Arc", "angle", self.angle),
         )
         if self.radius == 0.0:
-            raise BeamdaeError("Arc: radius must not be zero, got 0.")
+            raise BeamdaeError("Arc: radius must not be zero; use a Line for a straight curve.")
         if abs(self.angle) > _MAX_ANGLE:
             raise BeamdaeError(
-                f"Arc: angle must lie within {_MAX_ANGLE:g} rad, because rounding "
-                f"errors distort longer arcs, got {self.angle:g} rad."
+                f"Arc: angle must not exceed {_MAX_ANGLE:g} rad in absolute value, got "
+                f"{self.angle:g} rad; subtract full turns of 2 pi."
             )
         circle = 2.0 * np.pi * abs(self.radius)
         if self.length > circle * (1.0 + _CIRCLE_TOLERANCE):
@@ -203,12 +204,12 @@ class Segment:
     curve
         The whole curve.
     start, end
-        Arc lengths at the ends of the part [m].
+        Arc lengths of `curve` at the ends of the segment [m].
 
     Raises
     ------
     BeamdaeError
-        Unless 0 <= start < end <= length of the curve.
+        If `curve` is not a curve, or unless 0 <= start < end <= length of the curve.
 
     Examples
     --------
@@ -242,7 +243,7 @@ class Segment:
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Values that `beamdae check` reports for the whole curve, by name."""
+        """Values that `beamdae check` reports for the whole curve, by name; often empty."""
         return getattr(self.curve, "facts", {})
 
     def point(self, s: Any) -> Array:

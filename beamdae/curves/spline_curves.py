@@ -1,4 +1,4 @@
-"""Curves without a closed-form arc length: parabolas, functions y = f(x), measured points."""
+"""Curves represented by splines: parabolas, functions y = f(x) and measured points."""
 
 from __future__ import annotations
 
@@ -32,18 +32,19 @@ from beamdae.errors import (
 Array = np.ndarray
 
 _FUNCTION_SAMPLES = 601
-# Largest accepted distance of the spline from a function between two samples, relative to their
-# spacing. At a kink with a slope change of 1, it is a few hundredths.
+# Largest accepted difference between the spline and the function midway between two samples,
+# relative to their spacing. At a kink with a slope change of 1, the difference is a few hundredths.
 _MAX_INTERPOLATION_ERROR = 1e-3
 
 _MIN_POINTS = 4  # of a cubic spline
 
 # Number of Newton corrections of the curve parameter at an arc length.
 _PARAMETER_ITERATIONS = 3
-# Smallest ratio of the minimum to the maximum parameter speed; at a cusp, the ratio is smaller.
+# Smallest accepted ratio of the minimum to the maximum derivative of the arc length with respect to
+# the parameter; at a cusp, the ratio is smaller.
 _MIN_SPEED_RATIO = 1e-8
-# Smallest cosines of the angle between successive tangents and between successive steps from point
-# to point; if the cosine is smaller, the curve folds back.
+# Smallest accepted cosines of the angles between successive tangents and between successive steps
+# from point to point; smaller cosines indicate sharp bends or folds.
 _MIN_TANGENT_COSINE = 0.5
 _MIN_STEP_COSINE = -0.5
 
@@ -51,9 +52,7 @@ _MIN_STEP_COSINE = -0.5
 # curvature: 0.03 to 0.8 for 40 to 8 points of smooth curves, 1 to 3.7 if the curvature is mostly
 # noise.
 _MAX_CURVATURE_JUMP = 1.0
-_STRAIGHT_CURVATURE = (
-    1e-6  # curvature times length; smaller values are rounding errors of a straight curve
-)
+_STRAIGHT_CURVATURE = 1e-6  # times length; smaller values are rounding errors of a straight curve
 _MIN_INNER_KNOTS = 4  # needed to distinguish a curvature from its jumps
 _DISTANCE_SAMPLES = 2001
 
@@ -70,7 +69,7 @@ class _SplineCurve:
 
     @cached_property
     def _arc_length_table(self) -> tuple[Array, Array]:
-        """Spline parameters and the arc lengths at these parameters."""
+        """Spline parameters and the arc lengths [m] at these parameters."""
         knots = np.unique(self._spline.t)
         uniform = np.linspace(knots[0], knots[-1], ARC_LENGTH_INTERVALS + 1)
         grid = np.unique(np.concatenate([uniform, knots]))
@@ -78,7 +77,7 @@ class _SplineCurve:
         return grid, np.concatenate([[0.0], np.cumsum(lengths)])
 
     def _integrate_speed(self, a: Array, b: Array) -> Array:
-        """Return the arc lengths from parameters a to b by Gauss quadrature."""
+        """Return the arc lengths [m] from parameters `a` to `b`, by Gauss quadrature."""
         nodes, weights = ARC_LENGTH_GAUSS
         half = 0.5 * (b - a)
         parameters = 0.5 * (a + b)[..., None] + half[..., None] * nodes
@@ -86,26 +85,26 @@ class _SplineCurve:
         return half * (speed @ weights)
 
     def _require_regular(self, part: str) -> None:
-        """Reject a curve with a cusp or a sharp bend."""
+        """Reject a curve with a cusp, a sharp bend or coordinates that are not finite."""
         grid, _ = self._arc_length_table
         tangent = self._spline(grid, 1)
         speed = np.linalg.norm(tangent, axis=-1)
         if not np.all(np.isfinite(speed)) or speed.min() <= _MIN_SPEED_RATIO * speed.max():
             x, y = self._spline(grid[int(np.argmin(np.nan_to_num(speed)))])
             raise BeamdaeError(
-                f"{part}: the curve folds onto itself or has a cusp near ({x:.6g}, "
-                f"{y:.6g}) m; the curve must not reverse its direction."
+                f"{part}: the curve folds onto itself, has a cusp or overflows near ({x:.6g}, "
+                f"{y:.6g}) m; use a smooth curve with finite coordinates."
             )
         cosine = np.einsum("ij,ij->i", tangent[:-1], tangent[1:]) / (speed[:-1] * speed[1:])
         if cosine.min() < _MIN_TANGENT_COSINE:
             x, y = self._spline(grid[int(np.argmin(cosine))])
             raise BeamdaeError(
-                f"{part}: the curve folds onto itself near ({x:.6g}, {y:.6g}) m; the "
-                "tangent must turn gradually."
+                f"{part}: the curve folds onto itself or bends sharply near ({x:.6g}, {y:.6g}) "
+                "m; use a curve whose tangent turns gradually."
             )
 
     def _parameter(self, s: Any) -> Array:
-        """Return the spline parameter at arc lengths s [m]."""
+        """Return the spline parameters at arc lengths s [m], clipped to the ends of the curve."""
         grid, table = self._arc_length_table
         s = np.clip(np.asarray(s, float), 0.0, table[-1])
         interval = np.clip(np.searchsorted(table, s, side="right") - 1, 0, grid.size - 2)
@@ -126,7 +125,7 @@ class _SplineCurve:
 
     @cached_property
     def _continuous_angles(self) -> Array:
-        """Tangent angle at the parameters of the arc length table, without jumps by 2 pi."""
+        """Tangent angles [rad] at the parameters of the arc length table, without jumps by 2 pi."""
         tangent = self._spline(self._arc_length_table[0], 1)
         return np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
 
@@ -148,7 +147,7 @@ class _SplineCurve:
 
 @dataclass(frozen=True)
 class Parabola(_SplineCurve):
-    """Parabola y = 4 d x (l - x) / l^2 (eq. 26).
+    """Parabola y = 4 d x (l - x) / l^2 (eq. 26 of Pan & Liu 2012).
 
     Parameters
     ----------
@@ -165,7 +164,7 @@ class Parabola(_SplineCurve):
     Raises
     ------
     BeamdaeError
-        If the span is not positive, or the vertex is so sharp that the curve folds onto itself.
+        If an argument is not finite, the span is not positive, or the vertex is too sharp.
 
     Examples
     --------
@@ -200,7 +199,7 @@ class Parabola(_SplineCurve):
 
 @dataclass(frozen=True)
 class Curve(_SplineCurve):
-    """Smooth curve: a function y = f(x) over an interval, or a spline through points.
+    """Smooth curve: a function y = f(x) over an interval, or a spline defined by points.
 
     Parameters
     ----------
@@ -209,21 +208,24 @@ class Curve(_SplineCurve):
     x
         Interval (x_start, x_end) [m]; the curve runs from x_start to x_end.
     points
-        At least 4 points, shape (n, 2) [m], joined by a cubic spline parametrized by chord length.
+        At least 4 points, shape (n, 2) [m]. Without `noise`, a cubic spline parametrized by chord
+        length joins them.
     noise
-        Standard deviation of x and of y of measured points [m]. If given, the curve is the
-        smoothest spline whose RMS error in each coordinate equals the noise (Dierckx 1993). Without
-        it, the curvature of a curve through measured points is mostly noise.
+        Standard deviation of x and of y of measured points [m]. If given, the curve is a smoothing
+        spline whose deviations from the points, in x and y together, have the RMS `noise` (Dierckx
+        1993). Without `noise`, the curvature of a curve through measured points is often mostly
+        noise.
 
     Raises
     ------
     BeamdaeError
-        If the function is not smooth or not finite, or the curve folds onto itself.
+        If an argument is invalid, the function fails, is not smooth or not finite, the noise is too
+        large for the points, or the curve folds onto itself.
 
     Warns
     -----
     BeamdaeWarning
-        If the curvature of the spline through the points is mostly noise.
+        If `noise` is omitted and the curvature of the spline is mostly noise.
 
     Examples
     --------
@@ -240,7 +242,9 @@ class Curve(_SplineCurve):
 
     def __post_init__(self) -> None:
         if (self.function is None) == (self.points is None):
-            raise BeamdaeError("Curve: pass either function and x, or points.")
+            raise BeamdaeError(
+                "Curve: either function or points must be given; pass function and x, or points."
+            )
         if self.noise is not None:
             set_fields(self, noise=require_positive("Curve", "noise", self.noise))
             if self.points is None:
@@ -261,7 +265,7 @@ class Curve(_SplineCurve):
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Distances from the points to the curve and largest curvature; empty for functions."""
+        """Distances from the points to the curve and its largest curvature; empty for functions."""
         return {} if self.points is None else measure_fit(self, np.array(self.points, float))
 
     @cached_property
@@ -275,7 +279,7 @@ class Curve(_SplineCurve):
         x_start, x_end = require_point("Curve", "x", self.x)
         if x_start == x_end:
             raise BeamdaeError(
-                f"Curve: the interval x must not be empty, got {short_repr(self.x)}."
+                f"Curve: the interval x must not be empty, got {short_repr(self.x)} m."
             )
         parameter = np.linspace(0.0, 1.0, _FUNCTION_SAMPLES)
         x = np.linspace(x_start, x_end, _FUNCTION_SAMPLES)
@@ -283,7 +287,7 @@ class Curve(_SplineCurve):
         return _interpolating_spline(parameter, np.stack([x, y], axis=-1), 5)
 
     def _require_smooth_function(self) -> None:
-        """Reject a function from which the spline deviates between the samples."""
+        """Reject a function from which the spline deviates midway between the samples."""
         knots = np.linspace(0.0, 1.0, _FUNCTION_SAMPLES)
         midpoints = self._spline(0.5 * (knots[:-1] + knots[1:]))
         exact = [self._evaluate_function(x) for x in midpoints[:, 0].tolist()]
@@ -351,22 +355,32 @@ class Curve(_SplineCurve):
 
 
 def _interpolating_spline(parameter: Array, points: Array, degree: int) -> Any:
-    """Return the spline of the given degree through points (n, 2)."""
-    # Imported here because it takes as long as a short run and few models need it.
+    # Imported here because the import takes as long as a short run, and few models need it.
     from scipy.interpolate import make_interp_spline
 
     return make_interp_spline(parameter, points, k=degree)
 
 
 def fit_smoothing_spline(parameter: Array, points: Array, noise: float) -> Any:
-    """Return the smoothing spline whose RMS error in each coordinate is `noise` [m].
+    """Return the smoothing spline whose deviations from the points have the RMS `noise` [m].
+
+    The RMS is taken over both coordinates of all points.
+
+    Parameters
+    ----------
+    parameter
+        Ascending spline parameters of the points, shape (n,).
+    points
+        Points (n, 2) [m].
+    noise
+        Standard deviation of the coordinates [m].
 
     Raises
     ------
     BeamdaeError
         If the noise is too large for the points.
     """
-    # Imported here because it takes as long as a short run and few models need it.
+    # Imported here because the import takes as long as a short run, and few models need it.
     from scipy.interpolate import BSpline, splprep
 
     count = len(points)
@@ -382,7 +396,7 @@ def fit_smoothing_spline(parameter: Array, points: Array, noise: float) -> Any:
 
 
 def measure_fit(curve: PlaneCurve, points: Array) -> Mapping[str, float]:
-    """Return the distances from points to a curve [m], and the largest curvature [1/m]."""
+    """Return RMS and largest distance of points from a curve, and its largest curvature."""
     s = np.linspace(0.0, curve.length, _DISTANCE_SAMPLES)
     on_curve, tangent = curve.point(s), curve.tangent_angle(s)
     distances = np.array([_distance_to_curve(p, on_curve, tangent) for p in points])
@@ -394,7 +408,7 @@ def measure_fit(curve: PlaneCurve, points: Array) -> Mapping[str, float]:
 
 
 def _distance_to_curve(p: Array, on_curve: Array, tangent: Array) -> float:
-    """Return the distance from a point to the tangent at the nearest sample of the curve."""
+    """Return the distance to the tangent at the nearest sample, or to the end point there."""
     nearest = int(np.argmin(np.sum((on_curve - p) ** 2, axis=1)))
     dx, dy = p - on_curve[nearest]
     if nearest in (0, len(on_curve) - 1):
@@ -403,8 +417,12 @@ def _distance_to_curve(p: Array, on_curve: Array, tangent: Array) -> float:
 
 
 def warn_about_curvature_jumps(spline: Any, length: float) -> None:
-    """Warn if the curvature of the spline through points is mostly noise."""
-    # The spline has no knots at the second and the second-to-last point, and is free at the ends.
+    """Warn if the curvature of the spline through points is mostly noise.
+
+    `length` is the arc length of the spline [m].
+    """
+    # Cubic interpolation has no knots at the second and the second-to-last point; the end knots are
+    # omitted, because no condition determines the curvature there.
     knots = np.unique(spline.t)[1:-1]
     if len(knots) < _MIN_INNER_KNOTS:
         return
@@ -417,9 +435,8 @@ def warn_about_curvature_jumps(spline: Any, length: float) -> None:
     jump = float(np.sqrt(np.mean(np.diff(curvature, 2) ** 2))) / size
     if jump > _MAX_CURVATURE_JUMP:
         message = (
-            "Curve: the curvature of the spline through the points jumps by "
-            f"{jump:.2g} times the largest curvature between points, which indicates "
-            "scattered or too few points; give noise= [m], their standard deviation, "
-            "or more points."
+            "Curve: the curvature of the spline jumps from point to point by an RMS value of "
+            f"{jump:.2g} times the RMS curvature, which indicates scattered or too few points; "
+            "pass their standard deviation as noise= [m], or more points."
         )
         warnings.warn(message, BeamdaeWarning, stacklevel=4)

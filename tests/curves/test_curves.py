@@ -262,8 +262,11 @@ nan = float("nan")
         (lambda: bd.Arc(1.0, 1.0, angle="up"), "Arc: angle must be a number, got 'up'"),
         (lambda: bd.Parabola(0.0, 1.0), "Parabola: span must be positive, got 0"),
         (lambda: bd.Parabola(1.0, nan), "Parabola: rise must be finite, got nan"),
-        (lambda: bd.Curve(), "Curve: pass either function and x, or points"),
-        (lambda: bd.Curve(np.sin, x=(0, 1), points=CIRCLE), "Curve: pass either function"),
+        (lambda: bd.Curve(), "Curve: either function or points must be given"),
+        (
+            lambda: bd.Curve(np.sin, x=(0, 1), points=CIRCLE),
+            "Curve: either function or points",
+        ),
         (
             lambda: bd.Curve(np.sin),
             r"Curve: a function requires an interval; pass x=\(x_start, x_end\)",
@@ -284,7 +287,7 @@ nan = float("nan")
             lambda: bd.IntrinsicCurve(lambda s: 1 / s, 1.0),
             "the call failed at s = 0 m: ZeroDivisionError",
         ),
-        (lambda: bd.IntrinsicCurve(lambda s: nan, 1.0), "the curvature at s = 0 must be finite"),
+        (lambda: bd.IntrinsicCurve(lambda s: nan, 1.0), "the curvature at s = 0 m must be finite"),
         (lambda: bd.IntrinsicCurve(lambda s: 1e4, 1.0), "turns the tangent by 25 rad within 1/400"),
         (lambda: bd.Curve(points=CIRCLE[:3]), "Curve: points must be at least 4 pairs"),
         (lambda: bd.Curve(points="round"), "Curve: points must be at least 4 pairs"),

@@ -53,7 +53,7 @@ def test_facts_contain_distances_and_curvature():
 
 
 def test_interpolating_noise_warns():
-    with pytest.warns(bd.BeamdaeWarning, match=r"Curve: the curvature .* give noise= \[m\]"):
+    with pytest.warns(bd.BeamdaeWarning, match=r"Curve: the curvature .* as noise= \[m\]"):
         bd.Curve(points=measured_points(1e-3))
 
 

@@ -22,8 +22,8 @@ from beamdae.symbolic.statements import SX, ForceKernel, Local
 
 NODE_SIZE = 3  # coordinates (x, y, psi) of a node
 MASS_POINT_VALUES = ("weight",)
-# `angle_offset` is the angle of the axis minus the interpolated section angle, `free_curvature` is
-# psi0' of the stress-free shape.
+# `angle_offset` is the angle of the axis minus the interpolated section angle in the reference
+# configuration; `free_curvature` is psi0' of the stress-free shape.
 STIFFNESS_POINT_VALUES = ("weight", "dxi_ds", "angle_offset", "free_curvature")
 
 
@@ -55,7 +55,7 @@ class ExactElement(Element):
 
     @property
     def layout(self) -> ElementDataLayout:
-        """Layout of the data; inertia quadrature is exact for products of two shape functions."""
+        """Layout of the data, with as many inertia points as nodes."""
         return ElementDataLayout(
             self.nodes, self.quadrature, MASS_POINT_VALUES, STIFFNESS_POINT_VALUES, self.varying
         )
@@ -66,15 +66,15 @@ class ExactElement(Element):
         return self.layout.size
 
     def kernel(self) -> ForceKernel:
-        """Return the virtual work of inertia, elasticity, damping and weight."""
+        """Return the virtual work of inertia, elasticity, material damping and weight."""
         return exact_kernel(self)
 
     def strain_points(self, points: SX, q: SX) -> list[tuple[SX, SX]]:
         """Return weight and (axial strain, shear strain, kappa11) of the stiffness points.
 
         The strains are r'.t - 1, r'.n and psi0' - psi' with the axes t = (cos psi, sin psi) and n
-        of the section; kappa11 has the sign of Pan & Liu (2012). The strains are zero in the
-        reference configuration and under rigid motions.
+        of the section; kappa11 has the sign of Pan & Liu (2012). Rigid motions do not change the
+        strains, which are zero in the reference configuration unless the stress-free shape differs.
 
         Parameters
         ----------
@@ -130,7 +130,7 @@ class ExactElement(Element):
 
 @cache
 def exact_kernel(element: ExactElement) -> ForceKernel:
-    """Return the virtual work of one element: inertia, elasticity and damping."""
+    """Return the virtual work of one element: inertia, elasticity, damping and weight."""
     local = Local(element.size, element.n_data)
     data = element.layout.split(local.data)
     inertia, kinetic, potential = _inertial_work(element, local, data)
@@ -143,10 +143,7 @@ def exact_kernel(element: ExactElement) -> ForceKernel:
 
 
 def _inertial_work(element: ExactElement, local: Local, data: ElementData) -> tuple[SX, SX, SX]:
-    """Return inertial forces and weight, kinetic energy and gravity energy.
-
-    The mass matrix is constant.
-    """
+    """Return generalized inertial forces and weight, kinetic energy and gravity energy."""
     q, v, a = (ca.reshape(z, NODE_SIZE, element.nodes) for z in (local.q, local.v, local.a))
     free_fall = ca.vertcat(data.gravity, 0)
     force, kinetic, potential = SX.zeros(NODE_SIZE, element.nodes), SX(0), SX(0)

@@ -20,10 +20,10 @@ from beamdae.symbolic.statements import SX, Local
 class ExactSectionMotion:
     """Position and rotation of a section between the nodes of an element.
 
-    `numbers` are the angle of the section in the reference configuration and the shape functions;
-    with an offset also the vector (x, y) in the reference configuration from the interpolated axis
-    to the section, a vector that rotates with the section. Without an offset, for example at nodes,
-    the motion is linear in the coordinates.
+    `numbers` are the angle of the section in the reference configuration and the shape functions.
+    With an offset, they also contain the vector (x, y) from the interpolated axis to the section in
+    the reference configuration; this vector rotates with the section. Without an offset, for
+    example at nodes, the motion is linear in the coordinates.
     """
 
     nodes: int

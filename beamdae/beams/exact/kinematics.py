@@ -41,15 +41,15 @@ class GeometricallyExact(FormulationKinematics):
     configuration, psi is the tangent angle of the curve. There is no floating frame: `frame` is the
     reference frame of deformations. `Beam` documents the settings.
 
-    The axis of an element interpolates its nodes. In the reference configuration, the angle of its
-    tangent differs from the interpolated section angles by a term of fourth order in the element
-    length. The element data contain this difference, so that the reference configuration and rigid
-    motions are free of strain.
+    The axis of an element interpolates the positions of its nodes. In the reference configuration,
+    the tangent angle of this axis differs slightly from the interpolated section angles. The
+    element data contain the difference, so that the strains are zero in the reference configuration
+    (without `free_curve`) and do not change under rigid motions.
 
     Section forces of degree nodes - 2 as additional unknowns (mixed interpolation) would result in
-    the same equations as reduced quadrature. Reduced quadrature does not lock: with 8 elements,
-    compliances of a quarter circle have errors of 7e-7 both at R/h = 4 and at R/h = 2500, where the
-    errors of full quadrature are 7e-3 (validation/).
+    the same equations as reduced quadrature. Reduced quadrature does not lock: with 8 elements of
+    4 nodes, the compliances of a quarter circle have errors of at most 1.1e-6 for R/h from 4 to
+    2500. With full quadrature, the error increases to 7e-3 at R/h = 2500 (see validation/).
     """
 
     @cached_property
@@ -83,7 +83,7 @@ class GeometricallyExact(FormulationKinematics):
         return nodal.ravel()
 
     def initial_velocity(self, velocity: tuple[float, float], angular_velocity: float) -> Array:
-        """Return the rates of the coordinates for a rigid motion."""
+        """Return the rates of the coordinates (n,) for a rigid motion."""
         positions = self.initial_position.reshape(-1, NODE_SIZE)[:, :2]
         x, y = (positions - positions[0]).T
         rates = np.empty((self.mesh.node_count, NODE_SIZE))
@@ -98,13 +98,12 @@ class GeometricallyExact(FormulationKinematics):
         return self._select_nodes(self.mesh.element_nodes)
 
     def _select_nodes(self, nodes: Any) -> sp.csr_array:
-        """Return the matrix that selects the coordinates of the given nodes."""
         columns = (NODE_SIZE * np.ravel(nodes)[:, None] + np.arange(NODE_SIZE)).ravel()
         return build_selection(columns, NODE_SIZE * self.mesh.node_count)
 
     @cached_property
     def _stiffness_values(self) -> tuple[Array, ...]:
-        """Arrays of `STIFFNESS_POINT_VALUES` at the stiffness points of all elements."""
+        """Values of each of `STIFFNESS_POINT_VALUES` at the stiffness points of all elements."""
         mesh, points = self.mesh, self.stiffness_points
         xi, _ = gauss_points(points)
         rows, slopes = (shape_functions(mesh.nodes, xi, k) for k in (0, 1))
@@ -157,7 +156,7 @@ class GeometricallyExact(FormulationKinematics):
         return MaterialPoint(start.reference_position, self.frame_angle, ends, motion)
 
     def deformation(self, s: float, axes: str) -> PointValues:
-        """Return (u, v, phi) at arc length s in the axes "inertial", "frame" or "local"."""
+        """Return (u, v, phi) [m, m, rad] at s [m]; `axes` are "inertial", "frame" or "local"."""
         frame, section = self.floating_frame, self.material_point(s)
         frame_motion, section_motion = (cast("Formula", x.motion) for x in (frame, section))
         offset = np.subtract(section.reference_position, frame.reference_position)
@@ -179,7 +178,7 @@ class GeometricallyExact(FormulationKinematics):
         return PointValues(operator, Formula(kind, numbers))
 
     def strains(self, s: float) -> PointValues:
-        """Return the strains at arc length s, interpolated between stiffness points."""
+        """Return the strains at arc length s [m], interpolated between stiffness points."""
         element, xi = self.mesh.locate(s)
         points = self.stiffness_points
         element_points = slice(element * points, (element + 1) * points)
@@ -190,7 +189,7 @@ class GeometricallyExact(FormulationKinematics):
 
     @property
     def curvature_error(self) -> float:
-        """Largest error of psi' at the stiffness quadrature points, times the length."""
+        """Largest error of psi' at the stiffness points, times the length of the curve."""
         mesh, points = self.mesh, self.stiffness_points
         xi, _ = gauss_points(points)
         _, axis = mesh.gauss(points)

@@ -27,8 +27,9 @@ THETA = 2
 NODE_SIZE = 3
 PHI = 2
 
-# Values of a point in the element data. X and Y are the components of s0 in the local frame of the
-# point. If the reference configuration is strained, each stiffness point also has the prestrains.
+# Values of a point in the element data. X and Y are the components, in the local frame of the
+# point, of its undeformed position relative to the origin of the floating frame. If the reference
+# configuration is strained, each stiffness point also has the prestrains.
 MASS_POINT_VALUES = ("weight", "X", "Y", "cos_alpha", "sin_alpha")
 STIFFNESS_POINT_VALUES = ("weight", "curvature", "dxi_ds")
 PRESTRAIN_VALUES = ("axial", "bending")
@@ -41,12 +42,12 @@ class FloatingFrameElement(Element):
     Attributes
     ----------
     nodes
-        Number of nodes; Lagrange shape functions of degree nodes - 1 (4 in the paper, eq. 12).
+        Number of nodes (4 in the paper, eq. 12); the shape functions have the degree nodes - 1.
     quadrature
         Number of Gauss points of the stiffness terms.
     strain
         "nonlinear" (eq. 5), "green" (with the curvature in the quadratic terms as well), "linear"
-        (without quadratic terms) or "exact" (Reissner's).
+        (without quadratic terms) or "exact" (strains of Reissner).
     damped
         True if the section has Kelvin-Voigt damping; without damping, the tangent matrix needs a
         third fewer operations.
@@ -65,7 +66,7 @@ class FloatingFrameElement(Element):
 
     @property
     def mass_quadrature(self) -> int:
-        """Number of Gauss points of the inertia terms, exact for products of shape functions."""
+        """Number of inertia points, which integrate products of two shape functions exactly."""
         return self.nodes
 
     @property
@@ -86,15 +87,15 @@ class FloatingFrameElement(Element):
         return self.layout.size
 
     def kernel(self) -> ForceKernel:
-        """Return the virtual work of inertia (eqs. 10, 11, 15), elasticity and damping (eq. 21)."""
+        """Return the virtual work of one element; see `floating_frame_kernel`."""
         return floating_frame_kernel(self)
 
     def strain_points(self, points: SX, q: SX) -> list[tuple[SX, SX]]:
-        """Return weight and strains of the stiffness points; see the function `strain_points`."""
+        """Return weights and strains of the stiffness points; see the function `strain_points`."""
         return strain_points(self, points, q[FRAME_SIZE:])
 
     def inertia_points(self, local: Local) -> list[InertiaPoint]:
-        """Return the motion of the inertia points, each in its local frame ec."""
+        """Return the motion of the inertia points, each in its local frame; see `AxisMotion`."""
         data = self.layout.split(local.data)
         axis = AxisMotion(local.q, local.v)
         return [
@@ -121,18 +122,20 @@ class FloatingFrameElement(Element):
 
 @dataclass(frozen=True, eq=False)
 class AxisMotion:
-    """Position, velocity and acceleration of the points of an axis (eqs. 8, 10 at eta = 0).
+    """Position, velocity and acceleration of the points of an axis (eqs. 8 and 10).
 
-    A point is defined by the shape functions `row`, the undeformed position `reference` in the
-    local frame ec, and the rotation matrix `to_local` from the floating frame to ec. Velocities and
-    accelerations are resolved in ec, where plane rotations commute with interpolation.
+    The local frame ec of a point has the directions of the undeformed axis and its normal there. A
+    point is defined by the shape functions `row`, the undeformed position `reference` in ec, and
+    the rotation matrix `to_local` from the floating frame to ec. Velocities and accelerations are
+    resolved in ec, in which the displacements are interpolated.
 
     Attributes
     ----------
     q, v, a
-        Local coordinates (x0, y0, theta, (u, v, phi) of each node) and their rates.
+        Local coordinates (x0, y0, theta, (u, v, phi) of each node) and their first and second time
+        derivatives.
     gravity
-        Acceleration of gravity (2,); accelerations are relative to free fall.
+        Acceleration of gravity (2,) [m/s^2]; accelerations are relative to free fall.
     """
 
     q: SX
@@ -230,7 +233,7 @@ def _section_rotations(coordinates: SX) -> SX:
 def _mass_points(
     element: FloatingFrameElement, data: ElementData
 ) -> list[tuple[np.ndarray, SX, SX, SX]]:
-    """Return shape functions, weight, undeformed position in ec and rotation to ec by point."""
+    """Return shape functions, weight, undeformed position in ec and rotation to ec per point."""
     xi, _ = gauss_points(element.mass_quadrature)
     points = []
     for row, point in zip(shape_functions(element.nodes, xi), ca.horzsplit(data.mass), strict=True):
@@ -242,9 +245,10 @@ def _mass_points(
 def strain_points(element: FloatingFrameElement, points: SX, nodal: SX) -> list[tuple[SX, SX]]:
     """Return weight and (axial strain, shear strain 2 eps12, kappa11) of the stiffness points.
 
-    Eqs. (5) and (6), kappa11 = -phi'. With along = u' - v/R and across = v' + u/R, the derivative
-    of the position is (1 + along, across) in ec. The exact strains are the components of this
-    vector in the axes of the section, rotated by phi: (1 + along) cos phi + across sin phi - 1 and
+    The strains are those of eqs. (5) and (6) with kappa11 = -phi'. With along = u' - v/R and
+    across = v' + u/R, the derivative of the position is (1 + along, across) in ec. The exact
+    strains are the components of this vector in the axes of the section, rotated by phi, minus 1
+    for the axial strain: (1 + along) cos phi + across sin phi - 1 and
     across cos phi - (1 + along) sin phi.
 
     Parameters
@@ -293,9 +297,10 @@ def _interpolate(row: np.ndarray, nodal: SX, component: int) -> SX:
 
 @cache
 def floating_frame_kernel(element: FloatingFrameElement) -> ForceKernel:
-    """Return the virtual work of one element: inertia (eqs. 10, 11, 15) and elasticity (21).
+    """Return the virtual work of one element: inertia, weight, elasticity and material damping.
 
-    The inertial forces are density times the acceleration of material points, eq. (10). Unlike in
+    Eqs. (10), (11), (15) and (21) of Pan & Liu (2012). The inertial forces are the density times
+    the acceleration of material points. Unlike in
     the paper, the rotary inertia is consistent: the kinetic energy of rotation is
     1/2 rho I (theta' + phi')^2, while eq. (8) leads to 1/2 rho I (phi'^2 + phi^2 theta'^2).
     """

@@ -44,7 +44,7 @@ class SectionMotion:
 
 
 def frame_motion(q: SX, frame_angle: Any) -> tuple[SX, SX]:
-    """Return position and rotation of the frame, whose reference angle is `frame_angle`."""
+    """Return position and rotation of the frame; `frame_angle` is its reference angle."""
     return q[ORIGIN], q[THETA] - frame_angle[0]
 
 
@@ -52,7 +52,7 @@ def frame_motion(q: SX, frame_angle: Any) -> tuple[SX, SX]:
 class FloatingFrameDeformation:
     """Deformation (u, v, phi) of a section in the axes `axes`.
 
-    `numbers` are the angle of the axis and the shape functions.
+    `numbers` are the angle of the undeformed axis in the frame and the shape functions.
     """
 
     nodes: int

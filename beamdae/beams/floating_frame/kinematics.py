@@ -37,7 +37,7 @@ from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
 
-# Number of samples of the tangent angle to measure the total rotation of a curve.
+# Number of samples of the tangent angle for its range along a curve.
 _TURN_SAMPLES = 65
 
 
@@ -106,7 +106,7 @@ class FloatingFrame(FormulationKinematics):
         return self._without_deformation([*self.origin, self.frame_angle])
 
     def initial_velocity(self, velocity: tuple[float, float], angular_velocity: float) -> Array:
-        """Return the rates of the frame, with zero rates of the deformation."""
+        """Return the rates of the coordinates (n,): those of the frame, and zero for the rest."""
         return self._without_deformation([*velocity, angular_velocity])
 
     def _without_deformation(self, frame: list[float]) -> Array:
@@ -144,7 +144,7 @@ class FloatingFrame(FormulationKinematics):
         return operator
 
     def _kink_angles(self, element: Array, node: Array) -> Array:
-        """Return the angles from the tangent of the curve to the element axis at each node."""
+        """Return the angles from the curve to the element axis at each node; 0 if "local"."""
         if self.continuity == "local":
             return np.zeros(len(element))
         mesh = self.mesh_in_frame
@@ -155,7 +155,8 @@ class FloatingFrame(FormulationKinematics):
     def _nodal_to_free(self) -> tuple[Array, Array]:
         """Index of the free coordinate and factor that determine each nodal coordinate.
 
-        Both express the conditions of the floating frame; the factor of a fixed coordinate is zero.
+        Index and factor express the conditions of the floating frame; the factor of a fixed
+        coordinate is zero.
         """
         size, free = NODE_SIZE * self.mesh.node_count, len(self.coordinates)
         fixed = NODE_SIZE if self.frame == "tangent" else 2
@@ -244,7 +245,7 @@ class FloatingFrame(FormulationKinematics):
         return MaterialPoint(self.origin, self.frame_angle, rows, motion)
 
     def strains(self, s: float) -> PointValues:
-        """Return the strains at arc length s, eqs. (5) and (6).
+        """Return the strains at arc length s [m].
 
         The strains are interpolated between the stiffness quadrature points, where the strains of
         an element are most accurate.
@@ -261,7 +262,7 @@ class FloatingFrame(FormulationKinematics):
         return PointValues(self._element_operator(element), values)
 
     def deformation(self, s: float, axes: str) -> PointValues:
-        """Return (u, v, phi) at arc length s in the axes "inertial", "frame" or "local"."""
+        """Return (u, v, phi) [m, m, rad] at s [m]; `axes` are "inertial", "frame" or "local"."""
         element, row, angle = self._locate_section(s)
         formula = Formula(
             FloatingFrameDeformation(self.mesh.nodes, axes), tuple(map(float, (angle, *row)))
@@ -270,5 +271,5 @@ class FloatingFrame(FormulationKinematics):
 
     @property
     def curvature_error(self) -> float:
-        """Largest error of curvature at the stiffness quadrature points, times the length."""
+        """Largest error of curvature at the stiffness points, times the length of the curve."""
         return self.mesh_in_frame.curvature_error(self.stiffness_points)

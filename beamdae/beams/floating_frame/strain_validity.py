@@ -85,8 +85,9 @@ def range_kernel(element: FloatingFrameElement) -> RangeKernel:
     """Return the kernel of the largest relative deflection, rotation and strain of an element.
 
     The data are the element data and the length of the beam, to which the deflection is relative.
-    The strain refers to the outer fibers, |eps11| + h/2 |kappa11| at the stiffness points, with the
-    height h = sqrt(12 I / A) of a rectangle; for a circle, the bending part is 13 % larger.
+    Deflections and rotations are evaluated at the nodes. The strain is that of the outer fibers,
+    |eps11| + h/2 |kappa11| at the stiffness points, with the height h = sqrt(12 I / A) of a
+    rectangle; for a solid circle, this h is 13 % less than the diameter.
     """
     local = Local(element.size, element.n_data + 1)
     data = element.layout.split(local.data)
