@@ -1,4 +1,4 @@
-"""CasADi functions called with numpy arrays, without allocation between calls."""
+"""CasADi functions that are called with numpy arrays."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _MAX_MAPPED_ROWS = 128
 
 
 class Compiled:
-    """A CasADi function with preallocated buffers.
+    """A CasADi function with preallocated buffers, called without allocation.
 
     A call copies the arguments into the leading input buffers, evaluates, and returns the output
     buffers, which the next call overwrites. Inputs that are not passed keep the values written to
@@ -22,14 +22,14 @@ class Compiled:
     function
         CasADi function whose outputs are all dense.
     *last
-        Values of the last inputs.
+        Values of the last inputs, kept unless a call passes these inputs.
 
     Attributes
     ----------
     calls
         Number of evaluations.
     inputs, outputs
-        Buffers, one flat float array (column-major) per argument.
+        Buffers, one flat float array (non-zeros in column-major order) per input or output.
     """
 
     def __init__(self, function: ca.Function, *last: Array) -> None:
@@ -45,7 +45,7 @@ class Compiled:
             self._memory.set_res(i, memoryview(array))  # type: ignore[call-arg,arg-type]
 
     def __call__(self, *arguments: Array | float) -> list[Array]:
-        """Evaluate the function with these leading arguments; return the output buffers."""
+        """Evaluate the function with `arguments` as its first inputs; return the output buffers."""
         for buffer, argument in zip(self.inputs, arguments):  # noqa: B905 trailing inputs stay
             buffer[:] = argument
         self._evaluate()
@@ -65,7 +65,7 @@ class RowFunction:
         """Return values of shape (rows, size).
 
         Arguments have shape (rows, k), or (k,) if all rows share the argument; at least one
-        argument must have rows.
+        argument must be two-dimensional.
         """
         shared = [i for i, a in enumerate(arguments) if np.ndim(a) == 1]
         rows = max(len(a) for a in arguments if np.ndim(a) == 2)
@@ -82,7 +82,10 @@ class RowFunction:
         return result
 
     def derivative(self, argument: int) -> RowFunction:
-        """Return the derivative with respect to an argument, with entries column by column."""
+        """Return the function of the dense Jacobian with respect to the argument of this index.
+
+        Its rows contain the entries of the Jacobian column by column.
+        """
         if argument not in self._derivatives:
             inputs = self._function.sx_in()
             (value,) = self._function.call(inputs)
@@ -103,7 +106,7 @@ class RowFunction:
         return self._mapped_functions[key]
 
     def jacobians(self, *arguments: Array) -> list[Array]:
-        """Return the derivatives (size, .) with respect to each argument, at one row."""
+        """Return the dense Jacobians (size, k) with respect to each argument (k,), at one row."""
         function = self._function
         unused_value = np.zeros(function.numel_out(0))
         derivatives = function.jacobian()(*map(np.ravel, arguments), unused_value)

@@ -1,4 +1,4 @@
-"""Holonomic and nonholonomic constraints of one statement, and their kernels."""
+"""Holonomic and nonholonomic constraints of one statement and the kernels derived from them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class ConstraintKernel:
     Attributes
     ----------
     local
-        Symbols.
+        Symbols of the coordinates, multipliers and data.
     constraint
         g, shape (n_multipliers,).
     reused
@@ -66,7 +66,7 @@ class ConstraintKernel:
 
     @cached_property
     def has_branches(self) -> bool:
-        """True if the constraints depend on a piecewise law."""
+        """True if the constraints depend on the branch of a law."""
         return ca.depends_on(self.constraint, self.local.time[1])
 
     @property
@@ -77,7 +77,7 @@ class ConstraintKernel:
     def effective_levels(
         self, levels: tuple[int, ...], stabilized: bool
     ) -> tuple[tuple[int, ...], bool]:
-        """Return the levels to impose instead of `levels`, and True if q' includes G^T mu."""
+        """Return the levels to impose instead of `levels`, and whether q' includes G^T mu."""
         return levels, stabilized
 
     @cached_property
@@ -97,7 +97,7 @@ class ConstraintKernel:
         return self.local.partial_t(self.constraint)
 
     def _reaction_stiffness(self, multipliers: SX) -> SX:
-        """Return d(G^T multipliers)/dq, as a Hessian with half the operations of a Jacobian."""
+        """Return d(G^T multipliers)/dq; the Hessian needs half the operations of a Jacobian."""
         return ca.hessian(ca.dot(multipliers, self.constraint), self.local.q)[0]
 
     def _stack_inputs(self, levels: tuple[int, ...], mu: SX) -> SX:
@@ -122,7 +122,7 @@ class ConstraintKernel:
         return SX.sym("mu", self.local.n_multipliers if has_mu else 0)
 
     def residual_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
-        """Return the kernel of G^T lam, G^T mu (if `stabilized`) and the constraints on `levels`.
+        """Return the kernel of G^T lam, G^T mu (if `stabilized`) and the constraints at `levels`.
 
         The inputs are (t, branch) and (q, v, a, lam, mu, data), with v only for levels 1 and 2, a
         only for level 2, and mu only if `stabilized` or for `NO_LEVEL`. Levels are g (0),
@@ -140,11 +140,11 @@ class ConstraintKernel:
         return Kernel.of("joint", x.time, self._stack_inputs(levels, mu), outputs)
 
     def matrices_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
-        """Return the kernel of the matrices of `residual_kernel`.
+        """Return the kernel of the derivatives of the outputs of `residual_kernel`.
 
-        Shared inputs are `MATRIX_SHARED`. Outputs are G, c_l G and d(G^T lam)/dq, followed by
-        d(G^T mu)/dq if `stabilized`; c_h d g_dot/dq for level 1; d g_ddot/dq, d g_ddot/dv and c_a G
-        for level 2; diagonal matrices of 1 and of c_l for `NO_LEVEL`.
+        The shared inputs are `MATRIX_SHARED`. The outputs are G, c_l G and d(G^T lam)/dq, followed
+        by d(G^T mu)/dq if `stabilized`; c_h d g_dot/dq for level 1; d g_ddot/dq, d g_ddot/dv and
+        c_a G for level 2; the identity and c_l times the identity for `NO_LEVEL`.
         """
         return self._cache_kernel(self._build_matrices_kernel, levels, stabilized)
 
@@ -176,7 +176,7 @@ class ConstraintKernel:
 
     @cached_property
     def balance_kernel(self) -> Kernel:
-        """Kernel of G^T lam, g, g_dot and driver power in (t, branch) and (q, v, lam, data)."""
+        """Kernel of G^T lam, g, g_dot and power g_t^T lam, in (t, branch) and (q, v, lam, data)."""
         x = self.local
         power = ca.dot(self._g_dot_at_rest, x.lam)
         outputs = [self._jacobian.T @ x.lam, self._g, self._g_dot, power]
@@ -188,9 +188,9 @@ class ConstraintKernel:
 class NonholonomicKernel(ConstraintKernel):
     """Nonholonomic constraints 0 = A(time, q, data) v + b(time, q, data) of one joint.
 
-    A v + b replaces g_dot, A replaces G, and g does not exist. Formulations that impose only g = 0
-    impose A v + b = 0 instead; formulations that impose g = 0 and g_dot = 0 impose A v + b = 0
-    without a position correction.
+    A v + b replaces g_dot, A replaces G, and g is zero. Formulations that impose g = 0 but not
+    g_dot = 0 impose A v + b = 0 instead; formulations that impose both impose only A v + b = 0,
+    without a correction of positions.
 
     Attributes
     ----------
@@ -221,7 +221,7 @@ class NonholonomicKernel(ConstraintKernel):
     def effective_levels(
         self, levels: tuple[int, ...], stabilized: bool
     ) -> tuple[tuple[int, ...], bool]:
-        """Return the levels to impose instead of `levels`, and False: q' excludes G^T mu."""
+        """Return the levels to impose instead of `levels`, and False, as q' excludes G^T mu."""
         instead = NO_LEVEL if 1 in levels else 1
         return tuple(instead if level == 0 else level for level in levels), False
 

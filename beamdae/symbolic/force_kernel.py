@@ -10,12 +10,12 @@ import casadi as ca
 from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 
-# Numbers of the derivatives of F in `Tangents`.
+# Indices of dF/dq, dF/dv and dF/da in `Tangents`.
 STIFFNESS = 0
 DAMPING = 1
 MASS = 2
 
-# One item per matrix: the derivatives that are added up in it.
+# One item per matrix: the indices of the derivatives in its sum.
 Tangents = tuple[tuple[int, ...], ...]
 
 _N_ENERGIES = 3
@@ -29,7 +29,7 @@ class ForceKernel:
     Attributes
     ----------
     local
-        Symbols.
+        Symbols of the coordinates, multipliers and data.
     force
         F(time, q, v, a, lam, data), shape (size,): inertial, elastic, damping and gravity forces
         and loads on the left-hand side of F + G^T lam = 0. lam are the multipliers of a joint, for
@@ -79,7 +79,7 @@ class ForceKernel:
 
     @cached_property
     def has_branches(self) -> bool:
-        """True if the expressions depend on a piecewise law."""
+        """True if the force depends on the branch of a law."""
         return ca.depends_on(self.force, self.local.time[1])
 
     @cached_property
@@ -96,8 +96,8 @@ class ForceKernel:
         """Return the kernel of sums of c_q dF/dq, c_v dF/dv and c_a dF/da, one matrix per sum.
 
         `sums` lists the derivatives in each sum. The inputs are `MATRIX_SHARED` and
-        (q, v, a, lam, data). If F depends on multipliers, the last outputs are dF/dlam and
-        c_l dF/dlam.
+        (q, v, a, lam, data). If `local` has multipliers, the last outputs are dF/dlam and
+        c_l dF/dlam, and all outputs are evaluated at the multipliers c_r lam.
         """
         if sums not in self._tangents:
             self._tangents[sums] = self._build_tangent_kernel(sums)

@@ -41,7 +41,7 @@ class Formula:
     numbers: Any = ()
 
     def __call__(self, *arguments: Any) -> Any:
-        """Return the value at these arguments."""
+        """Return `kind(*arguments, numbers)`."""
         return self.kind(*arguments, self.numbers)
 
 
@@ -66,7 +66,7 @@ class FormulaExpression:
     functions
         Kinds of the formulas, or other functions.
     counts
-        Count of numbers of each formula; None for other functions.
+        Length of the `numbers` of each formula; None for other functions.
     """
 
     build: Callable[..., Any]
@@ -92,7 +92,7 @@ class FormulaExpression:
         return None not in self.counts
 
     def __call__(self, local: Local) -> Any:
-        """Return the expression in these symbols."""
+        """Return the expression in the symbols of `local`."""
         first, functions = 0, []
         for function, count in zip(self.functions, self.counts, strict=True):
             if count is None:
@@ -112,14 +112,15 @@ def build_formula_kernel(
 ) -> tuple[Any, Array]:
     """Return the kernel of a `FormulaExpression` and its data, shape (n_data, 1).
 
-    Formulas of equal kinds share one kernel, in all models of the process.
+    If `shared`, equal expressions made only of formulas share one kernel, in all models of the
+    process.
 
     Parameters
     ----------
     build, functions
         See `FormulaExpression`.
     size, n_multipliers
-        Number of local coordinates, and of multipliers.
+        Numbers of local coordinates and of multipliers.
     shared
         False if `build` contains user-defined functions; the kernel is then not cached for other
         models.

@@ -41,7 +41,7 @@ class KernelGroup(NamedTuple):
     members
         Indices of the statements that share the kernel.
     data
-        Data of the copies of all members, one column per copy, in the order of the statements.
+        Data of the copies of all members, one column per copy, in the order of `members`.
     """
 
     kernel: Any
@@ -50,7 +50,7 @@ class KernelGroup(NamedTuple):
 
 
 def group_by_kernel(statements: Sequence[Statement]) -> list[KernelGroup]:
-    """Group statements whose kernels are equal except for the numbers in them."""
+    """Group statements that have the same kernel, except for the numbers in it."""
     groups: dict[Hashable, list[int]] = {}
     for k, statement in enumerate(statements):
         kernel = statement.kernel
@@ -71,7 +71,10 @@ def _form_group(key: Any, members: list[int], statements: Sequence[Statement]) -
 
 
 def generalize_quantity(kernel: QuantityKernel) -> tuple[Any, Array]:
-    """Return the kernel with the numbers in it as additional data, and these numbers."""
+    """Return the kernel with the numbers in it as additional data, and these numbers.
+
+    A kernel that calls other functions is returned unchanged, with no numbers.
+    """
     recipe = _describe_kernel(kernel)
     if recipe is None:
         return kernel, np.zeros(0)

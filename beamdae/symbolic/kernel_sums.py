@@ -3,7 +3,7 @@
     out = kernels(shared, gathered x, data),    result = S (out, shared, 1)
 
 Gathering and S are constant sparse operators. The residuals and iteration matrices of all
-formulations are such sums. They are evaluated in batches of copies whose numbers stay in the
+formulations are such sums. Each sum is evaluated in batches of copies whose numbers stay in the
 processor caches. Arrays are laid out for machine code with one copy per vector lane: component by
 component, with the copies of a batch side by side.
 """
@@ -86,7 +86,7 @@ class Kernel:
 
     @property
     def native(self) -> LaneKernel | None:
-        """Machine code; None if it is switched off or cannot be built."""
+        """Machine code of the kernel; None if machine code is switched off or cannot be built."""
         return self._lane_kernel if is_native_enabled() else None
 
     @cached_property
@@ -95,7 +95,7 @@ class Kernel:
 
     @classmethod
     def of(cls, name: str, shared: SX, local: SX, outputs: Sequence[SX]) -> Kernel:
-        """Return the kernel of these expressions."""
+        """Return the kernel of `outputs`, expressions in `shared` and `local`."""
         entries = ca.vertcat(*(ca.vec(x.nz[:]) for x in outputs))
         (entries,) = ca.cse([ca.densify(entries)])
         return cls(ca.Function(name, [shared, local], [entries]), tuple(map(SX.sparsity, outputs)))
@@ -229,7 +229,7 @@ class SumPlan:
 
 
 class _InterpretedKernel:
-    """Kernel of all copies of a batch, evaluated by CasADi's virtual machine."""
+    """Kernel of a batch, evaluated for all copies by CasADi's virtual machine."""
 
     def __init__(self, batch: Batch) -> None:
         kernel, start, lanes, self._count = batch

@@ -10,7 +10,7 @@ import casadi as ca
 
 SX = ca.SX
 
-# Shared inputs of the kernels of all matrices: the time, then the `MatrixFactors`.
+# Shared inputs of the kernels of all matrices: (t, branch), then the `MatrixFactors`.
 MATRIX_SHARED = ("t", "branch", "c_q", "c_v", "c_a", "c_l", "c_h", "c_r")
 SHARED_T = MATRIX_SHARED.index("t")
 SHARED_BRANCH = MATRIX_SHARED.index("branch")
@@ -28,13 +28,13 @@ class MatrixFactors(NamedTuple):
     Attributes
     ----------
     c_q, c_v, c_a
-        Factors of dF/dq, dF/dv and dF/da.
+        Factors of dF/dq, dF/dv and dF/da; c_a is also the factor of d g_ddot/da.
     c_l
         Factor of derivatives with respect to multipliers.
     c_h
-        Factor of constraints at velocity level.
+        Factor of d g_dot/dq.
     c_r
-        Factor that converts the input multipliers to the multipliers of the equations.
+        Factor that converts the input multipliers to the multipliers of the forces F.
     """
 
     c_q: SX
@@ -115,7 +115,7 @@ class Local:
         return by_q + self.partial_t(dot)
 
     def matrix_inputs(self) -> tuple[SX, MatrixFactors]:
-        """Return new symbols of `MATRIX_SHARED`, as one column and by name."""
+        """Return the symbols of `MATRIX_SHARED` as one column, and the new factors by name."""
         factors = SX.sym("c", len(MatrixFactors._fields))
         return ca.vertcat(self.time, factors), MatrixFactors(*ca.vertsplit(factors))
 

@@ -47,7 +47,7 @@ class LocalRotation:
         return matrix
 
     def operator(self, selection: sp.csr_array, data: Array) -> sp.csr_array:
-        """Return diag(T_e) @ `selection`, given one column of data per copy."""
+        """Return blockdiag(T_e) @ `selection`, given one column of data per copy."""
         copy, (rows, columns) = np.arange(data.shape[1]), self.shape
         i, j = np.array([*self.ones, *self.others]).T[:, :, None] + copy * np.array(
             [[[rows]], [[columns]]]
@@ -64,9 +64,9 @@ class RotatedOperator(NamedTuple):
     Attributes
     ----------
     selection
-        Selects global coordinates.
+        Operator that selects the global coordinates z_e of all copies.
     rotation, data
-        Pattern of the rotation and its numbers, one column per copy. `rotation` is None if the
+        Pattern of the rotation, and its numbers, one column per copy. `rotation` is None if the
         operator only selects.
     """
 
@@ -123,9 +123,9 @@ def rotate_kernel(
 ) -> Kernel:
     """Return the kernel in selected coordinates; equal arguments return the same object.
 
-    A kernel of (vectors, data) becomes a kernel of (selected vectors, data, rotation numbers).
-    Its columns C become T^T C and its matrices V become T^T V T, except for its last `scalars`
-    outputs, which do not depend on the choice of coordinates.
+    A kernel of `vectors` local vectors and data becomes a kernel of (selected vectors, data,
+    rotation numbers). Its columns C become T^T C and its matrices V become T^T V T. The last
+    `scalars` outputs, which do not depend on the choice of coordinates, remain unchanged.
     """
     key = rotation, vectors, scalars
     if key not in kernel.rotated_kernels:

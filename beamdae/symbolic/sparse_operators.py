@@ -42,12 +42,12 @@ def select_rows(operator: sp.csr_array, rows: np.ndarray) -> sp.csr_array:
 def multiply_entries(
     left: sp.csr_array, row: np.ndarray, right: sp.csr_array, column: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return all products left[row[k], i] right[column[k], j] of non-zeros.
+    """Return all products left[row[k], i] right[column[k], j] of non-zeros, for all k.
 
     Returns
     -------
     i, j, k, product
-        Indices and value of each product.
+        Indices and values of the products, shape (n_products,).
     """
     left_counts, right_counts = np.diff(left.indptr)[row], np.diff(right.indptr)[column]
     product_counts = left_counts * right_counts

@@ -51,7 +51,7 @@ class Variable(NamedTuple):
 
     @property
     def rate(self) -> Variable:
-        """Name and unit of the time derivative."""
+        """Name and unit of the time derivative, such as 'x_dot' [m/s]."""
         return Variable(f"{self.name}_dot", "1/s" if self.unit == "-" else f"{self.unit}/s")
 
 
@@ -70,9 +70,9 @@ class Piece(NamedTuple):
 class ForceStatement:
     """Forces of one part: copies of one kernel, with one column of `data` per copy.
 
-    The operator of each piece stacks the rows of copy 0, copy 1, ...: each copy has the same number
-    of rows. The local coordinates of a copy are its rows of all pieces in sequence. `joint` names
-    the part whose multipliers are `local.lam`, if any.
+    The operator of each piece stacks the rows of all copies; each copy has the same number of rows.
+    The local coordinates of a copy are its rows of all pieces in sequence. `joint` is the name of
+    the part whose multipliers are `local.lam`, or None.
     """
 
     part: str
@@ -108,7 +108,7 @@ class RangeKernel:
     Attributes
     ----------
     local
-        Symbols.
+        Symbols of the coordinates and data.
     values
         Nonnegative expressions (deflection / length [-], rotation [rad], strain [-]) in terms of q
         and data of `local`.
@@ -146,7 +146,7 @@ class RangeStatement:
         Coefficients (a, b) of the relative error a r + b r^2 of the deformation at a rotation of r
         [rad]. None if the strains are valid at any rotation.
     remedies
-        Settings that reduce the error, besides cutting the part into several bodies.
+        Settings that reduce the error, besides dividing the part into several bodies.
     """
 
     part: str
@@ -164,7 +164,7 @@ class Quantity:
     Attributes
     ----------
     columns
-        Name and unit of each value; an empty name stands for the name of the observable.
+        Name and unit of each value; an empty name is replaced by the name of the observable.
     pieces
         Operators that select the local coordinates.
     expression
@@ -189,7 +189,7 @@ class QuantityKernel:
     Attributes
     ----------
     local
-        Symbols.
+        Symbols of the coordinates, multipliers and data.
     values
         Values in terms of time, q, v, data and lam of `local`, shape (number of columns,).
     """

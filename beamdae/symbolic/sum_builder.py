@@ -1,4 +1,4 @@
-"""Assembly of sums of kernels: gathers the inputs of copies and scatters their outputs."""
+"""Assembly of sums of kernels: where copies gather their inputs and scatter their outputs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = np.ndarray
 # Copies per batch: whole vectors of lanes, few enough that the matrices of elements stay in the
 # processor caches until they are added.
 _MAX_BATCH_COPIES = 72
-# Source of a constant; the k-th shared number from the end has the source -k - 1.
+# Source of the constant 1. Shared number i has the source i - n_shared - 1.
 _SOURCE_OF_ONE = -1
 
 
@@ -82,10 +82,19 @@ class SumBuilder:
 
         Parameters
         ----------
+        kernel
+            The kernel.
         inputs
-            Local inputs of the copies.
+            Local inputs of the copies, in the order of the kernel.
         data
-            Slice of p with the data of the copies, copy by copy. They are the last local inputs.
+            Slice of p with the data of the copies, copy by copy; the last local inputs.
+        count
+            Number of copies.
+
+        Returns
+        -------
+        KernelCopies
+            Argument of `add_column` and `add_matrix`.
         """
         copies, n_inputs, row = KernelCopies(kernel, count, self._n_out), kernel.n_local, 0
         if kernel.n_out == 0:
@@ -117,7 +126,7 @@ class SumBuilder:
     def add_column(
         self, copies: KernelCopies, output: int, operator: sp.csr_array, row: int
     ) -> None:
-        """Add operator^T @ (one dense column of all copies), starting at row `row`."""
+        """Add operator^T @ (the dense column `output` of all copies), starting at row `row`."""
         entries = sp.coo_array(operator)
         copy, component = np.divmod(entries.coords[0], entries.shape[0] // copies.count)
         source = copies.sources(output, component, copy)
@@ -133,9 +142,10 @@ class SumBuilder:
         offset: tuple[int, int],
         transposed: bool = False,
     ) -> None:
-        """Add R_e^T V_e C_e of all copies, or its transpose, with its first entry at `offset`.
+        """Add R_e^T V_e C_e of all copies, or its transpose, with entry (0, 0) at `offset`.
 
-        `rows` is (r * count, .) and `columns` is (c * count, .) where V_e is (r, c).
+        V_e (r, c) is the matrix `output` of a copy. `rows` (r * count, .) stacks all R_e and
+        `columns` (c * count, .) all C_e.
         """
         pattern, count = copies.kernel.outputs[output], copies.count
         r, c = pattern.shape
