@@ -1,7 +1,7 @@
 """Mechanisms with closed-form motions: joints, springs, friction, contact, gears, rolling, loads.
 
 The motion functions return rows of q, v, lam or observed columns at given times. Contact and the
-follower load have no closed form: independent code integrates their single coordinate.
+follower load have no closed form; independent code computes their references numerically.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Mechanisms of joints, springs, dampers, friction and contact with answers in closed form."""
+"""Mechanisms of joints, springs, dampers, friction, contact, gears and beams with known motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Natural frequencies of shear-flexible beams with rotary inertia, in closed form."""
+"""Natural frequencies of rings, a hinged arch and a supported beam from analytic equations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Periodic motions with references in closed form or by special functions."""
+"""Periodic motions with closed-form references or references from special functions."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class PeriodicCase:
             }
 
 
-# A slender cantilever under a sinusoidal tip force, with the strongest material damping.
+# A slender cantilever under a sinusoidal tip force, with strong material damping.
 LENGTH = 1.0  # [m]
 DAMPING = 2e-3  # Kelvin-Voigt time [s]
 STRIP = bd.Section.rectangle(
@@ -80,7 +80,7 @@ def _solve_shaken_cantilever() -> dict[str, float]:
         line = bd.Line((0.0, 0.0), (LENGTH, 0.0))
         beam = mech.add(bd.Beam("beam", line, STRIP, elements=4, formulation="exact"))
         mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-        # A deflection of 1e-4 of the length: nonlinear effects are the square of it.
+        # At a deflection of 1e-4 of the length, nonlinear effects are of order 1e-8.
         size = 1e-4 * LENGTH / abs(tip_receptance(frequency))
         mech.add(bd.Force("load", beam.end, (0.0, bd.sine(size, frequency))))
         mech.observe("tip", beam.end)

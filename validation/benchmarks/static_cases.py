@@ -157,7 +157,7 @@ def _roll_up_case(turns: int) -> StaticCase:
 
 
 def _solve_elastica(elements: int, settings: Mapping[str, Any]) -> dict[str, float]:
-    # Strains of extension and shear are 1e-8 of those of bending.
+    # Extension and shear are negligible: their strains are 1e-8 of the bending strains.
     mech = cantilever(
         1.0, section_from_stiffness(1.0, 1e8, 1e8), elements, settings, force=(0.0, 10.0)
     )

@@ -1,4 +1,4 @@
-"""Closed forms of beams in equilibrium."""
+"""Closed-form equilibria of a cantilever, a quarter circle and a ring."""
 
 from __future__ import annotations
 

@@ -2,8 +2,8 @@
 
     python validation/engine/overhead.py [--cases 1000]
 
-Runs the pendulum with many parameter sets and prints the time by kind as shares of the processor
-time of all processes.
+Runs the pendulum with several tip masses and many steps, and prints the time spent on integration,
+setup, measuring and the engine, relative to the wall time multiplied by the number of processes.
 """
 
 from __future__ import annotations

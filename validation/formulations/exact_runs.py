@@ -2,10 +2,11 @@
 
     python validation/formulations/exact_runs.py
 
-Compares the tip every 10 ms. The stored references are 32 exact elements by Radau(1e-9).
-`known.csv` lists the deviations of a floating frame with exact strains, of generalized-alpha and of
-Exudyn's beam, `eight_elements.csv` the errors of 8 elements by integrator. `parting.csv` and its
-picture show the largest error of the other strains up to a given time.
+Compares the tip every 10 ms. The stored references are runs of 32 exact elements by Radau(1e-9).
+`known.csv` lists the deviations of other accurate computations: 64 elements, exact strains in a
+floating frame, generalized-alpha and Exudyn. `eight_elements.csv` lists the errors of 8 exact
+elements by integrator. `parting.csv` and its picture show the largest error up to a given time, by
+strain.
 """
 
 from __future__ import annotations

@@ -2,11 +2,12 @@
 
     python validation/formulations/orders.py
 
-The axes are straight, an arc, a parabola and a curve with an inflection, 1 m long and bent by about
-one radian. Formulations with Reissner's strains are compared with a solution by shooting; strains
-for moderate rotations get a fifth of the loads and are compared with their own solution by 128
-elements. The table lists errors of the energy, of the tip displacement and of the moment at 15
-sections, relative to the energy, the displacement and the largest moment.
+The axes are a straight line, an arc, a parabola and a curve with an inflection, all about 1 m long;
+the loads bend them by about one radian. Formulations with Reissner's strains are compared with a
+solution by shooting. Strains for moderate rotations are tested with a fifth of the loads, and
+compared with a solution of the same formulation with 128 elements. The table lists errors of the
+energy, of the tip displacement and of the moment (largest error at 15 sections), relative to the
+energy, the displacement and the largest moment.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ FORMULATIONS: dict[str, dict[str, Any]] = {
     "frame, nonlinear, local": {"strain": "nonlinear", "frame": "tangent", "continuity": "local"},
 }
 ELEMENTS = (4, 8, 16, 32)
-REFERENCE_ELEMENTS = 128  # of formulations that converge to their own limit
+REFERENCE_ELEMENTS = 128  # of formulations that do not converge to Reissner's beam
 # Smallest relative error that is not dominated by rounding.
 ROUNDING_LEVEL = 3e-11
 QUANTITIES = ("energy", "tip", "moment")
@@ -95,7 +96,7 @@ def _cantilever(curve: Any, elements: int, settings: Mapping[str, Any]) -> bd.Me
 def solve_equilibrium(curve: Any, elements: int, settings: Mapping[str, Any]) -> CantileverSolution:
     """Return the equilibrium of the cantilever with the given mesh and formulation."""
     with warnings.catch_warnings():
-        # Coarse meshes, and rotations beyond the range of moderate strains.
+        # Warnings about coarse meshes, and about rotations beyond the range of moderate strains.
         warnings.simplefilter("ignore", bd.BeamdaeWarning)
         equilibrium = bd.equilibrium(_cantilever(curve, elements, settings))
     assert equilibrium.status.success, equilibrium.status.sentence

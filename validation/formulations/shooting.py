@@ -1,4 +1,4 @@
-"""Cantilevers of Reissner's theory by shooting: a reference without elements."""
+"""Shooting solutions of Reissner's cantilevers, as references without finite elements."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 """Mesh convergence of the hub beam.
 
 `run.py` prints errors and orders over the number of elements.
-Next: an element variant is an entry of `VARIANTS` in run.py.
+To extend: add an element variant to `VARIANTS` in run.py.
 """

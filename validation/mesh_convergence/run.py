@@ -1,9 +1,10 @@
-"""Mesh convergence of the tip deformation of the hub beam for all element variants.
+"""Mesh convergence of the hub beam's tip deformation for all element variants.
 
     python validation/mesh_convergence/run.py [--subtended 30] [--shape parabolic]
 
-All meshes are integrated with the same generalized-alpha settings and compared with 24 elements, so
-that time errors cancel. Errors are the largest over the run, relative to half the range.
+All meshes are integrated with the same generalized-alpha settings and compared with 24 curved
+elements, so that time errors cancel. Errors are the largest of u and v over the run, relative to
+half of the larger range.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Each printed term is evaluated on a short thick curved beam of two elements with the paper's
 continuity in random motion. Greek letters and minus signs are lost in the text at hand and are
-restored; Latin letters (areas, Jacobians, matrices) are taken as they stand.
+restored; Latin letters (areas, Jacobians, matrices) are taken as printed.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def gauss_points() -> tuple[GaussPoint, ...]:
     return tuple(points)
 
 
-# The print ------------------------------------------------------------------------------------
+# Printed terms --------------------------------------------------------------------------------
 
 
 def printed_terms(state: MotionState, f: np.ndarray, corrected: bool) -> dict[str, np.ndarray]:
@@ -149,15 +149,15 @@ def _internal_force(x: GaussPoint, p: np.ndarray) -> np.ndarray:
     return SECTION.area * stretched + SECTION.second_moment * B_L.T @ D @ B_L @ p
 
 
-# What it comes from ---------------------------------------------------------------------------
+# Derived terms --------------------------------------------------------------------------------
 
 
 def derived_terms(state: MotionState, f: np.ndarray, offset: bool) -> dict[str, np.ndarray]:
-    """M, Q_m and Q_F from moving points, eqs. (10), (11), (15), (16), and f_s from eqs. (5) to (7).
+    """Return M, Q_m and Q_F by eqs. (10), (11), (15), (16), and f_s by eqs. (5) to (7).
 
-    Two points a section, at eta = +-sqrt(I/A), stand for its area and second moment. Without
-    `offset` they move as eq. (8) has it; with it the undeformed eta is there and the section turns
-    as a whole.
+    M, Q_m and Q_F are sums over two points per section at eta = +-sqrt(I/A), which have its area
+    and second moment. Without `offset`, they move as in eq. (8); with `offset`, they also have the
+    undeformed offset eta, and the section rotates as a whole.
     """
     A, omega, p, p_dot = state.motion
     n = len(state.q)

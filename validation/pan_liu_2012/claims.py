@@ -1,4 +1,4 @@
-"""Claims of the paper, their verdicts, and the criteria: one row a claim."""
+"""Claims of the paper, with criteria and verdicts."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import pandas as pd
 
 Tables = Mapping[str, pd.DataFrame]
 
-# As the paper says, by the threshold of the row, in all tests.
+# All tests meet the threshold of the claim.
 AGREES = "agrees"
-# More, less or wider as the paper says, but not in all tests or not as clearly.
+# The effect has the stated sign, but not in all tests or not as clearly.
 AGREES_IN_DIRECTION = "agrees in direction"
-# More or less as the paper says, but its number differs by more than a factor of two.
+# The effect has the stated sign, but the numbers differ by more than a factor of two.
 DIFFERS_IN_SIZE = "differs in size"
 DIFFERS = "differs"
 UNDECIDED = "cannot be decided"
-# A number that is lost in print was chosen to satisfy the claim, so this is no evidence for it.
+# A number that is lost in print was chosen to satisfy the claim; agreement is no evidence.
 BY_CONSTRUCTION = "by construction"
 VERDICTS = (AGREES, AGREES_IN_DIRECTION, DIFFERS_IN_SIZE, DIFFERS, UNDECIDED, BY_CONSTRUCTION)
 
-# Thresholds, the same for all claims: an error that counts as converged and a difference that is
-# obvious, both of the amplitude; the share of a threshold within which a number is marked.
+# Thresholds of all claims: largest error of a converged result and smallest obvious difference,
+# relative to the amplitude; margin within which a number is close to a threshold, relative to it.
 CONVERGED_ERROR = 0.01
 OBVIOUS_DIFFERENCE = 0.10
 THRESHOLD_MARGIN = 0.05
@@ -114,7 +114,7 @@ FIGURE_7 = Axis(-0.10, 0.12, 0.02)
 FIGURE_9 = Axis(-0.20, 0.20, 0.05)
 FIGURE_10 = Axis(-1.5, 1.5, 0.5)
 
-# Of the length of an axis: what is seen in the figure, and what curves should cover.
+# Relative to the length of an axis: smallest visible difference, range that curves should cover.
 VISIBLE = 0.02
 COVERED = 0.65
 VISIBLE_TEXT = f"visible: over {VISIBLE:.0%} of the length of the figure's axis"

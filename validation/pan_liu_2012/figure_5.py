@@ -59,7 +59,7 @@ OUTPUT_STEP = 1e-2  # s
 REST_DAMPING = 8.0  # 1/s, mass-proportional damping that brings the strip to rest
 REST_TIME = 8.0  # s
 HALF_THICKNESS = 0.00125  # m
-# Arc length [m].
+# Arc length at each gauge [m].
 GAUGES = {"gauge 1": 0.50, "gauge 2": 0.25, "gauge 2 at 0.70 m": 0.70}
 FRAME_RATE = "frame.angle_dot [rad/s]"
 
@@ -115,7 +115,7 @@ def compare_damping_laws() -> dict[str, pd.DataFrame]:
 
 
 RADIUS = pendulum.parameters["radius"]
-# From the tangent at the root to the chord.
+# Angle from the tangent at the root to the chord [rad].
 CHORD_ANGLE = 0.5 * pendulum().part("beam").length / RADIUS
 # Root tangent [rad] and sign of the curvature, by the meaning of "0.60 rad".
 ORIENTATIONS = {

@@ -1,4 +1,4 @@
-"""Figures with the axes, units and ranges of the paper's, and those of further tables."""
+"""Figures with the axes, units and ranges of the paper, and figures of further tables."""
 
 from __future__ import annotations
 
@@ -342,7 +342,7 @@ def _draw_figures_9_10(tables: Mapping[str, pd.DataFrame], folder: Path) -> None
         (axes[2], "{}, chord, chord [rad/s]", "chord, chord frame"),
     ):
         plot_curves(axis, pick_curves(ten, styles, pattern), rate, title, time, FIGURE_10)
-        # Linear curves exceed the paper's axis slightly.
+        # Linear curves slightly exceed the paper's axis.
         axis.set_ylim(-1.65, 1.65)
     save_figure(figure, folder / "figure_10.png")
     figure, (left, right) = create_panels(2)

@@ -2,8 +2,8 @@
 
     python validation/pan_liu_2012/run.py [--out results/pan_liu_2012]
 
-Writes CSV and PNG; summary.csv has one row for each claim of the paper, with a verdict. Wall times
-are in table_2_times.csv and in separate columns.
+Writes CSV and PNG files; summary.csv has one row with a verdict for each claim of the paper. Wall
+times are in table_2_times.csv and in the columns "wall time [s]" of other tables.
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ def main() -> None:
     begin = time.perf_counter()
     tables = compute_tables(console)
     tables["table_2"] = table_2.compute_table_2(tables["table_2_errors"])
-    # Measured alone, to be compared with the CPU times of the paper.
+    # Measured while no other job runs, for comparison with the CPU times of the paper.
     tables["table_2_times"] = table_2.measure_times()
     tables["rod_readings"] = figures_9_10.judge_readings(tables)
     tables["summary"] = summarize_claims(CLAIMS, tables)

@@ -4,12 +4,12 @@
     python validation/performance/benchmark.py --quick
     python validation/performance/benchmark.py --linear   dense against sparse factorization
 
-PYTHON is an interpreter with Exudyn (`pip install exudyn`), PATH a checkout of beamdae; without
-them their tables are omitted. "price of Python" is the time of a run over the time of its counted
-residuals, matrices, factorizations and solutions back to back (`operations`), without a pilot run;
-"in loops" is the part of the run within machine code. "setup" and "books" (the energy balance of a
-run, its drift and residual) are those of a second run with the same equations of motion. Times are
-processor times, the smallest of several turns, unless they are called wall.
+PYTHON is an interpreter with Exudyn (`pip install exudyn`), and PATH is a checkout of beamdae; the
+tables of a missing tool are omitted. "price of Python" is the time of a run without a pilot run,
+divided by the time of its counted residuals, matrices, factorizations and solutions back to back
+(`operations`). "in loops" is the part of the run within machine code. "setup" and "books" (energy
+balance, drift and residual of a run) are measured once. All times except "wall" and "setup" are
+processor times, the smallest of several turns where actions take turns.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ SYSTEMS: Systems = (
     ("slider_crank", {"frame": "chord"}),
 )
 INTEGRATORS = (bd.GeneralizedAlpha(1e-3), bd.Ida(1e-5), bd.Radau(1e-4))
-# Step and rate at which operations are evaluated; their times do not depend on these.
+# Step and rate at which operations are evaluated; the times do not depend on them.
 STEP = 1e-3  # s
 RATE = 2e3  # 1/s
 

@@ -2,12 +2,12 @@
 
     python validation/performance/exudyn_peer.py '{"system": "hub beam", "elements": 8}'
 
-prints times, counts and the path of the tip. Without an argument it is a worker: it reads such runs
-from standard input, one a line (`workers.start_exudyn`).
+prints times, counts and the path of the tip. Without an argument, the script is a worker that reads
+such runs from standard input, one per line (`workers.start_exudyn`).
 
-Beams are geometrically exact 2D elements of 2 or 3 nodes, curved and free of stress at the start,
-with the length of their chords and their curvature. The torque is a symbolic function. Runs use one
-thread, write no files and reuse factorizations (modified Newton).
+Beams consist of geometrically exact 2D elements of 2 or 3 nodes, curved and free of stress at the
+start. The torque is a symbolic function. Runs use one thread, write no files and reuse
+factorizations (modified Newton).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Processor times of actions that take turns, and tables of them.
+"""Processor times of actions that take turns, and output of tables.
 
-Processor times exclude time taken by other processes, but caches and clock rates are shared. So
-actions take turns, and ratios are those of the smallest time of each.
+Processor times exclude time taken by other processes, but caches and clock rates are shared.
+Therefore, actions take turns, and ratios are computed from the smallest time of each action.
 """
 
 from __future__ import annotations

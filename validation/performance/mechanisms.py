@@ -2,10 +2,10 @@
 
     python validation/performance/mechanisms.py [--quick]
 
-The time predicted by size is that of the same bodies and joints without forces between them, which
-has as many unknowns and the same matrix pattern. Both run from the same start over the same time
-with the same steps. Stiff forces may take more iterations a step, so the ratio of times by residual
-evaluation is reported, too.
+The predicted time is that of the same bodies and joints without these forces, a mechanism with as
+many unknowns and the same matrix pattern. Both mechanisms run from the same start over the same
+time with the same steps. Stiff forces may require more iterations per step, so the ratio of the
+times per residual evaluation is also reported.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ROUNDS = 10
 QUICK_ROUNDS = 2
 SPRINGS = ("spring", "damper")
 ALL = (*SPRINGS, "contact")
-# By name: flexible coupler, and names of forces.
+# By name: whether the coupler is flexible, and the names of the forces.
 CASES = {
     "rigid, springs": (False, SPRINGS),
     "rigid, springs, contact": (False, ALL),

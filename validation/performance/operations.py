@@ -1,7 +1,8 @@
 """Times of the operations of integrators: residuals, matrices, factorizations and solutions.
 
 `time_step_operations` returns those of generalized-alpha, `time_first_order_operations` those of
-Ida and, with real and complex matrices, of Radau. Each is a compiled loop over one operation.
+Ida and, with real and complex matrices, of Radau. Each timer runs a compiled loop over one
+operation.
 """
 
 from __future__ import annotations

@@ -7,9 +7,9 @@
 PYTHON is an interpreter with Exudyn (`pip install exudyn`), which times 256 elements for
 comparison. Residual, iteration matrix, factorization and solution are those of generalized-alpha on
 index 3 (`operations`). "step" is the additional time of a run per additional step of 1e-3 s.
-"slope" is the slope of the logarithm of time over that of size, between neighboring sizes, and over
-all from 32 elements (8 beams) on. Times are processor times, the smallest of several turns. "peak"
-is the peak memory of a process that runs the largest beam alone.
+"slope" is the slope of log(time) over log(size), between neighboring sizes and fitted to all sizes
+from 32 elements (8 beams) on. Times are processor times, the smallest of several turns. "peak" is
+the peak memory of a process that runs only the largest beam.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ MOTION_ELEMENTS = 64  # of the hub beam over 2 s
 FIRST_ELEMENTS_OF_SLOPE = 32
 FIRST_BEAMS_OF_SLOPE = 8
 INTEGRATORS = (bd.GeneralizedAlpha(1e-3), bd.Radau(1e-4), bd.Ida(1e-5))
-# With many short elements rounding keeps Exudyn's residual above its usual tolerance.
+# With many short elements, rounding keeps Exudyn's residual above its usual tolerance.
 EXUDYN_TOLERANCE = 1e-4
 TIME_COLUMNS = (*(f"{piece} [us]" for piece in OPERATIONS), "step [us]")
 

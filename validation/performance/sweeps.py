@@ -3,12 +3,12 @@
     python validation/performance/sweeps.py --before PATH    ten minutes
     python validation/performance/sweeps.py --quick          a tenth of the cases, once
 
-Torques and densities vary; steps are 1e-3 s, over 2 s and over 20 s, in one process a core. Cases a
-second are of wall time. Processor times a case are those of compiled loops, of everything else in
-the worker processes, and of the main process. Checkouts take turns, and the best of several turns
-is reported. PATH is a checkout of another version; if its studies require references, the sweep
-becomes a convergence study over the density. The same cases also run without the engine, in two
-threads of one process and in two processes.
+Torques and densities vary; runs cover 2 s and 20 s with steps of 1e-3 s, in two processes. Cases
+per second refer to wall time. Processor times per case are those of compiled loops, of everything
+else in the worker processes, and of the main process. Checkouts take turns, and the best of several
+turns is reported. PATH is a checkout of another version; if its studies require references, the
+sweep becomes a convergence study over the density. Similar cases also run without the engine, in
+one thread, two threads and two processes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Mechanisms for timing: the two systems that Exudyn has, too, and systems of any size."""
+"""Mechanisms for timing: two systems for comparison with Exudyn, and systems of any size."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """Worker processes that run one job at a time, so that other tools can be timed in between.
 
-A worker reads a job a line, the keyword arguments of its function as JSON, and answers in one line.
+A worker reads one job per line, as a JSON object of keyword arguments, and answers each job with
+one line of JSON.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any
 
 HERE = Path(__file__).parent
 EXUDYN_MISSING = (
-    "{python}: cannot import exudyn; install it (pip install exudyn), or its runs are skipped."
+    "{python}: exudyn cannot be imported, so its runs are skipped; run pip install exudyn."
 )
 
 

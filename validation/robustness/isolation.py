@@ -31,7 +31,7 @@ class ProcessPool:
     """Worker processes in which trials run; one that dies or exceeds its time is replaced."""
 
     def __init__(self, count: int) -> None:
-        # With several BLAS threads in each process the threads would wait for each other.
+        # With several BLAS threads in each process, the threads would wait for each other.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         self._workers = [_Worker() for _ in range(count)]
 
@@ -73,7 +73,7 @@ class _Worker:
         self.connection, other = context.Pipe()
         self._process = context.Process(target=_serve_trials, args=(other,))
         self._process.start()
-        # With the other end open in the worker alone, its death raises EOFError here.
+        # Only the worker keeps the other end open, so that the death of the worker raises EOFError.
         other.close()
         self.connection.recv()
 

@@ -8,10 +8,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-# Refused by a message, failed with a reason, run with warnings, run with finite columns, or
-# interrupted (by a model file that raises KeyboardInterrupt).
+# In this order: refused with a message, failed with a reason, ran with warnings, ran with finite
+# columns, interrupted (by a model file that raises KeyboardInterrupt).
 ACCEPTED_ENDS = ("refused", "failed", "warned", "ran", "interrupted")
-# Another exception, the death of the interpreter, the time limit of the trial.
+# In this order: other exception, death of the interpreter, time limit of the trial.
 REJECTED_ENDS = ("raised", "crashed", "hung")
 
 MAX_SENTENCE_LENGTH = 600
@@ -82,7 +82,7 @@ def find_complaint(outcome: TrialOutcome, words: Iterable[str] = (), exempt: boo
         The trial runs the user's own code, which may print and whose exceptions may be quoted.
     """
     if outcome.ended not in ACCEPTED_ENDS:
-        # Exception type and function come before the colon, its message after it.
+        # The exception type and the function precede the colon; the message follows.
         return f"it {outcome.ended} {outcome.text.partition(': ')[0]}".strip()
     lines = outcome.text.splitlines()
     if outcome.ended == "refused" and len(lines) != 1:

@@ -1,4 +1,4 @@
-"""Random mechanisms by three integrators: each run ends with a reason, and results agree."""
+"""Random mechanisms: runs by three integrators must end with a reason and agree."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ SEED_COUNT = 200
 SAMPLE_SIZE = 10
 MAX_DEVIATION = 100.0  # over rtol; bd.verify allows two methods this difference
 MAX_ENERGY_IMBALANCE = 0.1  # relative to the energy exchanged
-# On these one method deviates somewhat more: undamped beams under a sudden load (see the README),
-# and three mechanisms that Radau resolves no better.
+# Seeds for which one method deviates more: undamped beams under a sudden load (see the README), and
+# three mechanisms that Radau does not resolve better.
 LARGE_DEVIATION_SEEDS = frozenset({21, 53, 100, 113})
 MAX_LARGE_DEVIATION = 250.0  # over rtol
 _MAX_EXCEPTION_LENGTH = 200  # characters
@@ -78,7 +78,7 @@ def try_seed(name: str) -> list[MechanismRow]:
     }
     rows = []
     for method, result in results.items():
-        # Of two methods that disagree one has to warn.
+        # If two methods disagree, at least one of them must warn.
         unwarned = [x for other, x in deviation.get(method, {}).items() if not warning[other]]
         apart = min(unwarned, default=np.nan)
         is_at_rest = method in solutions and not _has_moved(case, solutions[method])

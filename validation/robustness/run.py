@@ -2,9 +2,9 @@
 
 python validation/robustness/run.py                 everything (about an hour)
 python validation/robustness/run.py --thinned       a sample of every kind (six minutes)
-python validation/robustness/run.py --only faults   inputs, mechanisms or faults alone
+python validation/robustness/run.py --only faults   only inputs, mechanisms or faults
 
-Tables of complete runs go to results/. The exit code is 1 if an outcome was not right.
+Tables of complete runs are written to results/. The exit code is 1 if any outcome is not right.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ LOADS = {
 }
 # Load factors, applied as times.
 TIMES = np.array([0.003, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.17, 0.25, 0.35, 0.5, 0.7, 1.0])
-# Relative errors whose rotations are tabulated.
+# Relative errors for which the rotation is tabulated.
 LEVELS = (1e-3, 1e-2, 5e-2)
 FRAMES = ("tangent", "chord")
 INTEGRATOR = bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-7)

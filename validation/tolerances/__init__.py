@@ -1,6 +1,6 @@
 """Accuracy of the adaptive integrators over rtol: cases, references and tables.
 
-`run.py` prints the tables; results/ and references/ store them.
-Next: a case is a `ToleranceCase` in cases.py; `run.py --references --case NAME` computes its
-reference.
+`run.py` prints the tables; results/ contains the tables, and references/ the stored references.
+To extend: add a `ToleranceCase` to cases.py, and compute its reference with
+`run.py --references --case NAME`.
 """

@@ -1,4 +1,4 @@
-"""Slider-crank with a flexible rod of the IVP test set: two bending and two axial coordinates."""
+"""Slider-crank of the IVP test set; the flexible rod has two bending and two axial coordinates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random mechanisms as tolerance cases; one table holds their short, coarse references."""
+"""Random mechanisms as tolerance cases, with short, coarse references in a single table."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ TABLE, SUMMARY = FOLDER / "random.csv", FOLDER / "random_summary.csv"
 EFFORT = Effort(converged=1e-6, patience=1.5)
 # Largest disagreement of the two methods, relative to the amplitude.
 MAX_DISAGREEMENT = 1e-5
-# The same for the shortened run of a seed.
+# Largest disagreement for the shortened run of a seed, relative to the amplitude.
 MAX_DISAGREEMENT_SHORTENED = 1e-4
 SHORTENED_FRACTION = 0.4  # of the run
-# Columns with a smaller range [m or rad] are fixed by a joint.
+# Columns with a smaller range [m or rad] are considered fixed by a joint.
 MIN_MOTION = 1e-7
 
 

@@ -1,4 +1,4 @@
-"""Faults of the cache of machine code and of its compiler: results are always correct."""
+"""Faults of the machine code cache and of the compiler; results must stay correct."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from robustness.faults.bench import (
     mount_small_disk,
 )
 
-# A compiled loop with fixed steps, which do not depend on rounding.
+# Fixed steps in a compiled loop, so that the steps do not depend on rounding.
 _RUN_OPTIONS = ("--integrator", "generalized-alpha")
 _COMPILE_TIME_LIMIT = 150.0  # s; compilation on a loaded machine
 _TABLE_TOLERANCE = 1e-8  # of compiled results, relative to 1 plus the largest value
@@ -304,5 +304,5 @@ FAULTS = (
     cached_objects_without_numba,
     missing_llvmlite,
 )
-# Similar to those above, but each compiles one more loop.
+# Similar to the faults above, but each compiles one more loop.
 SLOW = (truncated_loop, text_as_a_loop, empty_objects, cache_inside_a_file)

@@ -41,7 +41,7 @@ def _expect_only_one_failure(bench: Bench, how: str) -> None:
     expect(ended["reason"][dead].notna().all(), "the case that died has no reason")
 
 
-# The first process builds the model, too, to list the columns of the study.
+# True only in worker processes, so that the process of the command never dies.
 _IN_WORKER = "__import__('multiprocessing').parent_process() is not None"
 
 
@@ -196,7 +196,7 @@ FAULTS = (
     interrupt_twice,
     study_killed,
 )
-# Slow, or similar to one of those above.
+# Slow, or similar to one of the faults above.
 SLOW = (
     case_that_hangs,
     interrupt_before_the_first_case,

@@ -1,4 +1,4 @@
-"""Catalog of faults, and the trial of one."""
+"""Catalog of all faults, and the trial of a single fault."""
 
 from __future__ import annotations
 

@@ -139,7 +139,7 @@ FAULTS = (
     one_group_fails,
     system_at_rest,
 )
-# Slow, or similar to one of those above.
+# Slow, or similar to one of the faults above.
 SLOW = (
     late_import_changed,
     environment_changed,

@@ -161,7 +161,7 @@ FAULTS = (
     record_of_nan,
     record_is_a_folder,
 )
-# Slow, or similar to one of those above.
+# Slow, or similar to one of the faults above.
 SLOW = (
     trajectory_cut_by_12,
     trajectory_cut_by_40,

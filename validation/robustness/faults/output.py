@@ -235,7 +235,7 @@ FAULTS = (
     markup_on_the_page,
     markup_on_the_screen,
 )
-# Slow, or similar to one of those above.
+# Slow, or similar to one of the faults above.
 SLOW = (
     formulas_in_cases,
     full_disk_of_a_study,

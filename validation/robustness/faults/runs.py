@@ -23,7 +23,7 @@ from robustness.judge import EXIT_INTERRUPTED
 
 RUN = ("run", "model.py", "--output-step", "1")
 
-_START_TIME = 2.0  # s after which a run is under way
+_START_TIME = 2.0  # s; later signals arrive during the run
 _TABLE_LINES = 1002  # of a complete run: header and 1001 rows
 
 
@@ -35,7 +35,7 @@ def _send_signal(bench: Bench, number: int, seconds: float, repetitions: int = 1
     if seconds > _START_TIME:
         bench.run_model()
     bench.write("model.py", LONG_MODEL)
-    # With fewer elements the run takes a million steps in this time, whose summary takes seconds.
+    # With fewer elements, the run would take a million steps, and their summary several seconds.
     process = bench.start(bench.command(*RUN, "--set", "elements=16"))
     time.sleep(seconds)
     for _ in range(repetitions):
@@ -90,7 +90,7 @@ def interrupt_twice(bench: Bench) -> None:
 
 def termination_signal(bench: Bench) -> None:
     """SIGTERM ends a run immediately."""
-    # The summary of computed rows takes a small part of the time of the run.
+    # Summarizing the computed rows takes a small part of the run time.
     result = _send_signal(bench, signal.SIGTERM, 2.5)
     expect_code(result, 128 + signal.SIGTERM, -signal.SIGTERM)
     expect(result.seconds < 5.0, f"after {result.seconds:.1f} s")
@@ -233,7 +233,7 @@ def results_folder_deleted(bench: Bench) -> None:
     (bench.folder / "results").mkdir()
     settings = ("--integrator", "ida", "--t-end", "1000", "--no-estimate")
     process = bench.start(bench.command(*RUN, *settings))
-    # Long before the end of the run, when rows are written.
+    # The rows are written at the end of the run, long after the deletion.
     time.sleep(2.0)
     shutil.rmtree(bench.folder / "results")
     expect_exit(bench.finish(process), 0)

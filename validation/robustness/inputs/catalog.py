@@ -56,8 +56,8 @@ WORKING_CALLS: dict[str, WorkingCall] = (
     | SWEEP_CALLS
 )
 
-# Public names without a working call: results, and base classes. Results are arguments of other
-# calls, where they are replaced.
+# Public names without a working call, with the reason. Bad values replace results where these are
+# arguments of other calls.
 NOT_CALLABLE = {
     "Animation": "result of animate",
     "BeamRange": "row of Solution.validity",
@@ -87,10 +87,10 @@ RESULT_CLASSES = frozenset(
         "Solution",
     }
 )
-# Their arguments are members of the class that a user's subclass overrides.
+# Base classes for users; the arguments of their calls are members that a subclass overrides.
 USER_BASE_CLASSES = frozenset({"Integrator", "Part"})
 INPUT_TIME_LIMIT = 20.0  # s
-_MAX_REPLACED_ENTRIES = 4  # a tuple or list of at most this length gets values in each entry
+_MAX_REPLACED_ENTRIES = 4  # bad values replace each entry of tuples and lists up to this length
 
 
 def public_name_of(key: str) -> str:
@@ -150,7 +150,7 @@ def _make_attempt(
                 entries = list(arguments[argument])
                 entries[index] = bad
                 kind = type(arguments[argument])
-                # A named tuple takes its entries one by one, or all of them by _make.
+                # Named tuples are created from a list by _make.
                 bad = getattr(kind, "_make", kind)(entries)
             arguments[argument] = bad
             words |= {str(bad), repr(bad).strip("'")} if isinstance(bad, (str, Path)) else set()

@@ -119,7 +119,7 @@ MODEL_FILES: dict[str, str | bytes] = {
     "error with an address": add_line("raise ValueError(object())"),
     "law that fails": add_line("mech.add(bd.Moment('m', bob.at(0, 0), lambda t: t.nothing))"),
 }
-# Each changes or ends the process that imports it, so each runs in a separate process.
+# Each file changes or ends the process that imports it, and so runs in a separate process.
 PROCESS_CHANGING_FILES: dict[str, str] = {
     "closes standard output": "import sys\nsys.stdout.close()\n" + GOOD_MODEL,
     "changes folder": "import os\nos.chdir('/')\n" + GOOD_MODEL,
@@ -198,7 +198,7 @@ def _run_in_process(text: str) -> TrialOutcome:
     return outcome_of_command(process.returncode, tables, process.stderr)
 
 
-# FILE stands for the good model file; other files and folders are those of `_write_folder`.
+# FILE is replaced by the good model file; `_write_folder` creates the other files and folders.
 GOOD_FILE = "out/model.py"
 COMMANDS: tuple[str, ...] = (
     "",
@@ -426,7 +426,7 @@ def invoke_command(arguments: list[str]) -> TrialOutcome:
     error = result.exception
     if error is not None and not isinstance(error, SystemExit):
         return outcome_of_exception(error)
-    # Without a command, or without its required argument, beamdae shows its help, which is right.
+    # Without a command, or without its required argument, beamdae correctly shows its help.
     shows_help = not arguments or result.stdout.lstrip().startswith("Usage:")
     # A usage error must not print tables.
     tables = result.stdout if result.exit_code == 2 and not shows_help else ""

@@ -1,6 +1,6 @@
 """Working calls of parts, curves, sections, laws, mechanisms and constrained systems.
 
-Most are the samples of the catalog of public names; the others are variants of them.
+Most are samples from the catalog of public names; the others are variants of these samples.
 """
 
 from __future__ import annotations

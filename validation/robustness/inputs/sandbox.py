@@ -26,7 +26,7 @@ INTEGRATORS: tuple[Callable[[], bd.Integrator], ...] = (
     lambda: bd.Ida(1e-3, time_limit=RUN_TIME_LIMIT),
 )
 KNEE = (1.0, 0.0)  # m, observed point of the bar
-# Parts, observables, models and studies that working calls create outside the sandbox.
+# Further names that messages may contain: functions, and objects created outside the sandbox.
 _OTHER_NAMES = frozenset(
     {
         "beam",
