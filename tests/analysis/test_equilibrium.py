@@ -174,7 +174,7 @@ def test_equilibrium_of_a_constrained_system():
         ({"to": []}, "to must contain at least one number"),
         (
             {"to": {"mass.x": 1.0}},
-            "to must name an observed position, got 'mass.x'; the observed positions are none",
+            "got 'mass.x'; observe it or use one of these positions: none",
         ),
         ({"control": "displacement"}, "use control='load'"),
         ({"control": "load", "switch": 1}, "use control='arc length'"),

@@ -40,8 +40,7 @@ class Campbell:
         Complex eigenvalues [1/s], (s, k); each column follows one mode from speed to speed by its
         shape.
     modes
-        All modes computed at each speed, lowest first, including modes that are not in
-        `eigenvalues`.
+        Modes computed at each speed, (s,), including modes that are not in `eigenvalues`.
     """
 
     speeds: Array
@@ -68,7 +67,7 @@ class Campbell:
         )
 
     def table(self) -> pd.DataFrame:
-        """Return one row per speed: frequencies [Hz] and growth rates [1/s] of the modes."""
+        """Return one row per speed: speed [rad/s], frequencies [Hz] and growth rates [1/s]."""
         import pandas as pd
 
         columns: dict[str, Any] = {"speed [rad/s]": self.speeds}
@@ -98,9 +97,9 @@ def campbell(
     speeds
         Rotation speeds [rad/s]; modes are followed in this order.
     n
-        Number of modes to follow.
+        Number of modes to follow, starting with the lowest at the first speed.
     center
-        Center of rotation in the reference configuration [m].
+        Center of rotation (x, y) in the reference configuration [m].
     damping
         Set False for undamped modes; see `modes`.
 
@@ -112,12 +111,12 @@ def campbell(
     Raises
     ------
     BeamdaeError
-        If there is no steady rotation at one of the speeds.
+        If an argument is invalid, or there is no steady rotation at one of the speeds.
 
     Examples
     --------
-    A mass on an isotropic bearing: the whirl frequency 10 rad/s splits into 10 -+ speed in the
-    rotating frame.
+    A mass on an isotropic bearing: in the rotating frame, the whirl frequency of 10 rad/s splits
+    into 10 - speed and 10 + speed.
 
     >>> import beamdae as bd
     >>> mech = bd.Mechanism()

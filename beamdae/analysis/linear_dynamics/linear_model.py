@@ -46,10 +46,12 @@ class LinearModel:
     Attributes
     ----------
     A, B, C, D
-        Arrays of x' = A x + B u, y = C x + D u. `tuple(model)` returns all four, for `scipy.signal`
-        and python-control: `control.ss(*model, inputs=[u.name for u in model.inputs])`.
+        Arrays (states, states), (states, inputs), (outputs, states) and (outputs, inputs) of
+        x' = A x + B u, y = C x + D u. `tuple(model)` returns all four, for `scipy.signal` and
+        python-control: `control.ss(*model, inputs=[u.name for u in model.inputs])`.
     states
-        Names and units of the states: independent coordinates of the mechanism, then their rates.
+        Names and units of the states: independent coordinates of the mechanism, then independent
+        velocities.
     inputs
         Names and units of the inputs, such as "push.Fy" [N]; for drivers the acceleration,
         "motor.angle_ddot" [rad/s^2].
@@ -92,7 +94,7 @@ class LinearModel:
         return StateSpace(self.A, self.B, self.C, self.D)
 
     def frequency_response(self, frequencies: Any) -> Array:
-        """Return the transfer matrix G = C (i w 1 - A)^-1 B + D, w = 2 pi f.
+        """Return the transfer matrix G = C (i w I - A)^-1 B + D, w = 2 pi f.
 
         Parameters
         ----------
@@ -107,7 +109,7 @@ class LinearModel:
         Raises
         ------
         BeamdaeError
-            If the response is infinite at one of the frequencies.
+            If a frequency is not a finite number, or the response is infinite there.
         """
         values = [
             require_finite("frequency_response", "frequencies", f)
@@ -142,18 +144,18 @@ def linearize(
 ) -> LinearModel:
     """Linearize a mechanism into a state-space model with named inputs and outputs.
 
-    Dependent coordinates are eliminated, so there are two states for each degree of freedom;
-    outputs may include reactions. The displacement and velocity of a driver that is an input
-    become states, and its acceleration is the input. About a rotation, states and outputs refer to
-    the rotating frame.
+    Dependent coordinates are eliminated, so there are two states for each degree of freedom (fewer
+    if constraints act on velocities only); outputs may include reactions. The displacement and
+    velocity of a driver that is an input become states, and its acceleration is the input. About a
+    rotation, states and outputs refer to the rotating frame.
 
     Parameters
     ----------
     model, about, t
         See `modes`.
     inputs
-        Names of forces, moments and drivers. Defaults to all of them. Those not named keep their
-        value at the state.
+        Names of forces, moments and drivers. Defaults to all of them. Parts that are not named keep
+        their value at the state.
     outputs
         Names of observables. Defaults to all of them.
 
@@ -165,8 +167,8 @@ def linearize(
     Raises
     ------
     BeamdaeError
-        If the state, an input or an output does not exist, or the model has more than 2000
-        coordinates.
+        If the state, an input or an output does not exist, a coordinate has no inertia, or the
+        model has more than 2000 coordinates.
 
     Examples
     --------
@@ -203,9 +205,9 @@ class ModelInput(NamedTuple):
     quantity
         Name and unit, such as "push.Fy" [N]; for drivers, the prescribed acceleration.
     force
-        Change of F per unit of the input, (n,).
+        Change of F per unit of the law of the part, (n,).
     constraints
-        Change of the constraints per unit of the input, by name; empty for loads.
+        Change of the constraints per unit of the law, by name; empty for loads.
     """
 
     quantity: Variable
@@ -302,7 +304,7 @@ def _resolve_outputs(
 class _StateReduction:
     """Reduction to independent coordinates x and rates w: dq = Z x, dv = Y w + W x.
 
-    W is nonzero only if velocities are constrained; it satisfies V W = -J Z.
+    W is nonzero only with constraints on velocities; it satisfies V W = -J Z.
     """
 
     def __init__(self, lin: Linearization, inputs: Sequence[ModelInput]) -> None:

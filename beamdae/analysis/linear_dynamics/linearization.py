@@ -2,9 +2,9 @@
 
     M x'' + C x' + K x + H mu = 0,    J x + V x' = 0
 
-x and mu are increments of the coordinates and the multipliers. Constraints on positions have
-V = 0, H = G^T + dF/dlam (friction depends on reactions) and J = G; constraints on velocities,
-A v + b = 0, have V = A and J = d(A v + b)/dq.
+x and mu are increments of the coordinates and the multipliers. H is G^T + dF/dlam, because friction
+depends on reactions. Constraints on positions have J = G and V = 0. Constraints on velocities,
+A v + b = 0, have J = d(A v + b)/dq, V = A, and A in place of G.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ Array = np.ndarray
 TangentFunction = Callable[[State], Tangent]
 
 REFERENCE = "reference"
-# Load factors that differ from one by less than this count as one, because Newton's method does not
-# reach one exactly.
+# Load factors that differ from one by less than this are treated as one, because Newton's method
+# does not reach one exactly.
 _FACTOR_TOLERANCE = 1e-9
 # Net forces above rounding and above this fraction of the largest force mean that the state is not
 # an equilibrium.
@@ -71,7 +71,7 @@ class Linearization:
     warnings
         Limits of the validity of the result.
     zero_square
-        Squared frequencies up to this value count as zero [1/s^2].
+        Squared frequencies up to this magnitude [1/s^2] are treated as zero.
     rotation
         Steady rotation, or None. If set, coordinates refer to the rotating frame.
     """
@@ -108,10 +108,15 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
     t
         Time [s] at which laws are evaluated, for states at rest and rotations.
 
+    Returns
+    -------
+    Linearization
+        State, and matrices of the linearized equations.
+
     Raises
     ------
     BeamdaeError
-        If `about` is invalid, or no such state exists.
+        If `about` is invalid, no such state exists, or a coordinate has no inertia.
     """
     if isinstance(about, Equilibrium):
         return _linearize_path_end(name, model, about)
@@ -210,8 +215,13 @@ def linearize_at_rest(
     Returns
     -------
     tuple
-        State, matrices, warnings, and the bound [1/s^2] up to which squared frequencies count as
-        zero.
+        State, matrices, warnings, and the bound [1/s^2] up to which squared frequencies are treated
+        as zero.
+
+    Raises
+    ------
+    BeamdaeError
+        If joints cannot be closed, or the mass matrix is singular or invalid.
     """
     solver = ConsistencySolver(e)
     solver.require_inertia()
@@ -226,14 +236,14 @@ def linearize_at_rest(
     warning = (
         f"{e.q_names[worst]}: the coordinate accelerates at {state.a[worst]:.3g} "
         f"{e.coordinates[worst].unit}/s^2 when released, so this state is not an "
-        "equilibrium; use about='equilibrium' unless you want frequencies of the "
-        "second derivatives of the potential."
+        "equilibrium; use about='equilibrium' unless the frequencies are meant to "
+        "follow from the second derivatives of the potential at this state."
     )
     return state, tangent, (warning,), _ZERO_SQUARE_RATIO * float(acceleration[worst])
 
 
 def massless_error(e: EquationsOfMotion, tangent: Tangent) -> BeamdaeError:
-    """Return the error that names the coordinate without inertia of a singular mass matrix."""
+    """Return the error for a singular mass matrix; it names the coordinate without inertia."""
     rows = tangent.acceleration_jacobian(e)
     matrix = (
         sp.block_array([[tangent.mass, tangent.reactions], [rows, None]]) if e.m else tangent.mass
@@ -256,7 +266,7 @@ def _release(e: EquationsOfMotion, tangent_at: TangentFunction, rest: State) -> 
 
 
 def _is_unbalanced(e: EquationsOfMotion, tangent: Tangent, state: State, force: Array) -> bool:
-    """Return True if accelerations exceed rounding errors, so that the state is no equilibrium.
+    """Return True if accelerations exceed rounding errors: the state is not an equilibrium.
 
     `force` is F + G^T lam at zero acceleration.
     """

@@ -33,15 +33,15 @@ _MIN_NAMED_SHARE = 0.005
 _MASS_ROUNDING = 1e-20
 # Number of frequencies shown in the repr.
 _REPR_FREQUENCIES = 5
-# Largest asymmetry of a matrix that counts as symmetric, relative to the largest entry: for exact
-# matrices, and for matrices with finite differences.
+# Largest asymmetry of a symmetric matrix, relative to the largest entry: of exact matrices, and of
+# matrices with finite differences.
 _EXACT_TOLERANCE = 1e-12
 _DIFFERENCE_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, repr=False)
 class Modes:
-    """Natural modes of a mechanism about a state, in ascending order; see `modes`.
+    """Natural modes of a mechanism about a state, by ascending eigenvalue magnitude; see `modes`.
 
     Small motions about the state are sums of Re(shape exp(eigenvalue t)).
 
@@ -101,7 +101,7 @@ class Modes:
 
     @cached_property
     def shares(self) -> dict[str, Array]:
-        """Kinetic energy fraction of each part in each mode, (k,) by name; the sum is 1."""
+        """Fractions of the kinetic energy of each mode, (k,) by name of the part; the sum is 1."""
         e = self._linearization.equations
         momentum = self._linearization.tangent.mass @ self.shapes.T
         energy = np.real(self.shapes.conj().T * momentum)
@@ -186,8 +186,8 @@ def modes(
 
     The modes Re(x exp(l t)) solve M x'' + C x' + K x + H mu = 0 under the linearized constraints.
     The matrices contain prestress, weight, the geometric stiffness of reactions, gyroscopic and
-    centrifugal terms. Without damping and rotation the problem is symmetric. Frequencies converge
-    with the mesh of the beams (order 6 with the default elements).
+    centrifugal terms. Without damping, friction, rotation and follower loads, the problem is
+    symmetric. Frequencies converge with the mesh of the beams (order 6 with the default elements).
 
     Parameters
     ----------
@@ -205,7 +205,8 @@ def modes(
         - `solution.at(time)`: an instant of a run, with its velocities frozen.
         - an `Equilibrium`: at rest at the end of its path, under the loads at this point.
     n
-        Number of modes, those with the smallest eigenvalues. None: all modes, by dense matrices.
+        Number of modes; the eigenvalues of smallest magnitude are kept. None returns all modes,
+        computed by dense matrices.
     damping
         Set False for undamped modes, from the symmetric parts of M and K alone.
     t
@@ -219,8 +220,8 @@ def modes(
     Raises
     ------
     BeamdaeError
-        If the state does not exist, a coordinate has no inertia, or constraints are dependent and
-        the model does not set `redundant="minimum norm"`.
+        If an argument is invalid, the state does not exist, a coordinate has no inertia, or
+        constraints are dependent and the model does not set `redundant="minimum norm"`.
 
     Examples
     --------
@@ -250,7 +251,7 @@ def modes(
     if growing:
         number = "one mode grows" if len(growing) == 1 else f"{len(growing)} modes grow"
         warnings.append(
-            f"the state is unstable: {number}, and the fastest grows by a factor of e in "
+            f"the state is unstable: {number}, and the fastest growth is by a factor of e in "
             f"{1.0 / max(growing):.3g} s."
         )
     return Modes(
@@ -291,7 +292,10 @@ class EigenSolution(NamedTuple):
 
 @single_threaded
 def solve_eigenproblem(lin: Linearization, count: int | None, damped: bool = True) -> EigenSolution:
-    """Return the `count` lowest modes, or all modes if `count` is None."""
+    """Return the `count` modes of smallest eigenvalue magnitude, or all modes if `count` is None.
+
+    The damping matrix is ignored if `damped` is False.
+    """
     undamped = SymmetricProblem(lin).solve(count)
     if not damped or is_conservative(lin):
         values = np.where(undamped.squares < 0.0, 0j, 1j) * np.sqrt(np.abs(undamped.squares))
@@ -302,7 +306,7 @@ def solve_eigenproblem(lin: Linearization, count: int | None, damped: bool = Tru
 
 
 def is_conservative(lin: Linearization) -> bool:
-    """Return True if the problem is symmetric and forces do not depend on velocities."""
+    """Return True if the matrices are symmetric and forces do not depend on velocities."""
     tangent = lin.tangent
     if tangent.damping.nnz and abs(tangent.damping).max() > 0.0:
         return False

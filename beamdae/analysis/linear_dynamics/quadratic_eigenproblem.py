@@ -1,8 +1,8 @@
 """Damped and gyroscopic modes: (l^2 M + l C + K) x + H mu = 0, (J + l V) x = 0.
 
 The quadratic eigenvalue problem is linearized and inverted about a real shift (Tisseur &
-Meerbergen, SIAM Rev. 43 (2001) 235). Dense matrices give all eigenvalues of small systems;
-Arnoldi's method gives the eigenvalues near zero of large systems.
+Meerbergen, SIAM Rev. 43 (2001) 235). Dense matrices give all eigenvalues of small systems. For
+large systems, Arnoldi's method gives the eigenvalues near the shift.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _DEFAULT_MODE_COUNT = 10
 _START_ITERATIONS = 3
 # Eigenvalues of the inverse below this fraction of the largest eigenvalue are lost in rounding.
 _MIN_INVERSE_RATIO = 1e-13
-# Bounds of real and imaginary parts that count as zero, relative to the eigenvalue.
+# Real and imaginary parts up to these fractions of the eigenvalue are rounding errors.
 _REAL_TOLERANCE = 1e-12
 _IMAGINARY_TOLERANCE = 1e-9
 # Free motions are dependent if their singular value is below this fraction of the largest one.
@@ -47,7 +47,7 @@ _TINY = 1e-300
 
 
 class QuadraticProblem:
-    """(l^2 M + l C + K) x + H mu = 0, (J + l V) x = 0.
+    """Quadratic eigenvalue problem (l^2 M + l C + K) x + H mu = 0, (J + l V) x = 0.
 
     With y = (x, l x), the problem becomes l E y = A y; for a shift s, the eigenvalues of
     (A - s E)^-1 E are 1 / (l - s).
@@ -60,6 +60,11 @@ class QuadraticProblem:
         Squared frequencies of the undamped problem [1/s^2], which determine the shift.
     count
         Number of modes of interest, or None for all modes.
+
+    Raises
+    ------
+    BeamdaeError
+        If the equations are singular at the shift.
     """
 
     def __init__(self, lin: Linearization, squares: Array, count: int | None) -> None:
@@ -82,10 +87,11 @@ class QuadraticProblem:
         self._solve_shifted = solve
 
     def solve(self, count: int | None) -> tuple[Array, Array]:
-        """Return the eigenvalues nearest to zero, (k,) [1/s], and their mode shapes, (n, k).
+        """Return the eigenvalues nearest to the shift, (k,) [1/s], and their mode shapes, (n, k).
 
-        At least `count` modes are returned if that many exist, and all modes if `count` is None.
-        Each conjugate pair is represented by the eigenvalue with positive imaginary part.
+        The modes are not sorted. There are at least `count` if that many are found; if `count` is
+        None, all are returned. Each conjugate pair is represented by the eigenvalue with positive
+        imaginary part.
         """
         e, n = self.e, self.e.n
         available = 2 * (n - e.m) + len(e.nonholonomic_rows)

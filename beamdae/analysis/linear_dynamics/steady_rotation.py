@@ -1,7 +1,8 @@
 """Steady rotation of a whole mechanism: state and linearized equations.
 
 An observer who rotates with the mechanism sees the coordinates z, with
-q = c + D(W t) (z - c) + W t e; see `RotatingCoordinates`. A constant z has the velocity
+q = c + D(W t) (z - c) + W t e; W is the speed, and D, c, e and the generator S are defined in
+`RotatingCoordinates`. A constant z has the velocity
 v = W (S (z - c) + e) and the acceleration a = W^2 S^2 (z - c) in the inertial frame. The
 equations linearized about that state, with x = D y, x' = D (y' + W S y) and
 x'' = D (y'' + 2 W S y' + W^2 S^2 y), are
@@ -66,8 +67,8 @@ def rotation(speed: float, center: tuple[float, float] = (0.0, 0.0)) -> Rotation
     """Specify a steady rotation of the whole mechanism, for `modes`, `linearize` and `campbell`.
 
     The ground is a turntable: joints to the ground rotate with it, and drivers keep their value at
-    t = 0 relative to it. Coordinates refer to the corotating frame, so that frequencies are as
-    measured by a strain gauge on the mechanism. Forces must rotate with the mechanism: weight,
+    the time `t` of the analysis. Coordinates refer to the corotating frame, so that frequencies are
+    as measured by a strain gauge on the mechanism. Forces must rotate with the mechanism: weight,
     loads of fixed direction, and springs and dampers to the ground off the center are rejected.
 
     Parameters
@@ -75,7 +76,7 @@ def rotation(speed: float, center: tuple[float, float] = (0.0, 0.0)) -> Rotation
     speed
         Angular speed [rad/s], positive counterclockwise.
     center
-        Center of rotation in the reference configuration [m].
+        Center of rotation (x, y) in the reference configuration [m].
 
     Returns
     -------
@@ -85,7 +86,7 @@ def rotation(speed: float, center: tuple[float, float] = (0.0, 0.0)) -> Rotation
     Raises
     ------
     BeamdaeError
-        If `speed` or `center` is not finite.
+        If `speed` is not a finite number, or `center` not a pair of finite numbers.
 
     Examples
     --------
@@ -122,7 +123,7 @@ class RotatingCoordinates:
 
     @classmethod
     def from_equations(cls, e: EquationsOfMotion) -> RotatingCoordinates:
-        """Classify coordinates by name: x and y, angle, theta or psi, with optional numbers."""
+        """Classify coordinates by name: x, y, angle, theta and psi, with or without a number."""
         x, y, angles = [], [], []
         index = {name: k for k, name in enumerate(e.q_names)}
         for name, k in index.items():
@@ -141,21 +142,21 @@ class RotatingCoordinates:
         return bool(len(self.x) or len(self.angles))
 
     def rotation_matrix(self, angle: float) -> sp.csr_array:
-        """Return D for an angle [rad], (n, n)."""
+        """Return D for an angle [rad], sparse (n, n)."""
         diagonal = np.ones(self.n)
         diagonal[self.x] = diagonal[self.y] = np.cos(angle)
         return sp.csr_array(sp.diags_array(diagonal) + np.sin(angle) * self.generator)
 
     @property
     def generator(self) -> sp.csr_array:
-        """S = dD/d(angle) at angle 0, (n, n)."""
+        """S = dD/d(angle) at angle 0, sparse (n, n)."""
         ones = np.ones(len(self.x))
         entries = np.concatenate([ones, -ones])
         positions = (np.concatenate([self.y, self.x]), np.concatenate([self.x, self.y]))
         return sp.csr_array((entries, positions), shape=(self.n, self.n))
 
     def center_vector(self, center: tuple[float, float]) -> Array:
-        """Return c, (n,), which contains the center in all pairs (x, y)."""
+        """Return c, (n,): `center` [m] in each pair (x, y), 0 otherwise."""
         vector = np.zeros(self.n)
         vector[self.x], vector[self.y] = center
         return vector
@@ -179,11 +180,18 @@ def find_steady_rotation(
 ) -> tuple[State, Tangent]:
     """Return the state of steady rotation and the equations linearized in the rotating frame.
 
+    If Newton's method does not converge at the full speed, the speed is increased from zero.
+
     Parameters
     ----------
+    e
+        Equations of motion with independent constraints.
+    time
+        (t, branch), at which laws are evaluated.
+    rotation
+        Speed and center of the rotation.
     guess
-        Coordinates at which the iteration begins. By default, the speed is increased from zero in
-        the reference configuration.
+        Coordinates (n,) at which the iteration begins. Defaults to the reference configuration.
 
     Raises
     ------

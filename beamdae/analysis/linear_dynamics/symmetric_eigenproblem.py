@@ -1,7 +1,7 @@
 """Undamped modes: K x + G^T mu = w^2 M x under G x = 0, with symmetric K and M.
 
 Small systems are solved by the dense inverse of K + s M in the null space of G, which gives all
-modes. Large systems are solved by shift-and-invert Lanczos about a shift below the lowest mode,
+modes. Large systems are solved by shift-and-invert Lanczos about the negative shift -s,
 with the multipliers among the unknowns of a sparse factorization (Ericsson & Ruhe, Math. Comput. 35
 (1980) 1251). K may be singular, and infinite eigenvalues do not occur because all vectors satisfy
 G x = 0.
@@ -28,11 +28,11 @@ Array = np.ndarray
 
 # Largest number of coordinates for which all modes are computed by dense matrices.
 MAX_DENSE_COORDINATES = 250
-# Squared frequencies below this ratio to the shift count as zero.
+# Squared frequencies up to this fraction of the shift are treated as zero.
 ZERO_SQUARE_RATIO = 1e-13
 # Rounding error of x^H K x, relative to |x|^T |K| |x|.
 _ROUNDING_RATIO = 2e-14
-# Shift, relative to the squared frequency of the lowest mode.
+# Shift, relative to the lowest squared frequency that is not zero.
 _SHIFT_RATIO = 0.4
 # Initial and smallest shift, relative to the largest ratio of stiffness to mass.
 _INITIAL_SHIFT_RATIO = 1e-8
@@ -73,7 +73,7 @@ class UndampedModes(NamedTuple):
 
 
 class SymmetricProblem:
-    """K x + G^T mu = w^2 M x, G x = 0, with the symmetric parts of K and M."""
+    """Eigenvalue problem K x + G^T mu = w^2 M x, G x = 0 with the symmetric parts of K and M."""
 
     def __init__(self, lin: Linearization) -> None:
         tangent = lin.tangent
@@ -84,7 +84,7 @@ class SymmetricProblem:
         self.mode_count, self.zero_square = self.e.n - self.e.m, lin.zero_square
 
     def solve(self, count: int | None) -> UndampedModes:
-        """Return the `count` modes nearest to zero, or all modes if `count` is None.
+        """Return at least the `count` modes nearest to zero; all modes if `count` is None.
 
         Raises
         ------
@@ -167,7 +167,7 @@ def _symmetric_part(matrix: sp.csc_array) -> sp.csc_array:
 
 
 def scaled_null_space(rows: sp.csc_array, scales: Array) -> Array:
-    """Return a basis (n, k) of the null space of `rows`, orthonormal relative to `scales`."""
+    """Return a basis (n, k) of the null space of `rows`, orthonormal if divided by `scales`."""
     if not rows.shape[0]:
         return np.diag(scales)
     matrix = rows.toarray() * scales
@@ -183,7 +183,7 @@ def quadratic_form_rounding(matrix: sp.csc_array, shapes: Array) -> Array:
 
 
 def _shift_below(squares: Array) -> float:
-    """Return a shift s > 0 below the smallest of `squares` that is not zero within rounding."""
+    """Return a shift s > 0 below the smallest magnitude of `squares` that exceeds rounding."""
     size = np.abs(squares)
     nonzero = size[size > max(_DENSE_ZERO_RATIO * np.max(size, initial=0.0), _MIN_INVERTIBLE)]
     return _SHIFT_RATIO * float(np.min(nonzero)) if len(nonzero) else 1.0
@@ -204,7 +204,7 @@ class FrequencyRange:
     growth_rate
         Largest growth rate of unstable motions [1/s], or 0.
     massless
-        Name of a coordinate without inertia, or "".
+        Name of a coordinate without inertia, for which no range is computed, or "".
     """
 
     lowest: float | None

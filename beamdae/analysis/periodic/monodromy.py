@@ -1,8 +1,8 @@
 """Variational equations of a run: propagation of disturbances for the monodromy matrix.
 
 The residual R(t, y, y') = 0 in the form of Gear, Gupta & Leimkuhler is linearized along the run,
-R_y dy + R_y' dy' = 0, and integrated by Radau IIA of order 5 on steps of the run; many steps are
-solved together.
+R_y dy + R_y' dy' = 0, and integrated by Radau IIA of order 5 on nodes of the run. Small systems are
+solved for many steps at once.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _FORM = "ggl"
 _STAGES = 3
 _INVERSE_A = np.linalg.inv(A)
 _INVERSE_A_ROW_SUMS = _INVERSE_A.sum(axis=1)
-# Rows of the constraint Jacobian below this fraction of the largest row count as zero.
+# Rows of the constraint Jacobian whose length is below this fraction of the longest are zero.
 _ZERO_ROW_RATIO = 1e-10
 # Largest number of unknowns for which stages are solved by dense matrices, and number of matrix
 # entries of the steps that are solved together.
@@ -75,7 +75,7 @@ class VariationalEquations:
     def admissible_disturbances(self, trajectory: Trajectory, scales: Array) -> Array:
         """Return a basis (2 n, k) of the initial disturbances of (q, v) that the joints allow.
 
-        The basis is orthonormal relative to the natural sizes `scales`, (2 n,).
+        The basis divided by the natural sizes `scales`, (2 n,), is orthonormal.
         """
         n, interval = self.equations.n, trajectory.intervals[0]
         by_y = self._to_dense(self._jacobians(interval, interval.nodes[:1]))[0, 0]
@@ -90,7 +90,8 @@ class VariationalEquations:
     def propagate(self, trajectory: Trajectory, disturbances: Array, refinement: int = 0) -> Array:
         """Return the disturbances (2 n, k) of (q, v) at the end of a run from initial disturbances.
 
-        Each step covers four steps of the run; every level of refinement halves the steps.
+        Without refinement, each step covers four steps of the run; every level of refinement halves
+        the steps.
         """
         y = disturbances
         for interval in trajectory.intervals:

@@ -41,11 +41,11 @@ from beamdae.results.periodic_motion import floquet_multipliers
 Array = np.ndarray
 
 _NAME = "frequency_response"
-# Maximum number of Newton iterations of the corrector, and largest correction relative to the
-# amplitudes and to the range of the parameter.
+# Maximum number of Newton iterations of the corrector, and largest correction, relative to the
+# amplitudes and the range of the parameter.
 _MAX_ITERATIONS = 8
 _MAX_CHANGE = 0.3
-# Step of the finite difference by the parameter, relative to its range.
+# Step of the finite difference with respect to the parameter, relative to its range.
 _DIFFERENCE_STEP = 1e-5
 # Least cosine of the angle between the tangents at both ends of a step.
 _MIN_COSINE = 0.8
@@ -76,8 +76,8 @@ def frequency_response(
 ) -> FrequencyResponse:
     """Follow a periodic motion of a model over the frequency of its loads or another parameter.
 
-    Pseudo-arc-length continuation (Keller 1977) of the single shooting of `periodic`. It passes
-    folds, where the parameter reverses, and follows unstable motions.
+    Pseudo-arc-length continuation (Keller 1977) with the single shooting of `periodic` follows the
+    motion past folds, where the parameter reverses, and where it is unstable.
 
     Parameters
     ----------
@@ -93,7 +93,8 @@ def frequency_response(
     integrator
         Integrator. Defaults to Radau(1e-8).
     step, longest_step
-        First and largest step along the curve, relative to the range of the parameter.
+        First and largest step along the curve, in which changes of the state are relative to the
+        amplitudes and changes of the parameter are relative to its range.
     settle
         Number of periods to run before the first periodic motion is sought.
     tolerance
@@ -107,18 +108,19 @@ def frequency_response(
     Returns
     -------
     FrequencyResponse
-        The motions in order along the curve. If the curve ends early or no first motion is found,
-        `status` gives the reason.
+        The motions in order along the curve. `status` gives the reason for its end, or for the
+        failure to find a first motion.
 
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, loads or drivers are not periodic, or events switch parts.
+        If an argument is invalid, loads or drivers are not periodic, or events stop the run or
+        switch parts.
 
     Warns
     -----
     BeamdaeWarning
-        If the curve ends before the end of the range.
+        If no first motion is found, or the curve ends inside the range.
     """
     if not isinstance(model, Model):
         raise BeamdaeError(f"{_NAME}: model must be a model function, got {short_repr(model)}.")
@@ -218,7 +220,7 @@ class CurvePoint:
         return np.concatenate([first.q[0], first.v[0]])
 
     def as_response_point(self, sign: float) -> ResponsePoint:
-        """Convert to a point of the result; `sign` is the sign of the range of the parameter."""
+        """Convert to a point of the result; `sign` is 1 for an ascending range, -1 otherwise."""
         multipliers = floquet_multipliers(self.result.monodromy)
         forward = sign * self.direction[-1] > 0.0
         return ResponsePoint(self.value, self.period, self.result.solution, multipliers, forward)
@@ -324,7 +326,7 @@ class ResponseCurve:
         return None, _NOT_CONVERGED
 
     def _differentiate_by_parameter(self, point: CurvePoint) -> Array:
-        """Return the derivative (k,) of the deviation by the parameter over its range."""
+        """Return the derivative (k,) of the deviation by the parameter relative to its range."""
         result = point.result
         period_map = self._period_map(point.value + _DIFFERENCE_STEP * self._range)
         n = period_map.equations.n

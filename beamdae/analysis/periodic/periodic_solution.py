@@ -27,8 +27,8 @@ from beamdae.results.periodic_motion import PeriodicMotion, floquet_multipliers,
 Array = np.ndarray
 
 _NAME = "periodic"
-# Steps of the variational equations are halved until the largest multiplier changes by less than
-# this fraction.
+# Steps of the variational equations are halved until the largest modulus of a multiplier changes by
+# at most this amount.
 _MULTIPLIER_TOLERANCE = 1e-5
 _MAX_REFINEMENTS = 6
 # Below this relative deviation, the accuracy of the integrator may limit Newton's method.
@@ -49,9 +49,9 @@ def periodic(
     Single shooting (Nayfeh & Balachandran, Applied Nonlinear Dynamics, 1995, chapter 6): Newton's
     method solves (q, v)(t + T) = (q, v)(t), for one period T, within the motions that the joints
     allow. The monodromy matrix comes from the variational equations along the run. Both stable and
-    unstable motions are found; if there are several, the result is one near the start. Angles may
-    advance by full revolutions. The method fails if disturbances grow by more than a factor of 1e5
-    per period.
+    unstable motions are found; if there are several, the result depends on the start. Angles may
+    advance by full revolutions. The method usually fails if disturbances grow by more than a factor
+    of 1e5 per period.
 
     Parameters
     ----------
@@ -74,13 +74,14 @@ def periodic(
     Returns
     -------
     PeriodicMotion
-        One period with its Floquet multipliers. If Newton's method does not converge or a run ends
-        early, `status` gives the reason.
+        One period with its Floquet multipliers, or the incomplete run if a run ends early. If the
+        search fails, `status` gives the reason.
 
     Raises
     ------
     BeamdaeError
-        If loads or drivers are not periodic, events switch parts, or an argument is invalid.
+        If loads or drivers are not periodic, events stop the run or switch parts, or an argument is
+        invalid.
 
     Warns
     -----
@@ -136,7 +137,7 @@ def periodic(
 
 
 def _refine_multipliers(period_map: PeriodMap, result: ShootingResult) -> tuple[Array, float]:
-    """Return the Floquet multipliers, and the last change of the largest multiplier."""
+    """Return the Floquet multipliers, and the last change of their largest modulus."""
     variational = VariationalEquations(period_map.equations)
     multipliers, error = floquet_multipliers(result.monodromy), np.inf
     for refinement in range(1, _MAX_REFINEMENTS + 1):

@@ -41,7 +41,7 @@ _STAGNATION_DEVIATION = 1e-4
 _STAGNATION_ITERATIONS = 4
 # Maximum number of halvings of a Newton step if the run does not reach the end of the period.
 _MAX_HALVINGS = 5
-# Singular values below this fraction of the largest belong to directions in which every state is
+# Smaller singular values, relative to the largest, belong to directions in which all states are
 # periodic.
 _NEUTRAL_RATIO = 1e-9
 
@@ -55,12 +55,12 @@ class IncompleteRunError(BeamdaeError):
 
 
 def build_periodic_equations(function: str, model: Any, start: Any = None) -> EquationsOfMotion:
-    """Return the equations of a model; reject events that switch parts."""
+    """Return the equations of a model; reject events that stop a run or switch parts."""
     equations = as_equations(function, model, start)
     if equations.configurations is not None or any(x.do != "record" for x in equations.events):
         raise BeamdaeError(
-            f"{function}: events must not stop a run or switch parts; replace such "
-            "events by smooth forces, for example Contact."
+            f"{function}: events must not stop a run or switch parts; remove such events, "
+            "for example by modeling contacts with smooth forces such as Contact."
         )
     return equations
 
@@ -111,7 +111,15 @@ class PeriodMap:
         return solution
 
     def settle(self, periods: int) -> tuple[Array, Array]:
-        """Return the state (q, v) after `periods` periods from the start of the equations."""
+        """Return the consistent state (q, v) after `periods` periods from the initial conditions.
+
+        Full revolutions of angles are removed.
+
+        Raises
+        ------
+        IncompleteRunError
+            If the run ends early.
+        """
         e = self.equations
         q, v = self.make_consistent(e.q0, e.v0)
         if not periods:
@@ -122,7 +130,7 @@ class PeriodMap:
         return self.make_consistent(q - self._full_turns(e.q0, q), last.v[-1])
 
     def make_consistent(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the nearest state that satisfies the constraints at the start of a period."""
+        """Return the consistent state nearest to (q, v) at the start of a period."""
         later = [b for b in self.equations.breakpoints if b > self.begin]
         time = np.array([self.begin, 0.5 * (self.begin + min([self.begin + 1.0, *later]))])
         state = ConsistencySolver(self.equations).state(time, q, v)
@@ -176,7 +184,10 @@ class PeriodMap:
         return np.where(is_angle, _FULL_TURN * np.round((last - first) / _FULL_TURN), 0.0)
 
     def deviation(self, solution: Solution) -> Array:
-        """Return the difference (2 n,) between the states at the end and the start of a period."""
+        """Return the state at the end of a period minus the state at its start, (2 n,).
+
+        Full revolutions of angles are removed.
+        """
         first, last = (
             np.concatenate([x.q[k], x.v[k]])
             for x, k in (
@@ -189,7 +200,11 @@ class PeriodMap:
         return deviation
 
     def state_scales(self, solution: Solution) -> Array:
-        """Return natural sizes (2 n,) of (q, v): amplitudes, at most mechanism size or 1 rad."""
+        """Return natural sizes (2 n,) of (q, v).
+
+        Coordinates have their amplitude, limited to the size of the mechanism or 1 rad; velocities
+        have the same value times 2 pi / period.
+        """
         amplitudes = Amplitudes.from_trajectory(solution.equations, solution.trajectory).scales
         scales = np.minimum(amplitudes, self.equations.position_scales)
         return np.concatenate([scales, scales * (_FULL_TURN / self.period)])
@@ -203,7 +218,7 @@ class ShootingResult(NamedTuple):
     solution
         Run over the period.
     basis
-        Basis of the admissible disturbances at the start, (2 n, k), orthonormal relative to
+        Basis of the admissible disturbances at the start, (2 n, k), orthonormal if divided by
         `scales`.
     scales
         Natural sizes of (q, v), (2 n,).
@@ -212,10 +227,9 @@ class ShootingResult(NamedTuple):
     monodromy
         Disturbances after one period, in terms of `basis`, (k, k).
     deviation
-        Difference between the states at the end and the start of the period, in terms of `basis`,
-        (k,).
+        State at the end of the period minus the state at its start, in terms of `basis`, (k,).
     relative_deviation
-        Largest component of the deviation relative to natural sizes.
+        Largest absolute component of this difference in (q, v), relative to `scales`.
     """
 
     solution: Solution

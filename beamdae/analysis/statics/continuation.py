@@ -24,7 +24,7 @@ _MIN_STEP_RATIO = 1e-6
 _GROWTH_FACTOR = 1.5
 _MAX_ITERATIONS_TO_GROW = 4
 # If the corrector moves a point by more than this fraction of the step, the point lies on another
-# path. The allowance for rounding is relative to the size of the mechanism.
+# path. The allowance for rounding is in natural sizes.
 _MAX_CORRECTION_RATIO = 0.5
 _CORRECTION_ROUNDING = 1e-7
 # Least cosine of the angle between successive directions: for a step by arc length (a crossing path
@@ -34,11 +34,11 @@ _MIN_COSINE_TO_GROW = 0.95
 # Steps below this fraction of the largest step may turn by any angle, because the path has a
 # corner.
 _CORNER_STEP_RATIO = 1e-3
-# A remaining distance up to this ratio to the step is split in two, so that the last step is not
-# tiny. Up to the second ratio, which allows for rounding, one step covers the whole distance.
+# A remaining distance of up to this multiple of the step is split in two, so that the last step is
+# not tiny. Up to the second multiple, which allows for rounding, one step covers the distance.
 _SPLIT_RATIO = 1.2
 _ROUNDING_RATIO = 1.001
-# Distance, relative to the step, within which two branch points are considered equal.
+# Distance, relative to the largest step, within which two branch points are considered equal.
 _SAME_POINT_RATIO = 1e-2
 _CLOSED_PATH = (
     "the path is closed and returns to a branch point passed before; switch at one "
@@ -118,7 +118,8 @@ class ContinuationSettings:
     by_arc_length
         True to control steps by arc length instead of `target_control`.
     max_step
-        Largest step of `target_control`, or, by arc length, of the largest motion in natural sizes.
+        Largest change of `target_control` in a step or, by arc length, largest motion of a
+        coordinate in natural sizes.
     max_load_step
         Largest change of the load factor in steps by arc length: in the first step, and in all
         steps if the targets are load factors.
@@ -241,11 +242,11 @@ def _take_step(
 
 
 def _max_arc_step(settings: ContinuationSettings, direction: PathDirection, last: float) -> float:
-    """Return the largest step by arc length; `last` is the previous step, or infinity.
+    """Return the largest step by arc length.
 
-    The change of the load factor is limited in every step if the load factor is the target,
-    otherwise only in the first step, because the load that a displacement requires is not known in
-    advance.
+    `last` is the step that the previous step proposes, or infinity for the first step. The change
+    of the load factor is limited in every step if the load factor is the target, otherwise only in
+    the first step, because the load that a displacement requires is not known in advance.
     """
     tiny = np.finfo(float).tiny
     by_motion = settings.max_step / max(settings.norm.max_norm(direction.x), tiny)
@@ -298,7 +299,8 @@ def switch_branch(
     Raises
     ------
     CorrectorError
-        If no point of the crossing path is found.
+        If no point of the crossing path is found, or the eigenvalues at the branch point are
+        unknown.
     """
     branch, norm = path.branch_points[-1], settings.norm
     del path.points[branch.row + 1 :]
@@ -339,8 +341,8 @@ def _crossing_direction(
     """
     if not len(point.stability.eigenvalues):
         raise CorrectorError(
-            "crossing paths cannot be separated because the loads have no potential, "
-            "so switch= is not supported"
+            "crossing paths cannot be separated without eigenvalues of the stiffness, for "
+            "example because the loads have no potential, so switch= is not supported"
         )
     x = np.zeros_like(point.x)
     x[: len(norm.scale)] = point.stability.mode(index)

@@ -21,8 +21,8 @@ _MAX_ITERATIONS = 15
 # Newton corrections are relative to the size of the mechanism, angles in rad.
 _DIVERGENCE_LIMIT = 0.5
 _CONVERGENCE_TOLERANCE = 1e-10
-# A correction below this size also counts as converged once it stops decreasing, because rounding
-# errors of stiff beams may prevent smaller corrections.
+# A correction below this size is also accepted if it exceeds this fraction of the previous one,
+# because rounding errors of stiff beams may prevent smaller corrections.
 _STAGNATION_TOLERANCE = 1e-6
 _STAGNATION_RATIO = 0.1
 
@@ -63,7 +63,8 @@ class Corrector:
     """Newton's method for one load stage, with a count of its iterations.
 
     It solves F(x; mu) = 0, c(x, mu) = target by the bordered matrix [[F_x, F_mu], [c_x, c_mu]],
-    which is regular at limit points, although F_x is singular.
+    where c is the control. Except with load control, this matrix is regular at limit points,
+    although F_x is singular.
     """
 
     system: LoadedEquations
@@ -71,7 +72,7 @@ class Corrector:
 
     @cached_property
     def displacement_measure(self) -> DisplacementMeasure:
-        """Measure of the displacement of the bodies by a correction."""
+        """Measure of the displacements of the bodies, for the size of corrections."""
         return DisplacementMeasure.of(self.system.equations)
 
     @cached_property
@@ -110,7 +111,8 @@ class Corrector:
         Raises
         ------
         CorrectorError
-            If Newton's method diverges, meets a singular matrix or takes too many iterations.
+            If Newton's method diverges, meets a singular matrix or forces that are not finite, or
+            takes more than 15 iterations.
         """
         last_size = np.inf
         for k in range(_MAX_ITERATIONS):
@@ -136,7 +138,8 @@ class Corrector:
         Raises
         ------
         CorrectorError
-            If the control does not change along the path.
+            If the bordered matrix is singular: the control does not change along the path, or paths
+            cross at the point.
         """
         x, mu = point.x, point.mu
         _, by_factor = self.system.residual(x, mu)
@@ -145,7 +148,7 @@ class Corrector:
         return PathDirection(direction[:-1], float(direction[-1]))
 
     def try_path_tangent(self, point: EquilibriumPoint, control: Control) -> PathDirection | None:
-        """Return `path_tangent`, or None if the control does not change along the path."""
+        """Return `path_tangent`, or None where it raises `CorrectorError`."""
         try:
             return self.path_tangent(point, control)
         except CorrectorError:
@@ -154,8 +157,8 @@ class Corrector:
     def load_response(self, point: EquilibriumPoint, mode: Array) -> PathDirection:
         """Return the response to the load factor at a branch point, without the critical mode.
 
-        `mode`, (n + m,), is the null vector of the tangent. The component of the response along
-        `mode` is undetermined and set to zero.
+        `mode`, (n + m,), is the dual of the null vector of the tangent (see `StepNorm.dual`). The
+        component of the response along the null vector is undetermined and set to zero.
 
         Raises
         ------

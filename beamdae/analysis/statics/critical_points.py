@@ -33,7 +33,7 @@ _TOUCH_SAMPLE_DISTANCE = 0.1
 _TOUCH_RATIO = 1e-2
 # Maximum number of bisections of a segment that may contain several critical points.
 _MAX_SPLITS = 6
-# Largest imaginary part of a root of the interpolating polynomial that counts as real.
+# Roots of the interpolating polynomial with a smaller imaginary part are real.
 _REAL_ROOT_TOLERANCE = 1e-6
 
 
@@ -89,7 +89,10 @@ class PathSegment:
         return self.corrector.correct(self.control, first + position * (last - first), x, mu)
 
     def truncate(self, quantity: Control, target: float) -> PathSegment | None:
-        """Return the segment up to `quantity` = `target`, or None if the target is not reached."""
+        """Return the segment up to `quantity` = `target`.
+
+        Returns None if the segment begins at the target or does not reach it.
+        """
         off = [quantity.value(point.x, point.mu) - target for point in (self.begin, self.end)]
         if off[0] * off[1] > 0.0 or off[0] == 0.0:
             return None
@@ -120,7 +123,12 @@ class PathSegment:
     def locate_critical_points(self, splits: int = _MAX_SPLITS) -> list[SegmentCriticalPoint]:
         """Return the critical points in the segment, in order along the path.
 
-        `splits` is the number of remaining bisections.
+        The list is empty if the stability is unknown. `splits` is the number of bisections allowed.
+
+        Raises
+        ------
+        CorrectorError
+            If points in the segment cannot be computed.
         """
         counts = [point.stability.negative_count for point in (self.begin, self.end)]
         low, high = min(counts), max(counts)
@@ -194,8 +202,8 @@ class PathSegment:
     def _locate_touch(self) -> SegmentCriticalPoint | None:
         """Return the extremum of the load factor without an eigenvalue sign change, or None.
 
-        On a path that branches off another path, both cross at this point, and an eigenvalue
-        touches zero.
+        A path that branches off another one has such an extremum where both cross; there, an
+        eigenvalue touches zero.
         """
 
         def load_rate(point: EquilibriumPoint) -> float:
@@ -218,7 +226,7 @@ class PathSegment:
         return replace(near, kind=BRANCH if before == after else LIMIT, index=index)
 
     def _point_near(self, position: float) -> EquilibriumPoint:
-        """Return the point at a position, or nearby if the bordered matrix is singular there."""
+        """Return the point at a position, or nearby if the corrector fails there."""
         for offset in (0.0, _SAMPLE_DISTANCE, -_SAMPLE_DISTANCE):
             try:
                 return self.point_at(position + offset)

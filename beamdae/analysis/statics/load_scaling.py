@@ -37,7 +37,8 @@ def resolve_load_stages(mechanism: Mechanism, loads: Any) -> Stages:
     Raises
     ------
     BeamdaeError
-        If a name is unknown, occurs twice, or belongs to a part that does not only apply forces.
+        If a name is unknown, occurs twice, or belongs to a part that does not only apply forces, or
+        a stage is empty.
     """
     if loads is None:
         active = [x for x in mechanism.parts.values() if x.name not in mechanism.inactive]
@@ -107,8 +108,8 @@ class LoadedEquations:
     Attributes
     ----------
     unloaded, loaded
-        Static equations without the loads of the stage, and with all of them; the same object if no
-        load is scaled.
+        Static equations without and with the loads of the stage; the same object if no load is
+        scaled.
     """
 
     unloaded: StaticEquations
@@ -116,7 +117,7 @@ class LoadedEquations:
 
     @property
     def equations(self) -> EquationsOfMotion:
-        """Equations of motion under the full load."""
+        """Equations of motion with all loads of the stage."""
         return self.loaded.equations
 
     @property
@@ -168,7 +169,7 @@ class LoadedEquations:
         return tangent
 
     def motion_tangent(self, state: State, mu: float) -> Tangent:
-        """Return the linearized equations of motion at the load factor `mu`."""
+        """Return the equations of motion linearized about `state` at the load factor `mu`."""
         loaded = compute_tangent(self.equations, self.loaded.time, state)
         if not self.has_scaled_loads:
             return loaded
@@ -228,9 +229,10 @@ class Loading:
     systems
         Static equations of each stage; a single entry if no load is scaled.
     multiplier_rows
-        Index of each multiplier in the full equations.
+        Index in the full equations of each multiplier of `systems`.
     reduction
-        Removal of redundant constraints, or None.
+        Equations without redundant constraints, which restore all reactions; None if no constraint
+        is removed.
     """
 
     full_equations: EquationsOfMotion
@@ -240,7 +242,7 @@ class Loading:
     reduction: ReducedEquations | None
 
     def full_multipliers(self, q: Array, lam: Array) -> Array:
-        """Return the multipliers (k, m) of all constraints for k rows of (q, lam)."""
+        """Return the multipliers of all constraints, (k, m), for k rows of q and lam."""
         if self.reduction is not None:
             times = np.tile(self.systems[0].loaded.time, (len(q), 1))
             return self.reduction.restore_reactions(times, q, lam)
@@ -262,13 +264,18 @@ def build_loading(model: Any, full_equations: EquationsOfMotion, loads: Any, t: 
         See `equilibrium`.
     t
         Time [s] at which laws are evaluated.
+
+    Raises
+    ------
+    BeamdaeError
+        If `loads` is invalid, or a constraint acts on velocities only.
     """
     time = time_on_branch(full_equations.breakpoints, t)
     if not isinstance(model, Mechanism):
         if loads is not None:
             raise BeamdaeError(
-                "equilibrium: loads= requires a Mechanism; omit loads= for a "
-                "constrained system, which is solved under all loads."
+                "equilibrium: loads= requires a Mechanism; omit loads= for constrained "
+                "systems and equations, which are solved under all loads."
             )
         stages: Stages = ()
         models = [full_equations]

@@ -77,8 +77,8 @@ class DisplacementControl:
             names = ", ".join(x for x in positions if not x.endswith("]")) or "none"
             raise BeamdaeError(
                 "equilibrium: to must name an observed position, got "
-                f"{short_repr(name)}{suggest(name, positions)}; the observed positions "
-                f"are {names}."
+                f"{short_repr(name)}{suggest(name, positions)}; observe it or use one of "
+                f"these positions: {names}."
             )
         return cls(equations, *positions[name], time)
 
@@ -93,7 +93,7 @@ class DisplacementControl:
         return self.time[None], local, np.zeros_like(local), self.equations.p[o.data], reactions
 
     def value(self, x: Array, mu: float) -> float:
-        """Return the value of the column in its unit."""
+        """Return the value of the column at (x, mu), in the unit of the column."""
         return float(self.observable.function(*self._arguments(x))[0, self.column])
 
     def gradient(self, x: Array, mu: float) -> tuple[Array, float]:
@@ -123,7 +123,7 @@ class ArcLengthControl:
     along_mu: float
 
     def value(self, x: Array, mu: float) -> float:
-        """Return the distance along the direction."""
+        """Return the distance along the direction from the point (`self.x`, `self.mu`)."""
         return float(self.along @ (x - self.x) + self.along_mu * (mu - self.mu))
 
     def gradient(self, x: Array, mu: float) -> tuple[Array, float]:
@@ -133,7 +133,7 @@ class ArcLengthControl:
 
 @dataclass(frozen=True)
 class PathDirection:
-    """Direction or increment along a path, in x = (q, lam) and the load factor."""
+    """Direction or increment along a path, in x = (q, lam), (n + m,), and the load factor mu."""
 
     x: Array
     mu: float
@@ -156,7 +156,8 @@ class StepNorm:
     scale
         Natural sizes of the coordinates, (n,).
     factor
-        Change of the load factor that is equivalent to a motion by the size of the mechanism.
+        Change of the load factor that is equivalent to a motion by the size of the mechanism;
+        infinite to ignore the load factor.
     """
 
     scale: Array

@@ -48,15 +48,15 @@ _DISPLACEMENT_STEP_RATIO = 0.05
 # to this fraction of the motion needed to reach it.
 _ARC_STEP = 0.05
 _MAX_SHARE_OF_NEEDED_MOTION = 0.25
-# Least motion by the first load step, in natural sizes, that the arc-length norm assumes.
+# Least motion, in natural sizes, that the arc-length norm attributes to the first load step.
 _MIN_LOAD_STEP_MOTION = 1e-3
 # Least distance to a target, in load factor or in the unit of the column.
 _MIN_REACH = 1e-12
 # Largest motion, in natural sizes, to an unloaded equilibrium found by Newton's method; beyond it,
 # relaxation is used.
 _MAX_INITIAL_MOTION = 0.05
-# A failed path is diagnosed as close to a limit point if its lowest stiffness has fallen below this
-# fraction.
+# The end of a failed path is probably near a limit point if the lowest positive eigenvalue of the
+# stiffness has fallen below this fraction of its initial value.
 _SOFT_RATIO = 0.2
 # Relative difference up to which two coordinates of a mode have equal amplitudes.
 _EQUAL_MOTION_TOLERANCE = 1e-6
@@ -71,7 +71,7 @@ class PathSettings:
     column
         Name of the observed column to which `targets` refer; "" if they are load factors.
     targets, control, step, switch, max_points
-        See `equilibrium`.
+        See `to`, `control`, `step`, `switch` and `most_points` of `equilibrium`.
     """
 
     column: str
@@ -183,12 +183,13 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
     Raises
     ------
     BeamdaeError
-        If no unloaded equilibrium is found, or a column is the target but no load is scaled.
+        If no equilibrium is found at which the path begins, or a column is the target but is not
+        an observed position or no load is scaled.
     """
     if not loading.stages and settings.column:
         raise BeamdaeError(
-            f"equilibrium: {settings.column} cannot be prescribed because the model "
-            "has no loads; add a load."
+            f"equilibrium: {settings.column} cannot be prescribed because no load is "
+            "scaled; add a load to the mechanism and to loads=."
         )
     points: list[EquilibriumPoint] = []
     factors: list[Array] = []
@@ -235,7 +236,10 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
 
 
 def _find_unloaded_equilibrium(corrector: Corrector, q: Array) -> EquilibriumPoint:
-    """Return the unloaded equilibrium by Newton's method, or by relaxation if it is far away."""
+    """Return the equilibrium at which the path begins, under all loads if none is scaled.
+
+    Relaxation is used if Newton's method fails or moves the mechanism too far.
+    """
     system = corrector.system
     x = np.append(q, np.zeros(system.equations.m))
     try:
@@ -256,7 +260,7 @@ def _relax(corrector: Corrector, q: Array, mu: float) -> EquilibriumPoint:
 def _follow_stage(
     corrector: Corrector, path: StagePath, settings: PathSettings, control: Control
 ) -> None:
-    """Follow the path of one stage, switching branches as set."""
+    """Extend the path of one stage to the targets; switch branches as the settings request."""
     begin, targets = path.end, list(settings.targets)
     steps = _choose_steps(corrector, begin, settings, control)
     if settings.column and not np.any(corrector.system.residual(begin.x, begin.mu)[1]):
@@ -278,8 +282,8 @@ def _follow_stage(
             count = len(path.branch_points) - before
             if path.status.success and count < abs(switch):
                 sentence = (
-                    f"switch={switch} requests branch point {abs(switch)}, but the path "
-                    f"has only {count}; use a smaller number or a farther target"
+                    f"switch={switch} requests branch point {abs(switch)}, but the number of "
+                    f"branch points found is {count}; use a smaller number or a farther target"
                 )
                 path.status = Status("failed", sentence)
             if not path.status.success:
@@ -351,7 +355,7 @@ def _follow_from_mechanism(
 
 
 def free_coordinate(e: EquationsOfMotion, point: EquilibriumPoint) -> str:
-    """Return the name of the coordinate that dominates the motion without stiffness, or ""."""
+    """Return the coordinate that dominates the motion without stiffness, "" if there is none."""
     stability = point.stability
     if not stability.free_count:
         return ""

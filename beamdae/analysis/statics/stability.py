@@ -15,21 +15,22 @@ from beamdae.linear.orderings import compute_bordered_ordering
 
 Array = np.ndarray
 
-# Largest numbers of coordinates for dense matrices, which are the only method for unsymmetric ones.
+# Largest numbers of coordinates for dense matrices: of a symmetric stiffness (beyond, matrices are
+# sparse), and of an unsymmetric stiffness (beyond, stability is unknown).
 _MAX_DENSE_COORDINATES = 150
 _MAX_DENSE_UNSYMMETRIC_COORDINATES = 600
-# Rounding errors of zero eigenvalues, relative to the largest entry of the stiffness: of dense
-# eigenvalue solvers, and of sparse elimination with fine meshes.
+# Rounding errors of zero eigenvalues: of dense eigenvalue solvers, relative to the largest entry of
+# the stiffness, and of sparse elimination with fine meshes, relative to its largest diagonal entry.
 _ZERO_TOLERANCE = 2e-14
 _SPARSE_ZERO_TOLERANCE = 4e-15
 # Largest asymmetry of a symmetric stiffness, relative to the largest entry. It is small because a
 # follower load is small compared with the axial stiffness of a thin beam.
 _ASYMMETRY_TOLERANCE = 1e-13
-# Bounds on inverse squared frequencies of unsymmetric problems, relative to the others: smaller
-# inverses are lost in rounding, larger inverses belong to zero frequencies.
+# Bounds on inverse squared frequencies of unsymmetric problems: inverses below this fraction of the
+# largest are lost in rounding; above this multiple of the smallest, frequencies are zero.
 _MIN_INVERSE_RATIO = 1e-8
 _MAX_INVERSE_RATIO = 1e14
-# Largest imaginary part that counts as zero, relative to the eigenvalue.
+# Imaginary and negative real parts up to this fraction of the eigenvalue are rounding errors.
 _IMAGINARY_TOLERANCE = 1e-7
 # Number of eigenvalues nearest to zero computed for large matrices, and their relative tolerance.
 _NEAREST_COUNT = 4
@@ -45,9 +46,9 @@ class Stability:
     Attributes
     ----------
     eigenvalues
-        Eigenvalues of Z^T S K S Z [J], ascending: all of them, or those nearest to zero. S is the
-        diagonal matrix of the natural sizes of the coordinates, Z a basis of the motions that the
-        joints allow.
+        Eigenvalues of Z^T S K S Z [J], ascending: all of them, or those nearest to zero; empty for
+        forces without a potential and if unknown. S is the diagonal matrix of the natural sizes of
+        the coordinates, Z an orthonormal basis of the motions, divided by S, that the joints allow.
     modes
         Mode shapes, (n, number of eigenvalues), scaled so that the largest component equals its
         natural size.
@@ -65,12 +66,12 @@ class Stability:
 
     @property
     def free_count(self) -> int:
-        """Number of independent motions without stiffness."""
+        """Number of eigenvalues, among those computed, that are zero up to rounding."""
         return int(np.sum(np.abs(self.eigenvalues) <= self.zero_tolerance))
 
     @property
     def unstable_count(self) -> int:
-        """Number of negative eigenvalues beyond rounding, or -1 if unknown."""
+        """`negative_count` without eigenvalues that are zero up to rounding; -1 if unknown."""
         is_rounding = (self.eigenvalues < 0.0) & (self.eigenvalues >= -self.zero_tolerance)
         return max(self.negative_count - int(np.sum(is_rounding)), -1)
 
@@ -95,8 +96,8 @@ def assess_stability(system: LoadedEquations, x: Array, nonzeros: Array) -> Stab
     """Return the stability at x = (q, lam), where the tangent has the given non-zeros.
 
     Negative eigenvalues are counted for the stiffness projected onto the motions that the joints
-    allow. If the loads have no potential, squared frequencies of the eigenvalue problem with the
-    mass matrix are counted instead.
+    allow. If the forces have no potential, negative or complex squared frequencies are counted
+    instead, for up to 600 coordinates; beyond, the stability is unknown.
     """
     n, scale = system.equations.n, system.equations.position_scales
     tangent = system.matrix(nonzeros)

@@ -44,9 +44,9 @@ def equilibrium(
     Laws, drivers and moving loads are evaluated at the time `t`. Dampers and friction forces vanish
     at rest.
 
-    Stability is assessed for constant loads, by the inertia (number of negative eigenvalues) of the
-    tangent stiffness in the motions that the joints allow. For loads without a potential (follower
-    loads), it is assessed by the eigenvalues with the mass matrix.
+    Stability is assessed for constant loads, by the number of negative eigenvalues of the tangent
+    stiffness in the motions that the joints allow. For loads without a potential (follower loads),
+    it is assessed by the squared frequencies, which involve the mass matrix.
 
     Parameters
     ----------
@@ -64,19 +64,20 @@ def equilibrium(
         path.
     control
         Quantity prescribed in each step. "load": the load factor (default). "displacement": the
-        column of `to`, which passes limit points (default if `to` names a column). "arc length":
-        pseudo-arc length (Keller 1977), which passes limit points and turning points of the
-        displacement.
+        column of `to` (default if `to` names a column); passes limit points. "arc length":
+        pseudo-arc length (Keller 1977; default with `switch`); passes limit points and turning
+        points of the displacement.
     step
         Largest step. "load": change of mu; defaults to 0.1 of the distance to the farthest target.
         "displacement": change of the column; defaults to 0.05 of this distance. "arc length":
-        motion relative to the size of the mechanism, or in rad; defaults to 0.05.
+        motion relative to the size of the mechanism, or in rad; defaults to 0.05, or less if the
+        target is near.
     switch
         Number of the branch point, counted from 1, at which to switch to the crossing path, by arc
         length; negative numbers select the opposite side. A list switches repeatedly; numbers are
         counted on the current path. 0 never switches.
     most_points
-        Maximum number of points.
+        Maximum number of points in each stage.
     t
         Time [s] at which laws are evaluated.
     start
@@ -91,7 +92,7 @@ def equilibrium(
     Raises
     ------
     BeamdaeError
-        If the model or an argument is invalid, or no unloaded equilibrium is found.
+        If the model or an argument is invalid, or no equilibrium is found at which the path begins.
 
     Warns
     -----
