@@ -13,7 +13,7 @@ import numpy as np
 
 Array = np.ndarray
 
-# Largest backward error of a system that counts as solved.
+# Largest backward error of an accurate solution.
 MAX_BACKWARD_ERROR = 1e-10
 # Pivots that require more steps of iterative refinement are rejected.
 MAX_REFINEMENTS = 2
@@ -84,7 +84,7 @@ def empty_plan() -> EliminationPlan:
 
 
 def allocate_factors(plan: EliminationPlan, dtype: Any) -> Factors:
-    """Return arrays for the factors of a plan."""
+    """Return zero arrays for the factors of a plan."""
     patterns = (plan.sources, plan.upper_rows, plan.lower_rows)
     matrix, upper, lower = (np.zeros(len(rows), dtype) for rows in patterns)
     inverse, x, right, residual = np.zeros((4, len(plan.rows)), dtype)
@@ -95,14 +95,14 @@ def allocate_factors(plan: EliminationPlan, dtype: Any) -> Factors:
 def refactorize(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> bool:
     """Factorize the matrix with these CSC non-zeros; return False if the pivots are unsuitable.
 
-    Pivots are unsuitable if one of them is zero or not finite, or if refinement does not make
-    solutions accurate.
+    Pivots are unsuitable if one of them or its reciprocal is not finite, or if refinement does not
+    make solutions accurate.
     """
     return _eliminate(plan, factors, nonzeros) and _set_refinements(plan, factors)
 
 
 def solve(plan: EliminationPlan, factors: Factors, right: Array) -> None:
-    """Replace a right-hand side by the solution."""
+    """Replace a right-hand side by the solution, refined as `refactorize` determined."""
     rows, columns, scale = plan.rows, plan.columns, plan.scale
     x, scaled_right = factors.x, factors.right
     for k in range(len(x)):
@@ -226,7 +226,7 @@ def _update_residual(
     residual: Array,
     terms: Array,
 ) -> bool:
-    """Set `residual` to right - matrix x; return True if x is accurate."""
+    """Set `residual` to right - matrix x, and `terms` to its scale; return True if small."""
     for k in range(len(x)):
         residual[k] = right[k]
         terms[k] = _estimate_modulus(right[k])
@@ -239,11 +239,11 @@ def _update_residual(
             terms[row] += _estimate_modulus(matrix[e]) * size
     is_solved = True
     for k in range(len(x)):
-        # Written so that NaN counts as unsolved.
+        # This comparison is False for NaN.
         is_solved &= _estimate_modulus(residual[k]) <= MAX_BACKWARD_ERROR * terms[k]
     return is_solved
 
 
 def _estimate_modulus(value: complex) -> float:
-    """Return the modulus within a factor of 1.4; the exact value costs as much as ten products."""
+    """Return |real| + |imaginary|, at most 1.42 times the modulus, which costs much more."""
     return abs(value.real) + abs(value.imag)

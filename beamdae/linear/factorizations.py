@@ -24,7 +24,7 @@ DENSE_LIMIT = 250
 
 
 class SingularMatrixError(ArithmeticError):
-    """The matrix to be factorized is singular or not finite."""
+    """Raised if a matrix to be factorized is singular or not finite."""
 
 
 class Factorization(Protocol):
@@ -69,15 +69,15 @@ class DenseFactorization:
 
 
 class SparseFactorization:
-    """SuperLU factors in a bordered ordering; the cost is linear in the number of elements.
+    """SuperLU factors in a bordered ordering; the cost is linear in the number of beam elements.
 
     Rows of the band are scaled to size 1, rows of the border
-    (`orderings.compute_bordered_ordering`) to far less. Partial pivoting therefore chooses pivots
-    from the border only if the band has none. Without this scaling, SuperLU takes pivots from the
-    dense rows of floating frames, which fill the factors up to a hundredfold. The loss of accuracy
-    due to restricted pivoting is measured by a solution after each factorization and recovered by
-    iterative refinement, as for the static pivots of Li & Demmel, Proc. SC98 (1998). If refinement
-    does not suffice, SuperLU chooses the column order and the pivots.
+    (`orderings.compute_bordered_ordering`) to far less. SuperLU therefore chooses pivots from the
+    border only if the band has none. Without this scaling, it takes pivots from the dense rows of
+    floating frames, which may increase the number of entries of the factors a hundredfold. A test
+    solution after each factorization measures the accuracy lost by this choice of pivots, and
+    iterative refinement restores it, as with the static pivots of Li & Demmel, Proc. SC98 (1998).
+    If refinement does not suffice, SuperLU chooses the column order and the pivots.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ class SparseFactorization:
 
 
 def _invert_largest(values: Array, starts: Array) -> Array:
-    """Return powers of two close to 1 / (largest magnitude); ranges begin at `starts`."""
+    """Return powers of two close to 1 / (largest magnitude) of each range of values."""
     return invert_to_power_of_two(np.maximum.reduceat(np.abs(values), starts))
 
 

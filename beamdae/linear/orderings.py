@@ -24,7 +24,7 @@ _BORDER_WEIGHT = 2.0**-60
 _DIAGONAL_THRESHOLD = 0.1
 # Threshold at which the largest entry of a column is the pivot.
 _PARTIAL_PIVOTING = 1.0
-# Exponent of two below which a row counts as zero, so that its scale stays finite.
+# Smaller exponents of two of the sizes are replaced by this value, so that scales stay finite.
 _MIN_EXPONENT = -1000
 
 
@@ -45,7 +45,7 @@ class Ordering(NamedTuple):
 
     @property
     def row_weights(self) -> Array:
-        """Sizes to which the ordered rows are scaled: 1 in the band, far less in the border."""
+        """Sizes to which the ordered rows are scaled: far below 1 in the border, 1 elsewhere."""
         size = len(self.order)
         return np.where(np.arange(size) < size - self.border, 1.0, _BORDER_WEIGHT)
 
@@ -55,8 +55,8 @@ def compute_bordered_ordering(pattern: sp.csc_array) -> Ordering:
 
     The nodes of a beam, in order along the beam, form a band. The floating frame of the beam is
     coupled with all nodes, and multipliers have no diagonal entry: frames and multipliers form the
-    border, in their order along the mechanism. Band and border are ordered by the reverse algorithm
-    of Cuthill & McKee, Proc. 24th Nat. Conf. ACM (1969) 157.
+    border, in their order along the mechanism. Band and border are ordered by the reverse
+    Cuthill-McKee algorithm, Proc. 24th Nat. Conf. ACM (1969) 157.
     """
     size = pattern.shape[0]
     ones = (np.ones(pattern.nnz), pattern.indices, pattern.indptr)
@@ -89,13 +89,13 @@ def _compute_path(symmetric: sp.csr_array) -> Array:
 
 
 def invert_to_power_of_two(sizes: Array) -> Array:
-    """Return powers of two close to 1 / sizes; scaling by powers of two is exact."""
+    """Return powers of two close to 1 / sizes, 1 for zeros; scaling by powers of two is exact."""
     _, exponent = np.frexp(sizes)
     return np.ldexp(1.0, -np.maximum(exponent, _MIN_EXPONENT))
 
 
 def factorize_in_order(matrix: sp.csc_matrix) -> SuperLU:
-    """Factorize a matrix in the given order, with diagonal pivots unless these are small."""
+    """Factorize a matrix in the order of its columns, on the diagonal unless pivots are small."""
     return _factorize(matrix, "NATURAL", _DIAGONAL_THRESHOLD)
 
 
@@ -105,6 +105,6 @@ def factorize_with_partial_pivoting(matrix: sp.csc_matrix) -> SuperLU:
 
 
 def _factorize(matrix: sp.csc_matrix, order: str, threshold: float) -> SuperLU:
-    # Supernodes and panels cost ten times what they gain: to SuperLU the dense rows of floating
-    # frames are one long chain of elimination.
+    # No supernodes or panels, which cost ten times what they save: SuperLU treats the dense rows of
+    # floating frames as one long chain in the elimination tree.
     return splu(matrix, order, threshold, relax=1, panel_size=1)

@@ -1,9 +1,8 @@
 """Choice of pivots for a sparsity pattern, and the resulting fill.
 
-Pivots are chosen once for many matrices of one pattern; `elimination` then processes only the
-numbers. Scaling and pivots depend on the numbers for which they are chosen. The fill depends only
-on pattern and pivots, so that it also holds for other numbers and for other runs with the same
-pivots.
+Pivots are chosen once for many matrices with the same pattern; for each matrix, `elimination` only
+computes the values of the factors. Row scales and pivots depend on the values of the matrix for
+which they were chosen. The fill depends only on the pattern and the pivots and is therefore cached.
 """
 
 from __future__ import annotations
@@ -29,14 +28,14 @@ from beamdae.linear.orderings import (
 
 Array = np.ndarray
 
-# Number of patterns for which orderings and plans are cached.
+# Maximum number of cached orderings, and of cached plans.
 _MAX_CACHED_PATTERNS = 32
-# Number of unknowns up to which they are cached.
+# Number of unknowns up to which orderings and plans are cached.
 _MAX_CACHED_SIZE = 3000
 
 
 def propose_plans(pattern: sp.csc_array, nonzeros: Array) -> Iterator[EliminationPlan]:
-    """Yield elimination plans for a matrix and similar matrices, the preferred plan first.
+    """Yield two elimination plans for a matrix and similar matrices, the preferred plan first.
 
     The first plan takes pivots from the band if possible and from the border otherwise (see
     `orderings.compute_bordered_ordering`); it is sparse but may be inaccurate. The second plan uses
@@ -84,7 +83,7 @@ class _PatternKey(NamedTuple):
     indices: bytes
 
     def entry_numbers(self) -> sp.csc_array:
-        """Return the matrix whose entries are their indices among the non-zeros."""
+        """Return a matrix with this pattern whose entries are the indices of its non-zeros."""
         starts, indices = (np.frombuffer(x, np.int64) for x in self)
         size = len(starts) - 1
         return sp.csc_array((np.arange(len(indices)), indices, starts), shape=(size, size))

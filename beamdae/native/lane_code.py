@@ -114,7 +114,7 @@ class OperandType(NamedTuple):
     inline
         Instructions by operation of CasADi, with the placeholders {r}, {x} and {y}.
     functions
-        Prefix of the functions that stand for functions of the C library.
+        Prefix of the names under which functions of the C library are called.
     """
 
     number: str
@@ -166,8 +166,7 @@ def write_lane_wrapper(name: str) -> str:
     """Return IR that declares a function of the C library and calls it for each lane.
 
     A lane with the same operands as the lane before it reuses the result, so that padding lanes
-    cost nothing. The prefix of the name prevents LLVM from replacing it as a known library
-    function.
+    make no calls. The prefix "libm." prevents LLVM from recognizing and replacing the function.
     """
     operands = "xy"[: _count_arguments(name)]
     scalar_types = ", ".join(["double"] * len(operands))
@@ -238,7 +237,7 @@ def library_imports() -> dict[str, int]:
 
 @cache
 def describe_writer() -> tuple[str, ...]:
-    """Return the version and source on which the IR depends, besides the function."""
+    """Return the version of CasADi and the source of this module, which determine the IR."""
     return f"casadi {version('casadi')}", Path(__file__).read_text("utf-8")
 
 

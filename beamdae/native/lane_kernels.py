@@ -1,7 +1,7 @@
 """Kernels as machine code: an SX function of many copies, one copy per vector lane.
 
 The code performs the operations of CasADi's virtual machine in the same order and without
-contraction, so that results agree to the last bit. This is tested whenever a kernel is built.
+contraction, so that results agree to the last bit. This is tested whenever a kernel is compiled.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ Array = np.ndarray
 
 # Straight-line code gains nothing from LLVM's passes, which take a third of the build time.
 _OPTIMIZATION_LEVEL = 0
-# Rows whose length [doubles] is a multiple of this map to few sets of the cache: tangents take up
-# to 1.7 times as long.
+# Rows whose length [doubles] is a multiple of this map to few sets of the processor cache, so that
+# tangents take up to 1.7 times as long.
 _CACHE_CONFLICT_STRIDE = 128
 _KERNEL_SIGNATURE = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)
-# Points at which a new kernel is compared with the virtual machine: three vectors of lanes.
+# Number of points at which a new kernel is compared with the virtual machine: three vectors.
 _N_TEST_COPIES = 3 * LANE_WIDTH
 
 
 def pad_copies(copies: int) -> int:
-    """Return the number of lanes for `copies`: whole vectors, without cache conflicts."""
+    """Return the number of lanes for these copies: whole vectors, without cache conflicts."""
     length = -(-copies // LANE_WIDTH) * LANE_WIDTH
     return length + LANE_WIDTH if length and length % _CACHE_CONFLICT_STRIDE == 0 else length
 
@@ -105,15 +105,20 @@ class LaneKernel:
 
 
 def build_lane_kernel(function: ca.Function) -> LaneKernel | None:
-    """Compile an SX function of two columns, (shared, local), with one dense output.
+    """Compile an SX function of two columns, (shared, local), with one dense column as output.
 
-    Returns None if the function has an operation that cannot be compiled, or if machine code is
+    Return None if the function has an operation that cannot be compiled, or if machine code is
     unavailable or switched off.
+
+    Raises
+    ------
+    ValueError
+        If the function has another form.
 
     Warns
     -----
     KernelWarning
-        Once per process, if the cache or the compiler cannot be used.
+        If the cache or the compiler cannot be used; once per process and reason.
     """
     if not is_native_enabled():
         return None

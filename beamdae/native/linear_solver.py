@@ -28,7 +28,7 @@ class LinearSolver:
     plan, factors
         Pivots, and factors of the last matrix.
     needs_pivots
-        1 if the loop has returned NEW_PIVOTS for the current matrix.
+        1 if new pivots have been requested for the current matrix.
     is_untried
         1 if the pivots have not been used yet.
     singular
@@ -52,7 +52,7 @@ class LinearSolver:
         return cls(plan, allocate_factors(plan, dtype))
 
     def set_plan(self, plan: EliminationPlan) -> None:
-        """Continue with the pivots of another plan."""
+        """Use the pivots of another plan, and allocate its factors."""
         self.plan, self.factors = plan, allocate_factors(plan, self.factors.matrix.dtype)
         self.is_untried = 1
 

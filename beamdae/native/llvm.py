@@ -19,7 +19,7 @@ _library_numbers = count()
 
 
 class MachineCodeError(Exception):
-    """Machine code is unavailable; the message names the failing part and the reason."""
+    """Raised if machine code is unavailable; the message gives the reason."""
 
 
 @cache
@@ -43,13 +43,15 @@ def compile_module(ir: str, level: int) -> bytes:
 
     Parameters
     ----------
+    ir
+        Text of the module.
     level
         Optimization level, as in O1; 0 for IR that needs no passes.
 
     Raises
     ------
     MachineCodeError
-        If LLVM cannot compile the module.
+        If llvmlite is missing or LLVM cannot compile the module.
     """
     llvm = _llvmlite().binding
     try:
@@ -74,7 +76,7 @@ def link_modules(texts: Iterable[str], exports: Container[str]) -> str:
     Raises
     ------
     MachineCodeError
-        If a text is not valid IR, or two texts define the same symbol.
+        If llvmlite is missing, a text is not valid IR, or two texts define the same symbol.
     """
     llvm = _llvmlite().binding
     try:
@@ -112,7 +114,7 @@ class LoadedObject:
     Raises
     ------
     MachineCodeError
-        If a symbol is missing, or the system forbids executing code from memory.
+        If llvmlite or a symbol is missing, or the system forbids executing code from memory.
     """
 
     def __init__(
@@ -202,7 +204,7 @@ def _engine() -> Any:
         llvm.check_jit_execution()
         return llvm.create_lljit_compiler(_target(), suppress_errors=True)
     except OSError as problem:
-        raise MachineCodeError("this system executes installed code only") from problem
+        raise MachineCodeError("this system forbids running code from memory") from problem
     except RuntimeError as problem:
         raise MachineCodeError(f"LLVM cannot load kernels ({_first_line(problem)})") from problem
 

@@ -33,7 +33,7 @@ Array = np.ndarray
 _OPTIMIZATION_LEVEL = 2
 # Modules whose source determines the machine code of a loop, besides the loop itself.
 _RECIPE_MODULES = ("loop_functions", "overloads", "structs", "numba_compiler")
-# Implementations of the `loop_functions` whose overloads call further functions.
+# Functions that the overloads of these `loop_functions` call.
 _IMPLEMENTATIONS: dict[Any, Any] = {
     loop_functions.factorize: linear_solver.factorize_linear,
     loop_functions.solve: linear_solver.solve_linear,
@@ -73,7 +73,8 @@ class CompiledLoop:
     function
         The loop, `function(work)`; returns an int.
     work
-        A dataclass of int, float, arrays and nested dataclasses of this kind.
+        A dataclass of numbers, C-contiguous arrays, and nested dataclasses or named tuples of
+        these. Fields that are plain tuples are not accessible to the loop.
     **callbacks
         Further C functions `function(work, *arguments)` on the same table, as (function,
         arguments). The characters of `arguments` are "d" for a double, "p" for a pointer, which the
@@ -101,18 +102,18 @@ class CompiledLoop:
         entries = {"loop": (function, "@"), **callbacks}
         self.addresses = _load_entries(tuple(entries.items()), self._kind)
         self._call = _LOOP_SIGNATURE(self.addresses["loop"])
-        # The table holds addresses of its arrays.
+        # Kept because the table holds addresses of its arrays.
         self._work = work
 
     def __call__(self) -> int:
-        """Run the loop on the numbers of the object, update the numbers; return the return code."""
+        """Run the loop, update the numbers of the object, and return the code of the loop."""
         self.load()
         code = self._call(self.table.ctypes.data)
         self.unload()
         return int(code)
 
     def bind(self) -> None:
-        """Update the table for arrays that have been replaced.
+        """Update the table after arrays of the object have been replaced.
 
         The address of the table does not change, so that callbacks may call this method while the
         loop runs.
@@ -129,7 +130,7 @@ class CompiledLoop:
             (self._floats if kind is float else self.table)[word] = getattr(owner, name)
 
     def unload(self) -> None:
-        """Copy the numbers of the table into the object."""
+        """Copy the numbers in the table into the object."""
         for owner, name, word, kind in self._numbers:
             setattr(owner, name, kind((self._floats if kind is float else self.table)[word]))
 
@@ -182,8 +183,8 @@ def _field_names(owner: Any) -> tuple[str, ...]:
 def _iterate_code(function: FunctionType, visited: dict[FunctionType, None]) -> Iterator[str]:
     """Yield the bytecode of a function and of all functions it calls, and their constants.
 
-    Numba compiles bytecode; reading sources would take as long as the steps of a short run.
-    `visited` collects the functions.
+    Bytecode is what numba compiles, and reading sources would take as long as the steps of a short
+    run. `visited` collects the functions.
     """
     if function in visited or function.__module__ == loop_functions.__name__:
         return

@@ -46,11 +46,11 @@ _registered_functions: set[FunctionType] = set()
 
 
 class _IrLibrary(JITCodeLibrary):
-    """Code library of a function that contains only IR.
+    """Code library that holds only the IR of a function.
 
-    By default numba optimizes every function twice, compiles it to machine code, and copies it with
-    all functions it calls into every caller, which takes two thirds of the compilation time. `llvm`
-    does all of this once, for the whole loop.
+    By default, numba optimizes every function twice, compiles it to machine code, and copies it
+    with all functions it calls into every caller, which takes two thirds of the compilation time.
+    Instead, `llvm` optimizes and compiles the whole loop once.
     """
 
     def __init__(self, codegen: Any, name: str) -> None:
@@ -132,7 +132,7 @@ def compile_loops(
     Parameters
     ----------
     entries
-        (loop, its arguments) by symbol, see `loops.CompiledLoop`.
+        Pairs (loop, arguments) by symbol; see `loops.CompiledLoop`.
     functions
         The loops and all functions they call.
     kind
@@ -141,7 +141,7 @@ def compile_loops(
     Raises
     ------
     MachineCodeError
-        If this version of numba cannot compile the loops.
+        If numba cannot compile the loops, or LLVM cannot link them.
     """
     for function in functions:
         if function not in _registered_functions:

@@ -2,8 +2,8 @@
 
 Loaded objects are executed. Therefore a file is loaded only if no other user could have written it
 and its checksum is correct. The file name contains a hash of the recipe from which the object was
-built. The file begins with the checksum of recipe and object and gets its name by an atomic rename.
-It is read only once, so that the checked bytes are the loaded bytes.
+built. The file begins with the checksum of recipe and object, and is renamed atomically to its name
+when it is complete. It is read only once, so that the checked bytes are the loaded bytes.
 """
 
 from __future__ import annotations
@@ -37,18 +37,19 @@ _OPEN_FLAGS = (
 
 
 class CacheError(Exception):
-    """The cache cannot be used; the message names the folder and the reason."""
+    """Raised if the cache cannot be used; the message gives the reason."""
 
 
 def cache_folder() -> Path:
     """Return the resolved path of beamdae/ in the user's cache folder, created if necessary.
 
-    The cache folder is XDG_CACHE_HOME, or ~/.cache if that is not an absolute path.
+    The cache folder is XDG_CACHE_HOME, or ~/.cache if XDG_CACHE_HOME is not an absolute path.
 
     Raises
     ------
     CacheError
-        If the folder cannot be created, or other users could change its contents.
+        If the user has no home folder, beamdae/ cannot be created, or others could change its
+        contents.
     """
     configured = Path(os.environ.get("XDG_CACHE_HOME", ""))
     try:
@@ -66,7 +67,7 @@ def cache_folder() -> Path:
 
 
 def read_object(folder: Path, recipe: str, name: str) -> bytes | None:
-    """Return the object built from this recipe; None if it is missing or damaged."""
+    """Return the object built from this recipe; None if missing, damaged or not trusted."""
     with _translate_errors(folder):
         try:
             data = _read_private_file(folder / _object_file_name(recipe, name)) or b""
@@ -77,7 +78,13 @@ def read_object(folder: Path, recipe: str, name: str) -> bytes | None:
 
 
 def write_object(folder: Path, recipe: str, name: str, content: bytes) -> None:
-    """Store an object atomically; an existing file is replaced, not modified in place."""
+    """Store an object atomically; an existing file is replaced, not modified in place.
+
+    Raises
+    ------
+    CacheError
+        If the file cannot be written.
+    """
     with _translate_errors(folder):
         descriptor, unfinished = tempfile.mkstemp(prefix=_UNFINISHED_PREFIX, dir=folder)
         try:

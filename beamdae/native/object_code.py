@@ -1,6 +1,7 @@
 """Machine code from LLVM IR, compiled once and cached.
 
-If compiling, loading or caching fails, beamdae warns once and falls back to interpreted code.
+If compiling or loading fails, beamdae warns once and falls back to interpreted code. If caching
+fails, it warns once and compiles in each process.
 """
 
 from __future__ import annotations
@@ -67,12 +68,12 @@ def load_object(
 ) -> LoadedObject | None:
     """Return machine code from the cache or the compiler; None if unavailable or switched off.
 
-    A new object is used and cached only if `is_correct` returns True for it.
+    A newly compiled object is used and cached only if `is_correct` returns True for it.
 
     Warns
     -----
     KernelWarning
-        Once per process, if the cache or the compiler cannot be used.
+        If the cache or the compiler cannot be used; once per process and reason.
     """
     if not is_native_enabled():
         return None
@@ -112,7 +113,9 @@ def _write_cache(folder: Path, source: ObjectSource, content: bytes) -> None:
 
 
 def _warn_of_cache(problem: CacheError) -> None:
-    _warn_once(f"{problem}; each run compiles the loops again, which takes some seconds")
+    _warn_once(
+        f"{problem}. Each process compiles kernels and loops again, which takes some seconds"
+    )
 
 
 def _warn_once(problem: str) -> None:

@@ -76,7 +76,7 @@ def _load_field(context: Any, builder: Any, struct: Struct, pointer: Any, name: 
 
 
 def build_array(context: Any, builder: Any, kind: types.Array, data: Any, shape: list[Any]) -> Any:
-    """Return the C-contiguous array of this type and shape at a pointer."""
+    """Return the C-contiguous array of this type and shape at the pointer `data`."""
     size = np.dtype(str(kind.dtype)).itemsize
     strides = [ir.Constant(_integer, size)]
     for length in reversed(shape[1:]):

@@ -22,7 +22,7 @@ _UNCHANGED = -1
 
 
 class UnavailableError(Exception):
-    """The C interface of SUNDIALS cannot be used; scikit-sundae's class is the fallback."""
+    """Raised if the C interface of SUNDIALS cannot be used; the message gives the reason."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +46,13 @@ class SundialsLibrary:
 
 @cache
 def load_library() -> SundialsLibrary:
-    """Load the functions from the libraries that scikit-sundae is linked to; check their types.
+    """Load the functions from the SUNDIALS libraries to which scikit-sundae is linked.
 
     Raises
     ------
     UnavailableError
-        If functions are missing, or the version, precision or index width is not supported.
+        If functions are missing, or if the version, precision, index width or a build with MPI is
+        not supported.
     """
     images = _find_images()
     addresses = FunctionAddresses(
@@ -82,7 +83,7 @@ def _find_images() -> list[ctypes.CDLL]:
     try:
         # Symbols are also looked up in the libraries that the extension module is linked to. The
         # module itself is not imported, because it imports SciPy's optimizers, which takes a third
-        # of a run.
+        # of a short run.
         return [ctypes.CDLL(_find_extension_module())]
     except OSError as problem:
         raise UnavailableError(f"scikit-sundae's IDA cannot be opened: {problem}") from problem
@@ -99,7 +100,7 @@ def _find_extension_module() -> str:
 
 
 def _windows_dll_names() -> set[str]:
-    """Return names of SUNDIALS libraries on Windows: in scikit-sundae's wheel, and in conda."""
+    """Return the names of SUNDIALS libraries on Windows, in scikit-sundae's wheel and in conda."""
     parts = ("core", "ida", "nvecserial", "sunmatrixband", "sunlinsolband")
     try:
         wheel = {PurePath(file).name for file in files("scikit-sundae") or ()}
@@ -111,7 +112,7 @@ def _windows_dll_names() -> set[str]:
 
 
 def _open_loaded_dlls(names: Iterable[str]) -> list[ctypes.CDLL]:
-    """Open the libraries of these names that are already loaded."""
+    """Return the libraries with these names that the process has already loaded."""
     kernel = ctypes.CDLL("kernel32")
     kernel.GetModuleHandleW.restype = ctypes.c_void_p
     kernel.GetModuleHandleW.argtypes = (ctypes.c_wchar_p,)

@@ -16,7 +16,7 @@ JACOBIAN = ctypes.CFUNCTYPE(_code, _real, _real, *[_address] * 8)
 
 
 class FunctionAddresses(NamedTuple):
-    """Addresses of the functions by their names in C, as passed to compiled loops."""
+    """Addresses of the functions by their names in C, for callables and compiled loops."""
 
     SUNDIALSGetVersionNumber: int
     SUNContext_Create: int

@@ -22,7 +22,7 @@ _MAX_CONVERGENCE_FAILURES = 10
 _MIN_STEP = 0.0
 _MAX_STEPS_PER_CALL = 500
 
-# Codes above this value have other meanings in linear solvers than in IDASolve.
+# Codes above this value have different meanings in IDASolve and in linear solvers.
 _FIRST_COMMON_STATUS = -20
 _STATUS_DESCRIPTIONS = {
     -1: "too many steps in one call",
@@ -50,15 +50,15 @@ _STATUS_DESCRIPTIONS = {
 
 
 class IdaError(Exception):
-    """A function of SUNDIALS failed; the message names the function and the reason."""
+    """Raised if a function of SUNDIALS fails; the message names the function and the reason."""
 
 
 class IdaStatistics(NamedTuple):
     """Counters of IDA since the last start, and its last and next order and step.
 
-    A Newton iteration that fails with an old Jacobian counts as a failure and is repeated with a
-    new Jacobian (another setup). If the repetition fails as well, it counts as a failed solve and
-    IDA shortens the step.
+    A Newton iteration that fails with an old Jacobian increases `newton_failures` and is repeated
+    with a new Jacobian (another setup). If the repetition also fails, it increases `failed_solves`
+    and IDA shortens the step.
     """
 
     steps: int
@@ -122,9 +122,9 @@ def _free_dead_solvers() -> None:
 class IdaSolver:
     """IDA for r(t, y, y') = 0 with a diagonal Jacobian.
 
-    It is set up as `IDA(linsolver="band", lband=0, uband=0)` of scikit-sundae 1.2, so that its
-    steps agree to the last bit. Each solver has a separate context, so that several
-    solvers may run simultaneously, each in one thread at a time.
+    It is set up as `IDA(linsolver="band", lband=0, uband=0)` of scikit-sundae 1.2, so that the
+    steps of both agree to the last bit. Each solver has a separate context, so that several solvers
+    may run simultaneously, each in one thread at a time.
 
     Parameters
     ----------
@@ -138,17 +138,24 @@ class IdaSolver:
     max_order, max_step, rtol
         See `Ida`.
     untested
-        Mask of the unknowns that are excluded from the error test; Newton's iteration is tested in
-        all unknowns. Defaults to no exclusion.
+        Mask of the unknowns that are excluded from the error test; the convergence test of Newton's
+        iteration includes all unknowns. Defaults to no exclusion.
 
     Attributes
     ----------
     t, y, yp
-        Time and state after the last step; IDA writes its results into these arrays.
+        Time and state after the last step; IDA writes the state into these arrays.
     errors
-        IDA writes local errors and error weights into this array.
+        Array into which IDA writes local errors and error weights.
     pointers
         Addresses for compiled code that calls IDA directly.
+
+    Raises
+    ------
+    UnavailableError
+        If the C interface of SUNDIALS cannot be used.
+    IdaError
+        If IDA rejects an option.
     """
 
     def __init__(
@@ -224,7 +231,7 @@ class IdaSolver:
         return self._t.value
 
     def start(self, t: float, y: Array, yp: Array, first_step: float) -> None:
-        """Start at a state, with a first step of at most this length."""
+        """Start at the state (y, y') at time t, with a first step of at most `first_step`."""
         self._t.value = t
         self.y[:], self.yp[:] = y, yp
         self._call_ida("IDASetInitStep", first_step)
