@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 from tolerances import error_tables
-from tolerances.cases import CASES, WIDE
+from tolerances.cases import ALL, CASES, NEW, WIDE
 from tolerances.mechanisms import STEEL, cantilever
 from tolerances.modal import solve_small_vibrations
 from tolerances.random_cases import random_case, random_cases
@@ -14,29 +14,35 @@ from tolerances.tolerance_case import FOLDER
 
 import beamdae as bd
 
-BY_NAME = {case.name: case for case in WIDE}
+BY_NAME = {case.name: case for case in ALL}
 
 
 def test_references_have_all_rows_and_columns():
     assert WIDE[: len(CASES)] == CASES
-    assert len({case.name for case in WIDE}) == len(WIDE)
-    for case in WIDE:
-        reference = case.load_reference(("t [s]", *case.columns, *case.reactions))
+    assert len({case.name for case in ALL}) == len(ALL)
+    for case in ALL:
+        reference = case.load_reference(("t [s]", *case.compared))
         assert reference.shape[0] == case.rows
         assert_allclose(reference[:, 0], case.times, rtol=1e-8)
         assert np.all(np.isfinite(reference))
-        assert np.all(np.ptp(case.reference, axis=0) > 0.0)
+        assert np.all(np.ptp(reference, axis=0) > 0.0)
 
 
 def test_two_methods_agree_on_every_reference():
-    disagreements = error_tables.reference_uncertainties(SUMMARY)
-    assert set(disagreements.index) == set(BY_NAME)
+    uncertainties = error_tables.reference_uncertainties(SUMMARY)
+    assert set(uncertainties.index.get_level_values("case")) == set(BY_NAME)
+    disagreements = pd.Series(
+        {name: uncertainties[name][list(case.columns)].max() for name, case in BY_NAME.items()}
+    )
     # The second method is less accurate for angles with undamped modes after a step:
     # generalized-alpha at large bending (Radau converges to 5e-7), Radau at its tightest tolerance
     # where the beam moves 0.05 mm.
     assert disagreements.pop("cantilever_10N") < 5e-4
     assert disagreements.pop("cantilever_30mm") < 3e-5
     assert disagreements.max() < 1e-5
+    # The newer set compares with errors down to 1e-5 of the amplitude.
+    for case in NEW:
+        assert uncertainties[case.name][list(case.columns + case.deflections)].max() < 1e-6
 
 
 def test_references_end_at_published_numbers():
@@ -102,6 +108,62 @@ def test_error_rows_contain_error_over_rtol_and_status():
     assert float(table.loc[("arevalo", 100.0), ("Radau", "1e-04")]) == pytest.approx(
         row["r"], rel=1e-2
     )
+
+
+def test_summaries_of_a_table_with_known_errors():
+    rows = [
+        ("a", "Ida", 40.0, 1.0, 1.0),
+        ("a", "Radau", 2.0, 50.0, 2.0),
+        ("a", "GeneralizedAlpha", 3.0, 4.0, 3.0),
+        ("a", "Auto", 3.0, 4.0, 6.0),
+        ("b", "Ida", np.nan, np.nan, 9.0),
+        ("b", "Radau", 5.0, np.nan, 4.0),
+        ("b", "GeneralizedAlpha", 99.0, np.nan, 1.0),
+        ("b", "Auto", 5.0, np.nan, 4.0),
+    ]
+    columns = ["case", "integrator", "r", "r of deflections", "processor [s]"]
+    table = pd.DataFrame(rows, columns=columns).assign(rtol=1e-4, bound=30.0)
+    table[["r of rates", "r of reactions"]] = np.nan
+    summary = error_tables.summarize_errors(table).xs(1e-4, level="rtol")
+    # Ida misses the bound in positions, Radau in deflections.
+    assert summary["outside"].to_dict() == {
+        "Ida": 1,
+        "Radau": 1,
+        "GeneralizedAlpha": 1,
+        "Auto": 0,
+    }
+    assert summary["not ended"].to_dict() == {
+        "Ida": 1,
+        "Radau": 0,
+        "GeneralizedAlpha": 0,
+        "Auto": 0,
+    }
+    assert summary.loc["Radau", "median r"] == 3.5
+    assert summary.loc["Radau", "worst r of deflections"] == 50.0
+    # The best methods within the bound are GeneralizedAlpha for a and Radau for b.
+    cost = error_tables.summarize_auto_cost(table).loc[1e-4]
+    assert (cost["cases"], cost["worst"], cost["share up to 1.5"]) == (2, 2.0, 0.5)
+
+
+def test_error_rows_without_estimates_list_kinds_of_columns():
+    case = BY_NAME["cart_mast"]
+    (row,) = error_tables.error_rows([case], ["Radau"], [1e-3], estimate=False)
+    solution = case.run(bd.Radau(1e-3))
+    for heading, names in (("", case.columns), (" of deflections", case.deflections)):
+        expected = case.errors(solution, columns=names).max() / 1e-3
+        assert row[f"r{heading}"] == pytest.approx(expected)
+        assert row[f"r of reference{heading}"] < 1e-2
+    assert row["r of rates"] > 0.0
+    assert row["r of reactions"] > 0.0
+    assert row["processor [s]"] > 0.0
+    assert "covered" not in row
+
+
+def test_every_flexible_case_of_the_newer_set_compares_deflections():
+    for case in NEW:
+        mechanism = case.model(**case.parameters)
+        beams = [part for part in mechanism.parts.values() if isinstance(part, bd.Beam)]
+        assert bool(beams) == bool(case.deflections), case.name
 
 
 def test_references_are_small():

@@ -1,4 +1,7 @@
-"""Cases of the tolerance study: five published ones and the wide set."""
+"""Cases of the tolerance study: five published ones, the wide set and a newer set.
+
+Default settings were chosen on the wide set; the newer set was written afterwards.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,8 @@ from slider_crank import slider_crank
 from spin_up import spin_up
 
 import beamdae as bd
+from tolerances import flexible_mechanisms as flexible
+from tolerances import lumped_systems as lumped
 from tolerances import mechanisms
 from tolerances.flexible_slider_crank import CRANK_END, flexible_slider_crank
 from tolerances.tolerance_case import DAMPED, UNDAMPED, ToleranceCase
@@ -181,3 +186,178 @@ SYSTEMS = (
     ),
 )
 WIDE = (*CASES, *MECHANISMS, *BLADE, *LOOPS, *STRIPS, *CANTILEVERS, *SYSTEMS)
+
+
+def _new_case(
+    name: str,
+    model: bd.Model,
+    t_end: float,
+    columns: str,
+    deflections: str = "",
+    rates: str = "",
+    reactions: str = "",
+    damped: bool = False,
+    **parameters: Any,
+) -> ToleranceCase:
+    """Return a case of the newer set; columns are separated by commas."""
+    kinds = (tuple(filter(None, x.split(", "))) for x in (columns, deflections, rates, reactions))
+    compared = dict(zip(("columns", "deflections", "rates", "reactions"), kinds, strict=True))
+    bound = DAMPED if damped else UNDAMPED
+    return ToleranceCase(
+        name, model, parameters=parameters, bound=bound, t_end=t_end, rows=151, **compared
+    )
+
+
+_PIN = "pin.x [m], pin.y [m], pin.angle [rad]"
+_TIP = "tip.x [m], tip.y [m], tip.angle [rad]"
+_FREE_ENDS = "start.x [m], start.y [m], end.x [m], end.y [m], end.angle [rad]"
+_SWING = ("coupler bend.v [m]", "pin.x_dot [m/s]", "rocker pin.Fx [N], rocker pin.Fy [N]", True)
+_HANGING = (
+    "pin.x [m], pin.y [m], knee.x [m], knee.y [m]",
+    "left bend.v [m], coupler bend.v [m]",
+    "pin.x_dot [m/s]",
+    "left.Fx [N], left.Fy [N]",
+)
+_WATT = (
+    "b.x [m], b.y [m], e.x [m], e.y [m]",
+    "first bend.v [m]",
+    "e.x_dot [m/s]",
+    "left.Fx [N], left.Fy [N]",
+)
+_SPIN = (_FREE_ENDS, "beam bend.v [m]", "middle.y_dot [m/s]")
+FLEXIBLE = (
+    _new_case("tutorial_four_bar", flexible.tutorial_four_bar, 5.0, _PIN, *_SWING),
+    _new_case("hanging_four_bar", flexible.hanging_four_bar, 5.0, *_HANGING, damped=True),
+    _new_case("watt_six_bar", flexible.watt_six_bar, 3.0, *_WATT, damped=True),
+    _new_case(
+        "bouncing_beam",
+        flexible.bouncing_beam,
+        0.8,
+        "left.y [m], right.x [m], right.y [m], right.angle [rad]",
+        "beam bend.v [m]",
+        "left.y_dot [m/s]",
+        damped=True,
+    ),
+    _new_case(
+        "wound_spiral",
+        flexible.wound_spiral,
+        1.0,
+        "wheel.angle [rad], middle.x [m], middle.y [m]",
+        "bend.u [m], bend.phi [rad]",
+        "wheel.angle_dot [rad/s]",
+        "clamp.Fx [N], clamp.M [N m]",
+        damped=True,
+    ),
+    _new_case(
+        "peaucellier",
+        flexible.peaucellier,
+        2.0,
+        "q.x [m], q.y [m], q.angle [rad]",
+        "column bend.v [m]",
+        "q.y_dot [m/s]",
+        "motor.M [N m]",
+        damped=True,
+    ),
+    _new_case(
+        "cart_mast",
+        flexible.cart_mast,
+        3.0,
+        "cart.x [m], tip.x [m], tip.y [m]",
+        "flap.u [m], mast bend.v [m]",
+        "tip.x_dot [m/s]",
+        "socket.M [N m], socket.Q [N]",
+        damped=True,
+    ),
+    _new_case(
+        "scotch_yoke",
+        flexible.scotch_yoke,
+        2.0,
+        "load.x [m], load.angle [rad]",
+        "bend.v [m]",
+        "load.x_dot [m/s]",
+        "root.N [N]",
+        damped=True,
+    ),
+    _new_case(
+        "wiper",
+        flexible.wiper,
+        3.0,
+        _TIP,
+        "arm bend.v [m]",
+        "tip.x_dot [m/s]",
+        "motor.M [N m]",
+        damped=True,
+    ),
+    _new_case(
+        "whip",
+        flexible.whip,
+        0.8,
+        _TIP,
+        "bend.u [m], bend.v [m]",
+        "tip.x_dot [m/s]",
+        "wrist.M [N m]",
+        damped=True,
+    ),
+    _new_case("spinning_beam", flexible.spinning_beam, 1.0, *_SPIN),
+    _new_case(
+        "spinning_beam_damped", flexible.spinning_beam, 2.0, *_SPIN, damped=True, damping=1e-4
+    ),
+    _new_case(
+        "exact_pendulum",
+        flexible.exact_pendulum,
+        5.0,
+        _TIP,
+        "strip bend.v [m]",
+        "tip.x_dot [m/s]",
+        "hinge.Fx [N], hinge.Fy [N]",
+    ),
+)
+LUMPED = (
+    replace(
+        _new_case(
+            "kepler", lumped.kepler, 3.0 * lumped.KEPLER_PERIOD, "planet.x [m], planet.y [m]"
+        ),
+        exact=lumped.kepler_motion,
+    ),
+    _new_case(
+        "spring_pendulum",
+        lumped.spring_pendulum,
+        10.0,
+        "ball.x [m], ball.y [m]",
+        rates="ball.x_dot [m/s]",
+        reactions="spring [N]",
+    ),
+    _new_case(
+        "kapitza",
+        lumped.kapitza,
+        5.0,
+        "rod.x [m], rod.angle [rad]",
+        rates="rod.angle_dot [rad/s]",
+        reactions="shaker.F [N]",
+        damped=True,
+    ),
+    _new_case(
+        "stick_slip",
+        lumped.stick_slip,
+        4.0,
+        "block.x [m]",
+        rates="block.x_dot [m/s]",
+        reactions="rubbing.F [N]",
+        damped=True,
+    ),
+    _new_case(
+        "magnet_ball",
+        lumped.magnet_ball,
+        3.0,
+        "ball.x [m], ball.y [m]",
+        rates="ball.x_dot [m/s]",
+        reactions="thread.F [N]",
+    ),
+    replace(
+        _new_case("double_four_bar_long", mechanisms.double_four_bar, 10.0, ", ".join(TOPS)),
+        exact=mechanisms.double_four_bar_motion,
+        singular=True,
+    ),
+)
+NEW = (*FLEXIBLE, *LUMPED)
+ALL = (*WIDE, *NEW)

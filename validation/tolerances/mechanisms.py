@@ -14,7 +14,7 @@ GRAVITY = (0.0, -9.81)  # [m/s^2]
 PAPER = {"frame": "tangent", "strain": "nonlinear"}
 
 
-def _bar(mech: bd.Mechanism, name: str, start, end, mass_per_length, spin=0.0) -> bd.RigidBody:
+def add_bar(mech: bd.Mechanism, name: str, start, end, mass_per_length, spin=0.0) -> bd.RigidBody:
     """Add a uniform rigid bar that rotates about `start` at `spin` [rad/s]."""
     along = np.subtract(end, start)
     length = float(np.hypot(*along))
@@ -24,7 +24,7 @@ def _bar(mech: bd.Mechanism, name: str, start, end, mass_per_length, spin=0.0) -
     return mech.add(bd.RigidBody(name, mass, mass * length**2 / 12.0, center, velocity, spin))
 
 
-def _triangle_apex(a, b, distance_a: float, distance_b: float) -> tuple[float, float]:
+def triangle_apex(a, b, distance_a: float, distance_b: float) -> tuple[float, float]:
     """Return the point at the given distances from `a` and `b`, to the left of the line a-b."""
     base = np.subtract(b, a)
     distance = float(np.hypot(*base))
@@ -40,12 +40,12 @@ def four_bar(damping=0.0, height=0.004, speed=2.0 * np.pi, elements=6):
     """Crank-rocker with a flexible parabolic coupler; the crank speeds up within 0.5 s."""
     mech = bd.Mechanism(gravity=GRAVITY)
     shaft, bearing, pin = (0.0, 0.0), (0.5, 0.0), (0.2, 0.0)
-    knee = _triangle_apex(pin, bearing, 0.6, 0.4)
+    knee = triangle_apex(pin, bearing, 0.6, 0.4)
     angle = float(np.arctan2(knee[1] - pin[1], knee[0] - pin[0]))
     strip = bd.Section.rectangle(ALLOY, width=0.02, height=height, damping=damping)
 
-    crank = _bar(mech, "crank", shaft, pin, 1.0)
-    rocker = _bar(mech, "rocker", bearing, knee, 1.0)
+    crank = add_bar(mech, "crank", shaft, pin, 1.0)
+    rocker = add_bar(mech, "rocker", bearing, knee, 1.0)
     axis = bd.Parabola(span=0.6, rise=0.08, start=pin, angle=angle)
     coupler = mech.add(bd.Beam("coupler", axis, strip, elements=elements, **PAPER))
     ground = mech.ground.at(*shaft)
@@ -136,13 +136,13 @@ def parallelogram(rocker=0.205, coupler=0.5, spin=2.0 * np.pi, crank_angle=0.5 *
     mech = bd.Mechanism(gravity=GRAVITY)
     shaft, bearing = (0.0, 0.0), (0.5, 0.0)
     pin = (0.2 * float(np.cos(crank_angle)), 0.2 * float(np.sin(crank_angle)))
-    knee = _triangle_apex(pin, bearing, coupler, rocker)
+    knee = triangle_apex(pin, bearing, coupler, rocker)
     bars = (
         ("crank", shaft, pin, spin),
         ("coupler", pin, knee, 0.0),
         ("rocker", bearing, knee, 0.0),
     )
-    crank, link, follower = (_bar(mech, n, a, b, 1.0, omega) for n, a, b, omega in bars)
+    crank, link, follower = (add_bar(mech, n, a, b, 1.0, omega) for n, a, b, omega in bars)
     mech.add(bd.Revolute("shaft", mech.ground.at(*shaft), crank.at(*shaft)))
     mech.add(bd.Revolute("pin", crank.at(*pin), link.at(*pin)))
     mech.add(bd.Revolute("knee", link.at(*knee), follower.at(*knee)))
@@ -166,7 +166,7 @@ def double_four_bar(speed=3.0):
     uprights = []
     for k in range(3):
         foot, top = (float(k), 0.0), (float(k), 1.0)
-        upright = _bar(mech, f"upright {k}", foot, top, 1.0, -speed)
+        upright = add_bar(mech, f"upright {k}", foot, top, 1.0, -speed)
         mech.add(bd.Revolute(f"foot {k}", mech.ground.at(*foot), upright.at(*foot)))
         uprights.append(upright)
     for k in range(2):

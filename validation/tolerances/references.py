@@ -17,6 +17,10 @@ from tolerances.tolerance_case import FOLDER, ToleranceCase, relative_deviations
 SUMMARY = FOLDER / "summary.csv"
 RTOLS = tuple(10.0**-k for k in range(7, 13))
 STEPS = tuple(2000 * 2**k for k in range(10))
+# Rates and reactions converge later than positions, and their errors are only listed.
+DERIVATIVE_WEIGHT = 0.01
+# Wall time limit of a run over its longest expected processor time, for runs whose steps collapse.
+TIME_LIMIT_RATIO = 4.0
 
 
 @dataclass(frozen=True)
@@ -63,17 +67,20 @@ def compute_reference(case: ToleranceCase, effort: Effort) -> tuple[pd.DataFrame
         If no run of one of the methods reaches the end.
     """
     results = _refine_until_converged(case, _radau_results(case, effort), effort)
-    if not results:
+    if not results and not case.exact:
         raise SystemExit(f"{case.name}: Radau did not reach the end")
-    first = results[-1]
     if case.exact:
-        first, second = MethodResult("closed form", case.exact(case.times)), first
+        first = MethodResult("closed form", case.exact(case.times))
+        # Radau may fail in a singular position, which fixed steps pass over.
+        others = iter(results[-1:]) if results else _extrapolated_results(case, effort)
+        second = _select_nearest(case, first, others, effort)
     elif case.small:
-        first, second = _modal_result(case), first
+        first, second = _modal_result(case), results[-1]
     else:
+        first = results[-1]
         others = chain(_bdf_results(case, effort), _extrapolated_results(case, effort))
         second = _select_nearest(case, first, others, effort)
-    headers = [*case.columns, *case.reactions]
+    headers = list(case.compared)
     table = pd.DataFrame(first.rows, columns=headers)
     table.insert(0, "t [s]", case.times)
     summary = pd.DataFrame({"case": case.name, "column": headers})
@@ -104,9 +111,10 @@ def _compare_with_published(case: ToleranceCase, table: pd.DataFrame) -> pd.Data
 
 
 def _max_deviation(case: ToleranceCase, first: MethodResult, second: MethodResult) -> float:
-    """Return the largest deviation in the columns that the guarantee covers."""
-    n = len(case.columns)
-    return float(relative_deviations(second.rows[:, :n], first.rows[:, :n]).max())
+    """Return the largest deviation; rates and reactions count less (`DERIVATIVE_WEIGHT`)."""
+    deviations = relative_deviations(second.rows, first.rows)
+    deviations[len(case.columns) + len(case.deflections) :] *= DERIVATIVE_WEIGHT
+    return float(deviations.max())
 
 
 def _refine_until_converged(
@@ -143,7 +151,7 @@ def _run(case: ToleranceCase, integrator: bd.Integrator) -> tuple[np.ndarray | N
     solution = case.run(integrator)
     rows = None
     if solution.status.success:
-        rows = case.select_columns(solution, case.columns + case.reactions)
+        rows = case.select_columns(solution, case.compared)
     return rows, process_time() - start
 
 
@@ -153,7 +161,7 @@ def _radau_results(case: ToleranceCase, effort: Effort) -> Iterator[MethodResult
         # At order 5 a tenth of the tolerance takes 1.6 times the steps.
         if 1.6 * last_time > effort.patience:
             return
-        rows, last_time = _run(case, bd.Radau(rtol, time_limit=40.0 * effort.patience))
+        rows, last_time = _run(case, bd.Radau(rtol, time_limit=TIME_LIMIT_RATIO * effort.patience))
         if rows is None:
             return
         yield MethodResult(f"Radau({rtol:.0e})", rows)
@@ -164,9 +172,14 @@ def _bdf_results(case: ToleranceCase, effort: Effort) -> Iterator[MethodResult]:
     first_step = bd.simulate(case.model(**case.parameters), bd.Ida(max_steps=1), case.duration)
     if first_step.integrator["max_order"] < 5:
         return
+    last_time = 0.0
     for rtol in (1e-8, 1e-9, 1e-10, 1e-11):
-        settings = bd.Ida(rtol, error_control="velocities", time_limit=4.0 * effort.patience)
-        rows, _ = _run(case, settings)
+        # At order 5 a tenth of the tolerance takes 1.6 times the steps.
+        if 1.6 * last_time > effort.patience:
+            return
+        time_limit = TIME_LIMIT_RATIO * effort.patience
+        settings = bd.Ida(rtol, error_control="velocities", time_limit=time_limit)
+        rows, last_time = _run(case, settings)
         if rows is None:
             return
         yield MethodResult(f"Ida({rtol:.0e}, velocities tested)", rows)
@@ -190,5 +203,5 @@ def _extrapolated_results(case: ToleranceCase, effort: Effort) -> Iterator[Metho
 
 def _modal_result(case: ToleranceCase) -> MethodResult:
     columns = solve_small_vibrations(case.model(**case.parameters), case.times)
-    rows = np.stack([columns[name] for name in (*case.columns, *case.reactions)], axis=-1)
+    rows = np.stack([columns[name] for name in case.compared], axis=-1)
     return MethodResult("modes of the linearized equations", rows)

@@ -3,12 +3,15 @@
 python validation/tolerances/run.py                  Ida: error over rtol, default settings
 python validation/tolerances/run.py --alternatives   Ida: other error controls and orders
 python validation/tolerances/run.py --damping        steps of orders 2 and 5 over damping (minutes)
-python validation/tolerances/run.py --wide           all cases and integrators (a quarter hour)
+python validation/tolerances/run.py --wide           wide set, all integrators (a quarter hour)
+python validation/tolerances/run.py --new            newer set, all integrators (minutes)
+python validation/tolerances/run.py --all            both sets
 python validation/tolerances/run.py --random         random mechanisms, all integrators (minutes)
 python validation/tolerances/run.py --references     recompute the stored references (half an hour)
 python validation/tolerances/run.py --random-references 200 210   add references of these seeds
 
 --case, --integrator and --rtol select runs and may be repeated; complete tables go to results/.
+--no-estimate leaves out the error estimates, which take half of the time.
 """
 
 from __future__ import annotations
@@ -27,7 +30,7 @@ from slider_crank import slider_crank
 
 import beamdae as bd
 from tolerances import error_tables
-from tolerances.cases import CASES, WIDE
+from tolerances.cases import ALL, CASES, NEW, WIDE
 from tolerances.random_cases import SUMMARY as RANDOM_SUMMARY
 from tolerances.random_cases import random_cases, store_random_references
 from tolerances.references import SUMMARY, Effort, store_reference
@@ -35,6 +38,7 @@ from tolerances.tolerance_case import ToleranceCase
 
 RTOLS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 RESULTS = Path(__file__).parent / "results"
+SETS = {"wide": WIDE, "new": NEW, "all": ALL}
 
 
 def tabulate_ida_run(case: ToleranceCase, integrator: bd.Ida) -> dict[str, object]:
@@ -106,7 +110,8 @@ def measure_cases(
     selected_cases = [case for case in cases if not options.case or case.name in options.case]
     names = options.integrator or list(error_tables.INTEGRATORS)
     rows = []
-    for row in error_tables.error_rows(selected_cases, names, options.rtol or rtols, summary):
+    runs = (names, options.rtol or rtols, summary, options.estimate)
+    for row in error_tables.error_rows(selected_cases, *runs):
         rows.append(row)
         print(*(f"{x:.3g}" if isinstance(x, float) else x for x in row.values()), flush=True)
     return pd.DataFrame(rows)
@@ -119,11 +124,19 @@ def store_table(options: argparse.Namespace, table: pd.DataFrame, name: str) -> 
         table.to_csv(RESULTS / f"{name}.csv", index=False, float_format="%.3g")
 
 
-def tabulate_wide_set(options: argparse.Namespace) -> pd.DataFrame:
-    """Return error over rtol of the wide set by all integrators."""
-    table = measure_cases(options, WIDE, RTOLS, SUMMARY)
-    store_table(options, table, "wide")
-    print(error_tables.summarize_coverage(table).to_string(), end="\n\n")
+def tabulate_set(options: argparse.Namespace) -> pd.DataFrame:
+    """Return error over rtol of a set of cases by all integrators, after printing summaries."""
+    name = next(name for name in SETS if getattr(options, name))
+    table = measure_cases(options, SETS[name], RTOLS, SUMMARY)
+    store_table(options, table, name)
+    summaries = [error_tables.summarize_errors(table)]
+    if "Auto" in set(table["integrator"]):
+        summaries.append(error_tables.summarize_auto_cost(table))
+    if options.estimate:
+        summaries.append(error_tables.summarize_coverage(table))
+    summaries.append(error_tables.pivot_errors(table, "r of deflections"))
+    for summary in summaries:
+        print(summary.to_string(float_format="{:.3g}".format), end="\n\n")
     return error_tables.pivot_errors(table)
 
 
@@ -138,14 +151,14 @@ def tabulate_random_set(options: argparse.Namespace) -> pd.DataFrame:
 def recompute_references(options: argparse.Namespace) -> pd.DataFrame:
     """Recompute the stored references of the selected cases and return their summary."""
     effort = Effort(patience=options.patience)
-    selected_cases = [case for case in WIDE if not options.case or case.name in options.case]
+    selected_cases = [case for case in ALL if not options.case or case.name in options.case]
     return pd.concat([store_reference(case, effort) for case in selected_cases])
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     tables = parser.add_mutually_exclusive_group()
-    for name in ("alternatives", "damping", "wide", "random", "references"):
+    for name in ("alternatives", "damping", *SETS, "random", "references"):
         tables.add_argument(f"--{name}", action="store_true")
     tables.add_argument("--random-references", type=int, nargs=2, metavar=("FIRST", "END"))
     parser.add_argument("--case", action="append", help="run this case only")
@@ -157,6 +170,9 @@ def main() -> None:
     )
     parser.add_argument("--rtol", action="append", type=float, help="run this tolerance only")
     parser.add_argument(
+        "--no-estimate", dest="estimate", action="store_false", help="skip the error estimates"
+    )
+    parser.add_argument(
         "--patience",
         type=float,
         default=Effort().patience,
@@ -165,8 +181,8 @@ def main() -> None:
     options = parser.parse_args()
     if options.random_references:
         table = pd.concat(store_random_references(range(*options.random_references)))
-    elif options.wide:
-        table = tabulate_wide_set(options)
+    elif any(getattr(options, name) for name in SETS):
+        table = tabulate_set(options)
     elif options.random:
         table = tabulate_random_set(options)
     elif options.references:

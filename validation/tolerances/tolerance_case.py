@@ -20,24 +20,29 @@ DAMPED = 30.0
 
 @dataclass(frozen=True)
 class ToleranceCase:
-    """A model whose positions and angles are compared with a stored reference.
+    """A model whose observed columns are compared with a stored reference.
 
     Attributes
     ----------
     columns
-        Observed positions and angles that the guarantee covers.
+        Observed positions and angles.
     parameters
         Parameters of the model that differ from its defaults.
     bound
         Guaranteed error over rtol: 30 for damped models, 100 for undamped ones.
     t_end
         End time [s]; None: the end time of the model.
+    deflections
+        Observed displacements and rotations of beams relative to a body or to their undeformed
+        shape; their errors are listed separately.
+    rates
+        Observed velocities and angular velocities; their errors are listed separately.
     reactions
         Observed forces and moments; their errors are listed separately.
     rows
         Number of output times from 0 to the end.
     exact
-        Closed form of the compared columns and reactions at given times, if one exists.
+        Closed form of all compared columns at given times, if one exists.
     published
         Published values of columns at the end.
     small
@@ -58,6 +63,13 @@ class ToleranceCase:
     published: dict[str, float] | None = None
     small: bool = False
     singular: bool = False
+    deflections: tuple[str, ...] = ()
+    rates: tuple[str, ...] = ()
+
+    @property
+    def compared(self) -> tuple[str, ...]:
+        """All compared columns."""
+        return self.columns + self.deflections + self.rates + self.reactions
 
     @property
     def duration(self) -> float:
@@ -90,19 +102,20 @@ class ToleranceCase:
         """Return columns of the stored reference, (rows, columns)."""
         return pd.read_csv(FOLDER / f"{self.name}.csv")[list(columns)].to_numpy()
 
-    def errors(self, solution: bd.Solution, reference: np.ndarray | None = None) -> np.ndarray:
+    def errors(
+        self,
+        solution: bd.Solution,
+        reference: np.ndarray | None = None,
+        columns: tuple[str, ...] | None = None,
+    ) -> np.ndarray:
         """Return the largest error of each column over the run, relative to its amplitude.
 
         The amplitude is half the range of the reference, the smallest of the usual definitions.
+        Defaults to positions and angles and to the stored reference.
         """
-        reference = self.reference if reference is None else reference
-        return relative_deviations(self.select_columns(solution), reference)
-
-    def reaction_errors(self, solution: bd.Solution) -> np.ndarray:
-        """Return the largest error of each reaction, relative to its amplitude."""
-        return relative_deviations(
-            self.select_columns(solution, self.reactions), self.load_reference(self.reactions)
-        )
+        columns = self.columns if columns is None else columns
+        reference = self.load_reference(columns) if reference is None else reference
+        return relative_deviations(self.select_columns(solution, columns), reference)
 
 
 def relative_deviations(rows: np.ndarray, reference: np.ndarray) -> np.ndarray:

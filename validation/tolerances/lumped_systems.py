@@ -1,0 +1,115 @@
+"""Systems of particles and rigid bodies that no default setting was chosen on."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import brentq
+
+import beamdae as bd
+from tolerances.mechanisms import GRAVITY
+
+ECCENTRICITY = 0.9
+KEPLER_PERIOD = 2.0 * np.pi  # [s], semi-major axis 1 m, gravitational parameter 1 m^3/s^2
+
+
+@bd.model(t_end=3.0 * KEPLER_PERIOD)
+def kepler(eccentricity=ECCENTRICITY):
+    """Particle of 1 kg on an ellipse of semi-major axis 1 m about the origin."""
+    mech = bd.Mechanism()
+    far = 1.0 + eccentricity
+    speed = np.sqrt((1.0 - eccentricity) / far)
+    planet = mech.add(bd.PointMass("planet", 1.0, at=(-far, 0.0), velocity=(0.0, -speed)))
+
+    def attract(at, t):
+        return -at.position / (at.position @ at.position) ** 1.5
+
+    def potential(at):
+        return -1.0 / np.sqrt(at.position @ at.position)
+
+    mech.add(bd.ForceLaw("sun", (planet.point,), attract, energy=potential))
+    mech.observe("planet", planet.point)
+    return mech
+
+
+def kepler_motion(t: np.ndarray) -> np.ndarray:
+    """Return x and y of the particle, which starts farthest from the origin."""
+    mean = np.pi + t
+    anomaly = np.array(
+        [brentq(lambda u, m=m: u - ECCENTRICITY * np.sin(u) - m, m - 1.0, m + 1.0) for m in mean]
+    )
+    ratio = np.sqrt(1.0 - ECCENTRICITY**2)
+    return np.stack([np.cos(anomaly) - ECCENTRICITY, ratio * np.sin(anomaly)], axis=-1)
+
+
+@bd.model(t_end=10.0)
+def spring_pendulum(stiffness=40.0):
+    """Mass of 1 kg on a spring of 1 m, released from the horizontal."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0)))
+    spring = mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), ball.point, stiffness))
+    mech.observe("ball", ball.point)
+    mech.observe("spring", spring.force)
+    return mech
+
+
+@bd.model(t_end=5.0)
+def kapitza(frequency=30.0, amplitude=0.03, damping=0.002):
+    """Inverted pendulum of 0.3 m that the vibration of its pivot keeps upright."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    slider = mech.add(bd.PointMass("slider", 0.1, at=(0.0, 0.0)))
+    top = (0.3 * np.sin(0.3), 0.3 * np.cos(0.3))
+    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), top, mass=0.2))
+    ground = mech.ground.at(0.0, 0.0)
+    mech.add(bd.PointOnLine("guide", ground, slider.point, direction=(0.0, 1.0)))
+    law = bd.sine(amplitude, frequency)
+    drive = bd.TranslationalDriver("shaker", ground, slider.point, law, direction=(0.0, 1.0))
+    mech.add(drive)
+    mech.add(bd.Revolute("pivot", slider.point, rod.at(0.0, 0.0)))
+    mech.add(bd.TorsionDamper("bearing", ground, rod.at(0.0, 0.0), damping))
+    mech.observe("rod", rod.at(*top))
+    mech.observe("shaker", drive.drive)
+    return mech
+
+
+@bd.model(t_end=4.0)
+def stick_slip(speed=0.1, coefficient=0.3, static=0.5):
+    """Block of 1 kg on a spring, dragged by a belt; Stribeck friction makes it stick and slip."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    belt = mech.add(bd.RigidBody.plate("belt", (0.0, -0.05), width=2.0, height=0.1, mass=5.0))
+    block = mech.add(bd.RigidBody.plate("block", (0.0, 0.05), width=0.1, height=0.1, mass=1.0))
+    ground, foot = mech.ground, (0.0, 0.0)
+    mech.add(bd.Prismatic("rollers", ground.at(*foot), belt.at(*foot)))
+    mech.add(
+        bd.TranslationalDriver(
+            "motor", ground.at(*foot), belt.at(*foot), lambda t: speed * t, direction=(1.0, 0.0)
+        )
+    )
+    contact = mech.add(bd.Prismatic("contact", belt.at(*foot), block.at(*foot)))
+    law = {"regularization": 1e-3, "static": static, "stribeck": 0.05, "radius": 0.05}
+    rubbing = mech.add(bd.Friction("rubbing", contact, coefficient, **law))
+    mech.add(bd.Spring("spring", ground.at(-1.0, 0.05), block.at(0.0, 0.05), stiffness=50.0))
+    mech.observe("block", block.at(0.0, 0.05))
+    mech.observe("rubbing", rubbing.reaction)
+    return mech
+
+
+@bd.model(t_end=3.0)
+def magnet_ball(gap=0.05):
+    """Ball of 0.1 kg that swings past a magnet; the potential of the magnet is negative."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    ball = mech.add(bd.PointMass("ball", 0.1, at=(0.3, -0.4)))
+    rod = mech.add(bd.Distance("thread", mech.ground.at(0.0, 0.0), ball.point))
+    pole = np.array([0.1, -0.5 - gap])
+
+    def pull(at, t):
+        away = pole - at.position
+        return 5e-3 * away / (away @ away + 1e-4) ** 1.5
+
+    def potential(at):
+        away = pole - at.position
+        return -5e-3 / np.sqrt(away @ away + 1e-4)
+
+    mech.add(bd.ForceLaw("magnet", (ball.point,), pull, energy=potential))
+    mech.observe("ball", ball.point)
+    mech.observe("thread", rod.reaction)
+    return mech
