@@ -7,8 +7,9 @@ _INTERRUPTED = 130  # exit code after Ctrl-C: 128 plus the number of SIGINT
 
 
 def main() -> None:
-    """Run the command line; an interrupt during its import ends the process without a traceback."""
-    # Runs use one thread; NumPy and SciPy would each start one per core, which slows the start.
+    """Run the command line; Ctrl-C during the import ends the process without a traceback."""
+    # Runs use one thread. By default, NumPy and SciPy each start one thread per core, which delays
+    # the start of the process.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from beamdae.cli import signals

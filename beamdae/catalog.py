@@ -15,17 +15,20 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Public:
-    """Public name `bd.<name>` and the module that defines it.
+    """Public name `bd.<name>` and the module from which it is imported.
 
     Attributes
     ----------
+    name
+        The public name.
     module
-        Dotted path of the module that defines it.
+        Dotted path of the module or package from which the name is imported.
     sample
-        Keyword arguments of a valid call in a `beamdae.testing.SampleMechanism`. Tests of parts,
-        error messages and robustness start from this call.
+        Function that returns keyword arguments of a valid call, given a
+        `beamdae.testing.SampleMechanism`. Tests of parts, error messages and robustness start from
+        this call. None if there is no sample.
     command
-        Name of an integrator on the command line, as in `--integrator ida`.
+        Name of an integrator on the command line, as in `--integrator ida`; otherwise empty.
     """
 
     name: str
@@ -44,6 +47,8 @@ class Group:
         File name of the page without its suffix.
     heading
         Heading above the names; empty for a page without headings.
+    names
+        The public names, in the order of the page.
     """
 
     page: str

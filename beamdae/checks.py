@@ -53,7 +53,7 @@ _MAX_FAIR_MESH_ERROR = 5e-2
 
 @dataclass(frozen=True)
 class ConstraintResidual:
-    """Constraint residuals of a part at the requested start.
+    """Largest constraint residuals of a part at the requested start.
 
     Attributes
     ----------
@@ -62,8 +62,8 @@ class ConstraintResidual:
     position, velocity
         Largest |g| [m or rad] and |g_dot| [m/s or rad/s] before the start is made consistent.
     acceleration
-        Largest |g_ddot| [m/s^2 or rad/s^2] at the consistent start, or None if no consistent start
-        exists.
+        Largest |g_ddot| [m/s^2 or rad/s^2] after the start is made consistent, or None if no
+        consistent start exists.
     """
 
     part: str
@@ -85,7 +85,7 @@ class MeshAssessment:
     curvature_error
         Largest error of the curvature, times the length of the beam.
     verdict
-        "good", "fair" or "coarse"; the latter two with a recommended number of elements.
+        "good", or "fair" or "coarse" with a recommended number of elements.
     """
 
     beam: str
@@ -105,7 +105,7 @@ class RunPrediction:
     method
         Method that `Auto` selects, with the reason.
     covered_share
-        Fraction of the run that the pilot run covered.
+        Fraction of the run that the pilot run covered [-].
     """
 
     steps: float
@@ -126,25 +126,26 @@ class Check:
         Numbers of coordinates, of constraints, and of independent constraints at the start; `rank`
         is None with more than 1500 constraints.
     rigid_mobility
-        Degrees of freedom with rigid beams and with drivers as constraints; None if `rank` is None.
+        Degrees of freedom if beams are rigid, with drivers as constraints; None if `rank` is None.
     dependent
         Minimal sets of dependent constraints.
     free_motions
-        Descriptions of the motions of the bodies that the joints allow.
+        Descriptions of the motions that the joints and drivers allow if beams are rigid.
     loose
-        Groups of parts that are not connected to the ground.
+        Groups of parts that no joint connects to the ground.
     residuals
-        Constraint residuals of each part.
+        Constraint residuals of each part with constraints.
     start
         Changes of the requested start that make it consistent, or None if no consistent start
         exists.
     spectrum
-        Natural frequencies, or None if no consistent start exists or the model has more than 600
-        coordinates.
+        Range of the natural frequencies. None if no consistent start exists, or the model has more
+        than 600 coordinates or 1500 constraints.
     meshes
         Assessment of the mesh of each beam.
     prediction
-        Predicted cost of a run, or None.
+        Predicted cost of a run. None if no prediction was requested, the end time is not known, the
+        mechanism cannot be run, or the pilot run failed.
     problem
         Reason why the mechanism cannot be run, or "".
     """
@@ -203,8 +204,9 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         End time [s] of the predicted run. Defaults to the model's end time; if the model has none,
         no run is predicted.
     predict
-        True to predict the cost by a pilot run of at most one second, repeated once if the first
-        pilot run had to compile.
+        True to predict the cost by a pilot run of at most one second of wall time. A pilot run that
+        does not reach the end time is repeated once, because it may have spent its time on
+        compilation.
 
     Returns
     -------
@@ -232,7 +234,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
     end = None if t_end is None else require_positive("check", "t_end", t_end)
     equations = as_equations("check", model)
     starter, state, problem = _plan_start(equations, end or 1.0)
-    # All constraints, including redundant ones.
+    # This solver includes redundant constraints, unlike `starter`.
     time, solver = time_on_branch(equations.breakpoints, 0.0, end), ConsistencySolver(equations)
     q = equations.q0 if state is None else state.q
     v = equations.v0 if state is None else state.v
@@ -271,9 +273,9 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
 
 
 def _plan_start(equations: EquationsOfMotion, end: float) -> tuple[ConsistencySolver, Any, str]:
-    """Return the start solver, the consistent state or None, and why no run is possible.
+    """Return the start solver, the consistent state or None, and the reason against a run or "".
 
-    Dependent constraints are excluded from the solver and the state.
+    If the model has at most 1500 constraints, the solver and the state exclude dependent ones.
     """
     independent, problem = equations, ""
     reduction = None
@@ -329,7 +331,10 @@ def _assess_meshes(mechanism: Mechanism | None) -> tuple[MeshAssessment, ...]:
 
 
 def _predict_run(equations: EquationsOfMotion, end: float) -> RunPrediction | None:
-    """Extrapolate from a pilot run, which is repeated if it had to compile step loops."""
+    """Extrapolate from a pilot run, or return None if the pilot run fails.
+
+    A pilot run that does not reach the end is repeated, because step loops are compiled only once.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BeamdaeWarning)
         solution = simulate(equations, Auto(time_limit=_PILOT_TIME_LIMIT), end, output_step=end)

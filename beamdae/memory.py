@@ -1,4 +1,4 @@
-"""Memory of this process: available, required, limited and used."""
+"""Memory of this process: availability, limit and peak."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ _MIN_LIMIT = 0.5
 def available_memory() -> float:
     """Return the memory [bytes] that this process can still allocate; infinite if unknown.
 
-    The result is the smaller of the free memory of the machine and the unused part of the limit set
-    by `ulimit -v`.
+    The result is the smaller of the free memory of the machine and, if `ulimit -v` sets a limit,
+    the unused address space divided by 2.5.
     """
     return min(_free_physical_memory(), _free_address_space())
 
@@ -41,7 +41,7 @@ def _free_physical_memory() -> float:
     except (OSError, StopIteration):
         pass
     try:
-        # Total memory: these systems do not report how much is in use.
+        # Total memory: systems without /proc/meminfo do not report how much is in use.
         return float(os.sysconf("SC_PHYS_PAGES")) * float(os.sysconf("SC_PAGE_SIZE"))
     except (AttributeError, OSError, ValueError):
         return float("inf")
@@ -61,12 +61,9 @@ def _free_address_space() -> float:
 
 
 def require_memory(part: str, purpose: str, required: float, remedy: str) -> None:
-    """Require that `required` bytes of memory are available.
+    """Raise BeamdaeError unless `required` bytes of memory are available.
 
-    Raises
-    ------
-    BeamdaeError
-        If less memory is available; the message states both sizes and the remedy.
+    The message states that `purpose` needs this memory, both sizes, and `remedy`.
     """
     available = available_memory()
     if required > available:
@@ -77,16 +74,17 @@ def require_memory(part: str, purpose: str, required: float, remedy: str) -> Non
 
 
 def format_gigabytes(size: float) -> str:
-    """Return a size [bytes] as text, in gigabytes."""
+    """Return a size [bytes] as text in gigabytes (1e9 bytes), with two digits."""
     return f"{size / _BYTES_PER_GIGABYTE:.2g} GB"
 
 
 @contextmanager
 def limit_memory(memory: float | None) -> Iterator[None]:
-    """Limit this process to `memory` [GB] beyond its present size, if the system supports limits.
+    """Limit this process to `memory` [GB] beyond its present size within the context.
 
-    Allocations beyond the limit raise MemoryError, even while a model is built and no run checks
-    the memory.
+    The limit is at least 0.5 GB beyond the present size. Allocations beyond the limit raise
+    MemoryError, even while a model is built and no run checks the memory. If `memory` is None or
+    the system has no file /proc/self/status, no limit is set.
     """
     present = _read_status("VmData")
     if memory is None or present is None:
@@ -105,7 +103,7 @@ def limit_memory(memory: float | None) -> Iterator[None]:
 
 
 def reset_peak_memory() -> None:
-    """Reset the recorded peak of memory, if the system supports resetting."""
+    """Reset the value of `peak_memory`, if the system supports resetting."""
     try:
         _CLEAR_FILE.write_text(_RESET_PEAK)
     except OSError:
@@ -113,7 +111,7 @@ def reset_peak_memory() -> None:
 
 
 def peak_memory() -> float:
-    """Return the largest memory [GB] since `reset_peak_memory` or process start; NaN if unknown."""
+    """Return the peak memory [GB] since the last reset or process start; NaN if unknown."""
     peak = _read_status("VmHWM")
     if peak is not None:
         return peak

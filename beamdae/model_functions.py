@@ -1,4 +1,4 @@
-"""Model functions, whose keyword defaults are parameters and whose calls build mechanisms."""
+"""Model functions: functions with default parameters that build mechanisms."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ class HasOrigin:
 class Model:
     """Function with named parameters that builds a mechanism or a constrained system.
 
-    Created by the decorator `model`. Calling it builds the mechanism: `pendulum(elements=16)`
-    replaces one default, and unknown names or values of the wrong type are errors. Studies, sweeps
-    and the command line set parameters by name.
+    The decorator `model` creates a `Model` from a function. Calling the `Model` builds the
+    mechanism: `pendulum(elements=16)` replaces one default. Studies, sweeps and the command line
+    set parameters by name.
 
     Parameters
     ----------
@@ -60,14 +60,16 @@ class Model:
     t_end
         Default end time [s], positive.
     parameters
-        Default values by name; the type of a default value is the type of the parameter.
+        Default values by name. The type of a default value is the type of the parameter; a default
+        of None accepts any type.
     data
         Names of files on which the results depend; see `model`.
 
     Raises
     ------
     BeamdaeError
-        If an argument has the wrong type, or the name of the function is not a valid file name.
+        If an argument has the wrong type, `t_end` is not positive, or the name of the function is
+        not a valid file name.
     """
 
     build: Callable[..., Any]
@@ -112,7 +114,10 @@ class Model:
         return file.absolute().parent if file.is_file() else Path.cwd()
 
     def files(self) -> list[Path]:
-        """Return the files of `data` in the folder of the model and in the working directory.
+        """Return the paths of the files in `data`.
+
+        A file that exists both in the folder of the model and in the working directory has two
+        paths.
 
         Raises
         ------
@@ -139,7 +144,7 @@ class Model:
         ------
         BeamdaeError
             If a name is unknown, a value has the wrong type, or the function returns None or a
-            model.
+            `Model`.
         """
         parameters = self.complete(values)
         with extend_import_path(self.home):
@@ -162,6 +167,8 @@ class Model:
 
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return all parameters: the defaults, updated with checked and converted `values`.
+
+        Strings are converted to the types of the parameters, as on the command line.
 
         Raises
         ------
@@ -221,8 +228,9 @@ def require_file_name(part: str, value: Any) -> str:
     Raises
     ------
     BeamdaeError
-        If `value` is empty, contains separators or control characters, begins or ends with a dot or
-        a space, is reserved (CON, NUL, COM1), or is longer than 120 bytes.
+        If `value` is not a string or is empty, contains separators, control characters or any of
+        : * ? " < > |, begins or ends with a dot or a space, is reserved by Windows (such as CON,
+        NUL and COM1), or is longer than 120 bytes.
     """
     if not isinstance(value, str):
         raise BeamdaeError(f"{part}: the name must be a string, got {short_repr(value)}.")
@@ -231,8 +239,8 @@ def require_file_name(part: str, value: Any) -> str:
     if not (fits and value.isprintable() and not _INVALID_CHARACTERS & set(value)):
         raise BeamdaeError(
             f"{part}: the name must be a valid folder name, 1 to {MAX_NAME_BYTES} "
-            'bytes without / \\ : * ? " < > |, leading or trailing dots or spaces, got '
-            f"{short_repr(value)}."
+            'bytes without control characters, / \\ : * ? " < > | and leading or trailing dots or '
+            f"spaces, got {short_repr(value)}."
         )
     if value.partition(".")[0].strip().upper() in _RESERVED:
         raise BeamdaeError(
@@ -270,7 +278,8 @@ def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., 
     Raises
     ------
     BeamdaeError
-        If `t_end` is not positive, a parameter has no default, or a file does not exist.
+        If `t_end` is not positive, a parameter has no default or is positional-only, the name of
+        the function is not a valid file name, or a file does not exist.
 
     Examples
     --------
@@ -306,8 +315,9 @@ def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., 
 def extend_import_path(folder: Path) -> Iterator[None]:
     """Make the modules in a folder importable within the context, then unload them.
 
-    Unloading avoids conflicts with modules of the same name next to another model file, and makes
-    pickling send objects of these modules to other processes by value.
+    Unloading avoids conflicts with modules of the same name next to another model file, and lets
+    pickle send objects of these modules to other processes by value. If the folder is already on
+    the import path, nothing is changed.
     """
     if str(folder) in sys.path:
         yield

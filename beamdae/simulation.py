@@ -63,7 +63,8 @@ def simulate(
     t_end
         End time [s]. Defaults to the model's end time.
     output_step
-        Time between rows of the result [s]. Defaults to a thousandth of the end time.
+        Time between rows of the result [s]. Defaults to a thousandth of the end time. The last row
+        is at the end time.
     progress
         Function called repeatedly with the time reached [s], or with the start time during a pilot
         run. Return a string to stop the run; it becomes the reason.
@@ -88,12 +89,12 @@ def simulate(
     Raises
     ------
     BeamdaeError
-        If the model or a setting is invalid.
+        If the model or a setting is invalid, or the run needs more memory than is available.
 
     Warns
     -----
     BeamdaeWarning
-        If the run stops before the end time (with the reason), and for each of `Solution.warnings`.
+        If the run was not completed (with the reason), and for each of `Solution.warnings`.
 
     Examples
     --------
@@ -179,8 +180,8 @@ def load(path: str | Path, model: Any = None) -> Solution | SavedRun:
     Raises
     ------
     BeamdaeError
-        If the file does not exist, is damaged, has a different version, or contains a run of a
-        different model.
+        If the file does not exist, is damaged, has another version, or contains a run of a model
+        other than `model`.
 
     Examples
     --------
@@ -220,12 +221,13 @@ def as_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
     model
         A model function, mechanism, constrained system or equations of motion.
     start
-        Start that replaces the start of the model; see `simulate`.
+        Start that replaces the start of the model: "as drawn", "equilibrium", or positions and
+        velocities by name.
 
     Raises
     ------
     BeamdaeError
-        If `model` has none of these types.
+        If `model` has none of these types, or its equations cannot be assembled.
     """
     if isinstance(model, Model):
         return as_equations(name, model(), start)
@@ -239,7 +241,7 @@ def as_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
 
 
 def _read_checkpoint(start: Any) -> Checkpoint | None:
-    """Return the checkpoint if `start` is the end of another run, otherwise None."""
+    """Return a checkpoint if `start` is a result, a checkpoint or the path of one, else None."""
     if isinstance(start, Solution):
         return Checkpoint.of(start)
     if isinstance(start, Equilibrium):
@@ -282,7 +284,7 @@ def _resume_equations(
 
 
 def _output_times(t_end: Any, output_step: Any, begin: float) -> np.ndarray:
-    """Return `begin`, the multiples of the output step, and `t_end` [s]."""
+    """Return `begin`, the multiples of the output step between `begin` and `t_end`, and `t_end`."""
     t_end = require_positive("simulate", "t_end", t_end)
     if not t_end > begin:
         raise BeamdaeError(
@@ -304,7 +306,7 @@ def _output_times(t_end: Any, output_step: Any, begin: float) -> np.ndarray:
 
 
 def _collect_warnings(name: str, solution: Solution) -> tuple[Solution, tuple[str, ...]]:
-    """Return the solution and its warnings."""
+    """Return the solution and its warnings; Ctrl-C skips the checks and changes the status."""
     sentences: tuple[str, ...] = ()
     try:
         # After an interrupt, no further evaluations delay the return.

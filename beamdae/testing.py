@@ -15,7 +15,7 @@ from beamdae.parts.mechanism import Mechanism
 
 
 class SampleMechanism:
-    """Mechanism with an unconstrained disk and beam, each added when it is first accessed.
+    """Mechanism with a disk, a beam and a hinge, each added when it is first accessed.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class SampleMechanism:
 
     @cached_property
     def disk(self) -> RigidBody:
-        """Rigid body of 1 kg and 0.1 kg m^2 with its center at (0.5, 0.4) m."""
+        """Rigid body of 1 kg and 0.1 kg m^2 with its center of mass at (0.5, 0.4) m."""
         return self.mechanism.add(RigidBody("disk", 1.0, 0.1, (0.5, 0.4)))
 
     @cached_property
@@ -59,10 +59,10 @@ class SampleMechanism:
 
     @cached_property
     def material(self) -> Material:
-        """Steel of 210 GPa and 7850 kg/m^3."""
+        """Steel with a Young's modulus of 210 GPa and a density of 7850 kg/m^3."""
         return Material(E=2.1e11, nu=0.3, rho=7850.0)
 
     @cached_property
     def section(self) -> Section:
-        """Rectangle of 20 mm width and 4 mm height."""
+        """Steel rectangle of 20 mm width and 4 mm height."""
         return Section.rectangle(self.material, width=0.02, height=0.004)

@@ -1,4 +1,4 @@
-"""Error estimate of a run from a coarser run, and verification by a different method."""
+"""Error estimate of a run from a second run, and verification by a different method."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = np.ndarray
 
 # Error estimate.
 _COARSENING_FACTORS = {"rtol": 10.0, "step": 2.0}  # tolerance or step: second run / first run
-_MAX_COARSENED_RTOL = 3e-4  # above, errors do not yet decrease with the order
+_MAX_COARSENED_RTOL = 3e-4  # at larger rtol, errors do not yet follow the order
 _SAFETY_FACTOR = 4.5  # applied to the error predicted by the order; stiff errors decrease slowly
 _MAX_DIFFERENCE_FACTOR = 3.0  # largest error estimate / difference of the two runs
 # If the ratio of the numbers of steps is larger, the difference of two runs shows no errors.
@@ -49,15 +49,16 @@ ErrorColumns = dict[str, Any]
 def error_estimate(solution: Solution) -> pd.DataFrame:
     """Estimate the error of each observed column, including forces and reactions.
 
-    The integrator runs again with ten times the tolerance, or twice the step. If errors are
-    proportional to accuracy^order, the difference d of the two runs is (c^order - 1) times the
-    error of the finer run, with c = 10 or 2. The estimate is 4.5 d / (c^order - 1), but at most
-    3 d, because errors of stiff mechanisms decrease more slowly (validation/tolerances counts how
-    often the estimate covers the true error).
+    The integrator runs again with ten times the tolerance rtol, or twice the step h. If errors are
+    proportional to rtol^order or h^order, the largest difference d of the two runs is
+    (c^order - 1) times the error of the finer run, with c = 10 or 2. The estimate is
+    4.5 d / (c^order - 1), but at most 3 d. The factor 4.5 allows for stiff mechanisms, whose errors
+    decrease more slowly (validation/tolerances counts how often the estimate covers the true
+    error).
 
-    In two cases, the second run has a tenth of the tolerance instead and the estimate is 3 d: with
+    In two cases, the second run has a tenth of the tolerance instead, and the estimate is 3 d: with
     Radau, because neither the run nor a coarser run resolves fast vibrations; and with rtol above
-    3e-4, where errors do not yet decrease with the order.
+    3e-4, where errors do not yet follow the order.
 
     Parameters
     ----------
@@ -69,13 +70,13 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     pandas.DataFrame
         One row per observed column: half of its range [unit of the column], and the estimated
         largest error relative to half the range [-]. The error is NaN if the second run stopped
-        early or took nearly as many steps as the first run, and for columns that are not finite.
-        The error is 0 for columns at rest.
+        early or the numbers of steps of the two runs differ by less than 5 %, and for columns that
+        are not finite. Otherwise, the error is 0 for columns at rest.
 
     Raises
     ------
     BeamdaeError
-        If the solution does not contain its integrator.
+        If `solution` is not a solution or does not contain its integrator.
     KeyboardInterrupt
         If the second run is interrupted.
 
@@ -121,13 +122,13 @@ def estimate_errors(solution: Solution, progress: Progress | None = None) -> Err
 
 
 def accuracy_warning(solution: Solution, errors: Mapping[str, Any]) -> str:
-    """Return a warning if the error of a position or angle exceeds 100 rtol, else "".
+    """Return a warning if the relative error of a position or angle exceeds 100 rtol, else "".
 
     Parameters
     ----------
     solution
-        The run. If it stopped early, no warning is returned, because the limit refers to the range
-        of the whole motion.
+        The run. There is no warning if the integrator has no rtol or the run stopped early, because
+        the limit refers to the range of the whole motion.
     errors
         The result of `estimate_errors` or `error_estimate`.
     """
@@ -158,23 +159,26 @@ def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
     solution
         The run.
     by
-        Integrator of the second run. Defaults to `Radau` with a tenth of the tolerance, or to
-        `GeneralizedAlpha(rtol=...)` if Radau made the run.
+        Integrator of the second run. Defaults to `Radau`, or to `GeneralizedAlpha` if Radau made
+        the run, with a tenth of the tolerance, but at least 1e-10. If the run has fixed steps, the
+        tolerance is 1e-6.
 
     Returns
     -------
     pandas.DataFrame
         One row per observed column: half of its range [unit of the column]; the largest difference
         relative to half the range [-]; the allowed difference of positions and angles [-], 100
-        times the looser rtol, or 1e-3 without rtol; and the verdict. The verdict is "agrees",
-        "differs", or "not verified" if the second run stopped early. It is "known to ..." for
-        rates, forces and moments, whose errors rtol does not control, and for all columns if the
-        first run stopped early.
+        times the looser rtol; and the verdict. A run with fixed steps has an allowed difference of
+        at least 1e-3. The verdict is "agrees" or "differs", or "not verified" if the second run
+        stopped early or the column is not finite. For columns in other units, whose errors rtol
+        does not control, and for all columns if the first run stopped early, the verdict is
+        "known to ..." with the difference.
 
     Raises
     ------
     BeamdaeError
-        If the solution does not contain its integrator.
+        If `solution` is not a solution or does not contain its integrator, or `by` is not an
+        integrator.
     KeyboardInterrupt
         If the second run is interrupted.
     """
@@ -252,7 +256,7 @@ def _require_own_integrator(name: str, solution: Any) -> Integrator:
 def _run_again(
     solution: Solution, integrator: Integrator, progress: Progress | None
 ) -> Solution | None:
-    """Repeat the run with `integrator`; return None if it does not reach the same end."""
+    """Repeat the run with `integrator`; return None if the repeated run is not completed."""
     if len(solution.t) < 2:
         return None
     other = integrator.integrate(solution.equations, solution.t, progress)
@@ -262,7 +266,7 @@ def _run_again(
 
 
 def _compare(solution: Solution, other: Solution | None, fraction: float) -> ErrorColumns:
-    """Return half the range of each column, and `fraction` times the relative difference."""
+    """Return half the range of each column, and `fraction` times the difference relative to it."""
     if other is not None and other.t[-1] < solution.t[-1]:
         # An event may end the second run slightly earlier.
         common = solution.t[solution.t <= other.t[-1]]
@@ -287,7 +291,7 @@ def _stack_columns(solution: Solution) -> Array:
 
 
 def _rest_limits(solution: Solution, half_range: Array, largest: Array) -> Array:
-    """Return the half range of each column below which it is at rest."""
+    """Return the half range of each column at or below which the column is at rest."""
     kinds = [Header.of(name).kind for name in solution.columns]
     of_kind = dict.fromkeys(kinds, 0.0)
     for kind, value in zip(kinds, np.nan_to_num(half_range, posinf=np.inf).tolist(), strict=True):

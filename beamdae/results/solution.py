@@ -205,12 +205,13 @@ class Solution(RunData, TimeSeries):
             A time or ascending times within the run [s]. Defaults to the output times.
         s
             An arc length or several arc lengths [m]. Defaults to the element boundaries and the
-            fixed points of application of loads, with three sections in between.
+            sections at which concentrated loads are fixed, with three sections in between.
 
         Raises
         ------
         BeamdaeError
-            If the mechanism does not contain the beam, or a time or an arc length is out of range.
+            If the mechanism does not contain the beam, the times do not ascend, or a time or an arc
+            length is out of range.
         """
         return recover_section_forces(self, beam, t, s)
 

@@ -116,7 +116,7 @@ POLYGON = bd.RigidBody.polygon
         ),
         (
             lambda: POLYGON("p", [(0, 0), (2, 2), (2, 0), (0, 1)], mass=1.0),
-            r"p: the edges from .* cross; list the points in order around",
+            r"p: the edges that begin at .* meet; list the points in order around",
         ),
         (
             lambda: POLYGON("p", [(0, 0), (2, 0), (2, 0), (0, 1)], mass=1.0),
@@ -125,11 +125,11 @@ POLYGON = bd.RigidBody.polygon
         (
             # A spike, and a corner on another edge.
             lambda: POLYGON("p", [(0, 0), (2, 0), (1, 0), (1, 1)], mass=1.0),
-            "p: the edges from",
+            "p: the edges that begin at",
         ),
         (
             lambda: POLYGON("p", [(0, 0), (2, 0), (2, 1), (1, 0), (0, 1)], mass=1.0),
-            "p: the edges from",
+            "p: the edges that begin at",
         ),
         (lambda: bd.RigidBody("b", 1.0, 1.0, shape=3), r"b: shape must be points \(x, y\), got 3"),
     ],

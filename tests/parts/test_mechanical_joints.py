@@ -234,7 +234,7 @@ def test_force_and_power_of_a_prescribed_travel():
         ),
         (
             lambda m, d: bd.Distance("link", m.ground.at(3, 0), d.at(0, 0), length=2.9),
-            r"length must equal the distance .* \(3 m\) or be a law of time, got 2.9",
+            r"length must equal the distance .* \(3 m\) or be a time law, got 2.9 m",
         ),
         (
             lambda m, d: bd.Distance("link", m.ground.at(3, 0), d.at(0, 0), lambda t: t - 1.0),

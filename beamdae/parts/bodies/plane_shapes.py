@@ -40,16 +40,18 @@ def resolve_mass(
     part
         Name of the body, for messages.
     mass, density, thickness
-        User arguments; None if not given.
+        Mass [kg], density [kg/m^3] and thickness [m]; None if not given. For a rod, `thickness` is
+        the area of the cross-section [m^2].
     area
-        Area that multiplies the thickness [m^2]; for a rod, its length [m].
+        Area of the shape [m^2]; for a rod, the length [m].
     dimension_name
         Name of the argument `thickness` in messages.
 
     Raises
     ------
     BeamdaeError
-        If neither or both of mass and density are given, or density without thickness.
+        If neither or both of mass and density are given, density and thickness are not given
+        together, or a value is not positive.
     """
     if (mass is None) == (density is None) or (density is None) != (thickness is None):
         raise BeamdaeError(f"{part}: give either mass= or density= with {dimension_name}=.")
@@ -113,7 +115,7 @@ def plate(
 
 
 def polygon(part: str, points: Any, mass: float | None, density: Any, thickness: Any) -> Shape:
-    """Return a polygonal plate, by Green's formulas; either orientation is allowed."""
+    """Return a polygonal plate with corners in either orientation, by Green's theorem."""
     entries = require_sequence(part, "points", points, "at least 3 pairs (x, y)")
     if len(entries) < 3:
         raise BeamdaeError(f"{part}: points must be at least 3 pairs (x, y), got {len(entries)}.")
@@ -137,7 +139,7 @@ def polygon(part: str, points: Any, mass: float | None, density: Any, thickness:
 
 
 def _require_simple(part: str, corners: Array) -> None:
-    """Raise an error if edges of a polygon meet at points other than common corners."""
+    """Raise BeamdaeError if edges of a polygon meet at points other than common corners."""
     n = len(corners)
     repeated = np.flatnonzero(np.all(corners == np.roll(corners, -1, axis=0), axis=1))
     if repeated.size:
@@ -157,8 +159,8 @@ def _require_simple(part: str, corners: Array) -> None:
             )
             if meet:
                 raise BeamdaeError(
-                    f"{part}: the edges from ({a[0]:g}, {a[1]:g}) and ({c[0]:g}, "
-                    f"{c[1]:g}) cross; list the points in order around the polygon."
+                    f"{part}: the edges that begin at ({a[0]:g}, {a[1]:g}) m and ({c[0]:g}, "
+                    f"{c[1]:g}) m meet; list the points in order around the polygon."
                 )
 
 

@@ -48,7 +48,7 @@ class PointMass(Part):
     """Particle, either fixed `on` an attachment or free, starting `at` a point.
 
     A free particle has the coordinates (x, y) and is joined to other parts by its `.point`. A fixed
-    particle adds its inertia and weight to the body it is fixed to.
+    particle adds its inertia and weight to the body of the attachment.
 
     Parameters
     ----------

@@ -69,7 +69,9 @@ class Ground(Part):
 
 @dataclass(frozen=True, eq=False)
 class RigidBody(Part):
-    """Rigid body with the coordinates (x, y, angle) of its center of mass.
+    """Rigid body with the position (x, y) of the center of mass and the angle as coordinates.
+
+    `rod`, `disk`, `plate` and `polygon` compute mass, center and inertia from a shape.
 
     Parameters
     ----------
@@ -87,8 +89,6 @@ class RigidBody(Part):
     shape
         Points of the outline in the reference configuration [m]. Defaults to the points at which
         parts are attached.
-
-    `rod`, `disk`, `plate` and `polygon` compute mass, center and inertia from a shape.
 
     Examples
     --------

@@ -44,7 +44,7 @@ class Bushing(ForceElement):
     The deformation is the displacement (x, y) of point `b` from the reference configuration, in
     axes fixed to the body of `a`, and the rotation of `b` relative to `a`. The forces act on the
     body of `b` at point `b`, and the opposite forces on the body of `a` at the same position. The
-    potential counts as strain energy.
+    potential is part of the strain energy.
 
     Parameters
     ----------
@@ -65,8 +65,9 @@ class Bushing(ForceElement):
         `a`. Defaults to the direction of the section on a beam, and to zero on a rigid body.
     law
         Formula `law(deformation, rate)` in place of the coefficients, with the deformation
-        (x, y, rotation) [m, m, rad]. The law returns (Fx, Fy, M) [N, N, N m], which oppose an
-        increase of the deformation. The energy balance treats the law as in `SpringDamper`.
+        (x, y, rotation) [m, m, rad] and its rate. The law returns (Fx, Fy, M) [N, N, N m], which
+        oppose an increase of the deformation. The energy balance treats the law as in
+        `SpringDamper`.
     energy
         Potential [J] of the law at zero rate, a formula of the deformation.
 

@@ -110,10 +110,10 @@ class _ContactForces(_ContactLaw):
 def hysteresis_factor(restitution: float, speed: float) -> float:
     """Return X [s/m] in the contact force N = k d^n (1 + X d') at penetration d.
 
-    `speed` is the impact speed [m/s]. For a mass m with m d'' = -N, the speeds v before and e v
-    after an impact satisfy X v (1 + e) = ln((1 + X v) / (1 - e X v)) for any m, k and n (Gonthier
-    et al., Multibody System Dynamics 11, 2004). As e approaches 1, this becomes
-    X = 3 (1 - e) / (2 v) of Hunt and Crossley.
+    For a mass m with m d'' = -N, the speeds v = `speed` [m/s] before and e v after an impact, with
+    e = `restitution`, satisfy X v (1 + e) = ln((1 + X v) / (1 - e X v)) for any m, k and n
+    (Gonthier et al., Multibody System Dynamics 11, 2004). As e approaches 1, X approaches
+    3 (1 - e) / (2 v) of Hunt and Crossley.
     """
     e = restitution
     if 1.0 - e < _MAX_SERIES_LOSS:
@@ -136,8 +136,8 @@ class Contact(Part):
     At a penetration d, the normal force is N = stiffness d^exponent max(0, 1 + X d') (Hunt and
     Crossley, J. Appl. Mech. 42, 1975), where X follows from the restitution (`hysteresis`). The
     friction force is -friction N tanh(slip / friction_speed). At the onset of contact, N is as
-    smooth as max(0, d)^exponent. The elastic part counts as strain energy, the remainder as
-    dissipated.
+    smooth as max(0, d)^exponent. The energy of the elastic force stiffness d^exponent is part of
+    the strain energy; the work of the remainder and of friction is dissipated.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ class Contact(Part):
         full value. At lower velocities, friction is nearly viscous, so a sticking contact creeps.
     longest_step
         Largest step of adaptive integrators [s]. A point in free flight may step over a small
-        circle; give a tenth of the time for crossing the circle. Lines need no limit.
+        circle; use a tenth of the time for crossing the circle. Lines need no limit.
 
     Examples
     --------
@@ -284,7 +284,8 @@ class Contact(Part):
     def force(self) -> Quantity:
         """Normal force N and friction force T [N] on the point.
 
-        Positive T points to the right of the outward normal.
+        Positive T points along the direction of a line, or counter-clockwise around the center of a
+        circle.
         """
         kind = _ContactForces(*self._law_arguments)
         values, data = FormulaExpression.of(kind, self._functions)

@@ -38,7 +38,7 @@ from beamdae.symbolic.statements import (
 _SAMPLE_DEFORMATIONS = (-0.31, -0.03, 0.04, 0.37)
 # Largest difference between the gradient of the energy and the law, relative to the largest force.
 _ENERGY_TOLERANCE = 1e-6
-# Smallest difference that counts [N] or [N m].
+# Differences below this value are rounding errors [N] or [N m].
 _MIN_FORCE_DIFFERENCE = 1e-12
 
 
@@ -65,7 +65,7 @@ class ElementResponse(NamedTuple):
 
 @dataclass(frozen=True)
 class LinearLaw:
-    """Linear law; `numbers` are the stiffnesses, dampings and preloads of all entries.
+    """Linear law; `numbers` are the stiffnesses, damping coefficients and preloads of all entries.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class LinearLaw:
 class UserLaw:
     """User-written law: the value at zero rate is a static force, the remainder is damping.
 
-    Without `energy`, the static force counts as a load.
+    Without `energy`, the power of the static force is work of a load.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class UserLaw:
         return ElementResponse(force, self.stored_energy(x), power, dissipated)
 
     def require_valid(self, size: float) -> None:
-        """Raise an error unless law and energy are valid formulas that agree with each other.
+        """Raise BeamdaeError unless law and energy are valid formulas that agree with each other.
 
         Parameters
         ----------

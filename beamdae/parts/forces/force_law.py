@@ -143,7 +143,7 @@ def _load_column(part: str, load: Any) -> SX:
 class ForceLaw(Part):
     """Forces and moments on attachments as a formula of their motion and of time.
 
-    The power counts as work of a load, unless `energy` or `dissipative` is given.
+    The power of the law is work of a load, unless `energy` or `dissipative` is given.
 
     Parameters
     ----------
@@ -159,10 +159,10 @@ class ForceLaw(Part):
         must not have jumps; see `bd.positive_part` and `bd.smooth_sign`. Forces between attachments
         are not balanced automatically: return both action and reaction.
     energy
-        `energy(a, b, ...)`, a potential [J] of positions and angles. The potential counts as strain
-        energy; only the remaining power of the law counts as work of a load or as damping.
+        `energy(a, b, ...)`, a potential [J] of positions and angles. The potential is part of the
+        strain energy; only the remaining power of the law is work of a load or dissipated.
     dissipative
-        If True, the power counts as damping instead of work of a load.
+        If True, the power is dissipated by damping instead of being work of a load.
 
     Examples
     --------
@@ -203,7 +203,7 @@ class ForceLaw(Part):
         self._require_valid()
 
     def _require_valid(self) -> None:
-        """Raise an error unless law and energy are valid formulas for the attachments."""
+        """Raise BeamdaeError unless law and energy are valid formulas for the attachments."""
         require_function(self.name, "law", self.law)
         motions = [
             PointMotion(*(as_vector(x) if x.numel() == 2 else x for x in symbols))

@@ -28,7 +28,7 @@ def as_vector(column: SX) -> np.ndarray:
 
 
 def list_entries(value: Any) -> list[Any]:
-    """Return the entries of a formula's value as a list, also for a single value."""
+    """Return the entries of the value of a formula; a single number is a list of one entry."""
     if isinstance(value, (ca.SX, ca.DM)):
         return [value[k] for k in range(value.numel())]
     if isinstance(value, np.ndarray):
@@ -37,7 +37,7 @@ def list_entries(value: Any) -> list[Any]:
 
 
 def require_column(part: str, what: str, value: Any, rows: int) -> SX:
-    """Return the value of a formula as a column with `rows` entries."""
+    """Return the value of a formula as a column with `rows` entries, or raise BeamdaeError."""
     try:
         column = ca.vertcat(*(SX(entry) for entry in list_entries(value)))
     except Exception:
@@ -49,7 +49,10 @@ def require_column(part: str, what: str, value: Any, rows: int) -> SX:
 
 
 def evaluate_formula(part: str, what: str, function: Callable[..., Any], *symbols: Any) -> Any:
-    """Return the value of a user's function at symbols; `what` names it in messages."""
+    """Return the value of a user's function at symbols, or raise BeamdaeError if the call fails.
+
+    `what` is the name of the function in messages.
+    """
     try:
         with warnings.catch_warnings():
             # CasADi 3.8 warns about NumPy functions of its symbols; see `beamdae.parts.laws`.
@@ -72,7 +75,19 @@ def evaluate_formula(part: str, what: str, function: Callable[..., Any], *symbol
 def require_continuous_formula(
     part: str, what: str, value: SX, symbols: Sequence[SX], arguments: str = "its arguments"
 ) -> None:
-    """Raise an error if an expression has jumps or depends on symbols other than its arguments."""
+    """Raise BeamdaeError if an expression has jumps, contains nan or depends on other symbols.
+
+    Parameters
+    ----------
+    part, what
+        Name of the part and of the formula, for messages.
+    value
+        The expression.
+    symbols
+        Symbols on which the expression may depend.
+    arguments
+        Description of these symbols in messages.
+    """
     symbol_hashes = {x.element_hash() for symbol in symbols for x in ca.symvar(SX(symbol))}
     other_symbols = [x.name() for x in ca.symvar(value) if x.element_hash() not in symbol_hashes]
     if other_symbols:
@@ -101,6 +116,6 @@ def require_continuous_formula(
 
 
 def require_function(part: str, what: str, function: Any) -> None:
-    """Raise an error if a value cannot be called."""
+    """Raise BeamdaeError if a value cannot be called."""
     if not callable(function):
         raise BeamdaeError(f"{part}: {what} must be a function, got {short_repr(function)}.")

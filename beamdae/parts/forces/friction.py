@@ -112,8 +112,8 @@ class Friction(Part):
     exp(-(v / stribeck)^2)), where v is the sliding velocity and N the reaction of the joint. In a
     `Revolute`, v is the velocity of the rim of the bearing, and F acts at the radius of the
     bearing. In a guide (`PointOnLine`, `Prismatic` and other joints with a `slide_direction`), v is
-    the velocity along that direction. A moment M of the guide adds M / radius to the normal force,
-    where radius is half the length of the guide. Below the regularization velocity, friction
+    the velocity along that direction. A moment M of the guide adds |M| / radius to the normal
+    force, where radius is half the length of the guide. Below the regularization velocity, friction
     decreases to zero, so a sticking contact creeps.
 
     Stribeck effect as in Olsson, Astrom, Canudas de Wit, Gafvert & Lischinsky, Eur. J. Control 4
@@ -129,12 +129,13 @@ class Friction(Part):
         Sliding velocity [m/s] at which friction reaches 76 % of its full value. At a reversal,
         integrators need steps of about this velocity divided by the acceleration.
     static, stribeck
-        Static coefficient of friction [-], and the velocity [m/s] over which it decreases to the
-        kinetic coefficient. If omitted, the coefficient does not depend on the velocity.
+        Static coefficient of friction [-], and the velocity [m/s] over which the coefficient
+        decreases from the static to the kinetic value. If both are omitted, the coefficient does
+        not depend on the velocity.
     radius
         Radius of the bearing, or half the length of a guide that carries a moment [m].
     smoothing
-        Reaction [N] below which the magnitude |N| is smoothed; above this value, the error is at
+        Reaction [N] below which the magnitude |N| is smoothed. The error of the magnitude is at
         most smoothing^2 / (2 |N|).
 
     Examples

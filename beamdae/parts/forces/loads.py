@@ -1,4 +1,4 @@
-"""Loads: forces and moments on attachments that follow laws of time."""
+"""Loads: forces and moments on attachments that follow time laws."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def load_statement(
 
 @dataclass(frozen=True, eq=False)
 class Force(Part):
-    """Force on an attachment with components (Fx, Fy) [N] that follow laws of time.
+    """Force on an attachment with components (Fx, Fy) [N] that follow time laws.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Force(Part):
     on
         Attachment on which the load acts.
     law
-        Pair of laws (Fx, Fy): numbers, functions of t or `Law`s.
+        Pair of laws (Fx, Fy) [N]: numbers, functions of t or `Law`s.
     axes
         "inertial" (dead load) or "body" (follower load, which rotates with the section or body).
 
@@ -98,7 +98,7 @@ class Force(Part):
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
-        """Laws of time of both components."""
+        """Time laws of both components."""
         return tuple(as_law(self.name, component) for component in self.law)
 
     @property
@@ -118,7 +118,7 @@ class Force(Part):
 
 @dataclass(frozen=True, eq=False)
 class Moment(Part):
-    """Moment [N m] on an attachment that follows a law of time; counter-clockwise is positive.
+    """Moment [N m] on an attachment that follows a time law; counter-clockwise is positive.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class Moment(Part):
     on
         Attachment on which the load acts.
     law
-        Moment: a number, a function of t or a `Law`.
+        Moment [N m]: a number, a function of t or a `Law`.
     """
 
     symbol = "moment"
@@ -144,7 +144,7 @@ class Moment(Part):
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
-        """Law of time of the moment."""
+        """Time law of the moment, as a tuple of one entry."""
         return (as_law(self.name, self.law),)
 
     @property

@@ -82,7 +82,7 @@ class SpringDamper(_SpringLaw):
     """Parallel spring and damper along the line between two points.
 
     The force is stiffness * e + damping * e' + preload, where e is the elongation beyond the free
-    length; tension is positive and pulls the points together. The potential counts as strain
+    length; tension is positive and pulls the points together. The potential is part of the strain
     energy. Where the points coincide, the direction of the force is undefined; the force fades to
     zero within 1e-8 of the length in the reference configuration. A spring of free length zero
     without preload, damping or a law has no such singularity: its force is the stiffness times the
@@ -103,11 +103,11 @@ class SpringDamper(_SpringLaw):
     preload
         Tension at the free length [N].
     law
-        Tension [N] as a formula `law(elongation, rate)` in place of the coefficients. The value at
-        zero rate counts as a load, the remainder as damping.
+        Tension [N] as a formula `law(elongation, rate)` in place of the coefficients. In the energy
+        balance, the value at zero rate is a load, and the remainder is damping.
     energy
-        Potential [J] of the law at zero rate, a formula of the elongation. If given, the force at
-        zero rate counts as elastic.
+        Potential [J] of the law at zero rate, a formula of the elongation. If given, the value at
+        zero rate is elastic instead of a load.
 
     Examples
     --------
@@ -209,7 +209,7 @@ class TorsionSpring(_SpringLaw):
     damping
         Torsional damping coefficient [N m s/rad].
     free_angle
-        Relative rotation [rad] at which the elastic moment is zero.
+        Relative rotation [rad] at which the moment of the stiffness is zero.
     preload
         Moment at the free angle [N m].
     law, energy

@@ -21,6 +21,9 @@ from beamdae.symbolic.statements import SX, Variable
 class Distance(DrivenJoint):
     """Rigid massless link between two points: g = (L^2 - |r_b - r_a|^2) / (2 L).
 
+    L is the length, and r_a and r_b are the positions of the points. The reaction F is the force in
+    the link; tension is positive.
+
     Parameters
     ----------
     name
@@ -28,12 +31,9 @@ class Distance(DrivenJoint):
     a, b
         The points, which may belong to particles or the ground.
     length
-        Length [m], a number or a law of time. Defaults to the distance in the reference
-        configuration, which a number must match. A law with a different initial value moves the
-        bodies out of the reference configuration before the run, as in `Driver`.
-
-    L is the length, and r_a and r_b are the positions of the points. The reaction F is the force in
-    the link; tension is positive.
+        Length [m], a number or a time law. Defaults to the distance in the reference configuration,
+        which a number must match. A law with a different initial value moves the bodies out of the
+        reference configuration before the run, as in `Driver`.
 
     Examples
     --------
@@ -66,8 +66,8 @@ class Distance(DrivenJoint):
             if abs(self.length - reference_length) > tolerance:
                 raise BeamdaeError(
                     f"{self.name}: length must equal the distance in the reference "
-                    f"configuration ({reference_length:.6g} m) or be a law of time, got "
-                    f"{self.length:.6g}."
+                    f"configuration ({reference_length:.6g} m) or be a time law, got "
+                    f"{self.length:.6g} m."
                 )
         require_positive(self.name, "length at t = 0", self._initial_value)
 
@@ -78,7 +78,7 @@ class Distance(DrivenJoint):
 
     @property
     def law_argument(self) -> Any:
-        """Length [m], a number or a law of time."""
+        """Length [m], a number or a time law."""
         return self._reference_length if self.length is None else self.length
 
     @property

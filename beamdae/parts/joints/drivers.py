@@ -1,4 +1,4 @@
-"""Drivers: relative motions prescribed as laws of time."""
+"""Drivers: relative motions prescribed by time laws."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ class _ReactionAndPower(PointFunction):
 
 
 class DrivenJoint(Joint):
-    """Joint whose gap follows a law of time."""
+    """Joint whose gap follows a time law."""
 
-    # Events may replace a relative law, because it may begin with any value.
+    # Events may replace a relative law, because such a law may begin with any value.
     is_relative: ClassVar[bool] = True
 
     @property
@@ -52,7 +52,7 @@ class DrivenJoint(Joint):
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
-        """Law of the driver."""
+        """Time law of the joint, as a tuple of one entry."""
         return (as_law(self.name, self.law_argument),)
 
     @property
@@ -75,6 +75,13 @@ class Driver(DrivenJoint):
     Rotations are measured from the reference configuration. If the law is not zero at the start,
     the bodies and all bodies joined to them are rotated before the run; `beamdae check` reports the
     initial angle. The reaction M is the moment on the body of `b`.
+
+    Parameters
+    ----------
+    name, a, b
+        As in `Joint`.
+    law
+        Angle [rad]: a number, a function of t or a `Law`.
 
     Examples
     --------
@@ -135,6 +142,15 @@ class TranslationalDriver(DrivenJoint):
     reference configuration. With `a` on the ground, g prescribes a component of the position of
     `b`. The reaction F is the force on the body of `b` along e. If the law is not zero at the
     start, the bodies are moved before the run; see `Driver`.
+
+    Parameters
+    ----------
+    name, a, b
+        As in `Joint`; the body of `a` must have an angle.
+    law
+        Travel [m]: a number, a function of t or a `Law`.
+    direction
+        Direction of positive travel in the reference configuration.
     """
 
     law: Any = None

@@ -26,8 +26,10 @@ def _require_nonzero(part: str, name: str, value: Any) -> float:
 class Gear(Joint):
     """Coupled rotations of two wheels: g = (theta_b - theta_c) - ratio (theta_a - theta_c).
 
-    theta are rotations from the reference configuration [rad]; theta_c is the rotation of the
-    carrier.
+    theta_a, theta_b and theta_c are the rotations of the wheels and of the carrier from the
+    reference configuration [rad]. The reaction M is the moment on the body of `b`. The moment on
+    the body of `a` is -ratio M, and the carrier balances both. Bearing forces due to the mesh are
+    not part of the reactions.
 
     Parameters
     ----------
@@ -41,9 +43,6 @@ class Gear(Joint):
     carrier
         Any point of the body that carries the bearings, as in a planetary gear. Defaults to the
         ground.
-
-    The reaction M is the moment on the body of `b`. The moment on the body of `a` is -ratio M, and
-    the carrier balances both. Bearing forces due to the mesh are not part of the reactions.
 
     Examples
     --------
@@ -97,9 +96,12 @@ class RackAndPinion(Joint):
     """Pinion that rolls on a rack: g = travel - radius (theta_a - theta_b).
 
     The travel [m] is the displacement of `b`, a point of the rack, relative to `a`, the center of
-    the pinion, along `direction`, which is fixed to the body of `b`. Travel and rotations theta
-    are measured from the reference configuration. With a rack on the ground, the pinion is a
-    rolling wheel; with a particle as the rack, it is a winch.
+    the pinion, along `direction`, which is fixed to the body of `b`. The travel and the rotations
+    theta_a and theta_b [rad] are measured from the reference configuration. With a rack on the
+    ground, the pinion is a rolling wheel; with a particle as the rack, the pinion is a winch.
+
+    The reaction F is the force on the rack along its direction; -radius F is the moment on the
+    pinion.
 
     Parameters
     ----------
@@ -111,9 +113,6 @@ class RackAndPinion(Joint):
         Radius of the pinion [m]; negative if the pinion is on the right of the rack's direction.
     direction
         Direction of the rack in the reference configuration.
-
-    The reaction F is the force on the rack along its direction; -radius F is the moment on the
-    pinion.
     """
 
     radius: float = 1.0

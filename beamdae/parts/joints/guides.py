@@ -33,7 +33,7 @@ def left_normal(part: str, direction: Any) -> tuple[float, float]:
 def project_along(
     direction: tuple[float, float], a: Attachment, b: Attachment
 ) -> tuple[float, float, float]:
-    """Return the unit vector e of `direction`, and the distance e . (r_b - r_a) [m]."""
+    """Return the unit vector (ex, ey) of `direction`, and the distance e . (r_b - r_a) [m]."""
     ex, ey = (float(x) for x in np.divide(direction, np.hypot(*direction)))
     return ex, ey, ex * (b.point[0] - a.point[0]) + ey * (b.point[1] - a.point[1])
 
@@ -83,7 +83,7 @@ class PointOnLine(Joint):
 
     @staticmethod
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint, nx: SX, ny: SX) -> SX:
-        """Return the distance of `b` from the line [m]."""
+        """Return the distance of `b` from the line [m], positive on the left of the line."""
         return ca.dot(rotate(a.rotation, (nx, ny)), b.position - a.position)
 
 

@@ -29,7 +29,7 @@ def meeting_tolerance(a: Attachment, b: Attachment) -> float:
 
 
 def require_meeting(part: str, a: Attachment, b: Attachment) -> None:
-    """Raise an error unless two points coincide in the reference configuration."""
+    """Raise BeamdaeError unless two points coincide in the reference configuration."""
     distance = float(np.hypot(*np.subtract(b.point, a.point)))
     if distance > meeting_tolerance(a, b):
         raise BeamdaeError(
@@ -50,19 +50,19 @@ class Joint(KinematicConstraint):
       SX with one row for each constraint. `a` and `b` are the attachments in the current
       configuration: `position` (x, y) in the inertial frame [m] and `rotation` from the reference
       configuration [rad].
-    - `multipliers`, a `Variable` for each row of g: its name and "N" or "N m", the unit of its
-      multiplier.
+    - `multipliers`, a `Variable` for each row of g: the name of the constraint, and the unit of
+      its multiplier, "N" or "N m".
     - `reactions`, the column name of each multiplier in `reaction`.
     - `gap_parameters`, if g depends on numbers: joints that differ only in these numbers share one
-      kernel. If `gap` is an ordinary method, it may read them from `self` instead; a kernel is then
-      built for each joint.
-    - `laws`, if g depends on laws of time.
+      kernel. If `gap` is an ordinary method, the method may read the numbers from `self` instead; a
+      kernel is then built for each joint.
+    - `laws`, if g depends on time laws.
     - `points`, if the joint constrains more than two attachments.
-    - `symbol`, to draw the joint with the symbol of another one, such as "link" or "hinge".
+    - `symbol`, to draw the joint with the symbol of another joint, such as "link" or "hinge".
     - `slide_direction`, if the joint is a guide that can have `Friction`.
-    - `slip`, instead of the gap or besides it, for a nonholonomic constraint: a static method with
-      the arguments of `gap`, whose points have a `velocity` [m/s] and an `angular_velocity` [rad/s]
-      as well. The slip must be linear in both.
+    - `slip`, instead of `gap` or in addition to it, for a nonholonomic constraint: a static method
+      with the arguments of `gap`, whose points also have a `velocity` [m/s] and an
+      `angular_velocity` [rad/s]. The slip must be linear in these velocities.
 
     Sign convention: `reaction` is -lambda, where G^T lambda enters the equations of motion
     M a - f + G^T lambda = 0 (mass matrix M, accelerations a, forces f, Jacobian G of g). The
@@ -146,7 +146,7 @@ class Revolute(Joint):
 
     @property
     def offset_carrier(self) -> str:
-        """Point `a`, or `b` if `a` is on a particle, which has no axes."""
+        """Name of point `a`, or of `b` if `a` belongs to a particle, which has no axes."""
         return "a" if self.a.has_angle else "b"
 
 
@@ -171,5 +171,5 @@ class Weld(Joint):
 
     @property
     def offset_carrier(self) -> str:
-        """Point `a`, whose axes carry the offset of a frozen gap."""
+        """Name of point `a`, whose axes carry the offset of a frozen gap."""
         return "a"

@@ -64,7 +64,7 @@ class MovingPoint(NamedTuple):
 
 
 def load_columns(at: Attachment) -> tuple[Variable, ...]:
-    """Return the columns of a load on an attachment: Fx, Fy and, unless it is a particle, M."""
+    """Return the columns of a load on an attachment: Fx, Fy and, except for a particle, M."""
     return (Variable("Fx", "N"), Variable("Fy", "N"), Variable("M", "N m"))[
         : 3 if at.has_angle else 2
     ]
@@ -261,6 +261,11 @@ class KinematicConstraint(Part):
         axes
             "inertial", or "body" for axes that rotate with the body (or with the section of a
             beam).
+
+        Raises
+        ------
+        BeamdaeError
+            If `place` is not the name of a point, or `axes` is invalid.
         """
         points = self.points
         require_choice(self.name, "place", place, tuple(points))
@@ -283,10 +288,23 @@ class KinematicConstraint(Part):
     def state_constraints(
         self, gap: Callable[..., Any] | None, parameters: Sequence[float], laws: Sequence[Law]
     ) -> list[ConstraintStatement]:
-        """Return the constraints of the joint with another gap, parameters and laws."""
+        """Return the constraints of the joint with another gap; the slip is unchanged.
+
+        Parameters
+        ----------
+        gap
+            Gap function, or None.
+        parameters, laws
+            Parameters and laws of this function.
+
+        Raises
+        ------
+        BeamdaeError
+            If the joint has neither a gap nor a slip.
+        """
         if gap is None and self.slip is None:
             raise BeamdaeError(
-                f"{self.name}: {type(self).__name__} has no constraint; define gap(t, a, b)."
+                f"{self.name}: {type(self).__name__} has no constraint; define gap or slip."
             )
         rows, statements = self.n_gap_rows, []
         if gap is not None:

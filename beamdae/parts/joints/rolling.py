@@ -125,7 +125,7 @@ class RollingOnCircle(_RollingJoint):
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """Distances from the centers of circle and disk to the contact, along e [m]."""
+        """Signed distances along e from the centers of circle and disk to the contact [m]."""
         distance, (circle, disk) = float(np.hypot(*self._reference_arm)), self.radii
         arms_by_distance = {
             circle + disk: (circle, -disk),
@@ -161,8 +161,8 @@ class Skate(KinematicConstraint):
     """Skate (knife edge): the point `on` does not move across `direction`.
 
     The direction rotates with the body; n is its left normal. The constraint n . v = 0 is
-    nonholonomic: it restricts the velocity, not the positions the body can reach. The reaction F is
-    the force on the body along n.
+    nonholonomic: the constraint restricts the velocity, but not the positions that the body can
+    reach. The reaction F is the force on the body along n.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ class Skate(KinematicConstraint):
         Parameters
         ----------
         place
-            Name of the point; "on" is the only one.
+            Name of the point, which must be "on".
         axes
             "inertial", or "body" for axes that rotate with the body.
         """

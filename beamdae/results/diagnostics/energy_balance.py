@@ -37,8 +37,8 @@ class Quality:
         Largest |energy - work of loads - work of drivers + dissipated energy - initial energy|
         relative to the energy exchanged [-]: the largest of the kinetic energy, the range of the
         strain energy (with springs and the potentials of force laws), the range of the potential of
-        gravity, and the works. For systems at rest, the reference is 1e-8 times the largest force
-        times the length of the mechanism.
+        gravity, and the works. The reference is at least the rounding noise: 1e-8 times the largest
+        force times the length of the mechanism, plus 1e-11 times the largest energy.
     """
 
     max_residual: float
@@ -149,8 +149,8 @@ class EnergyLedger:
     def energy(self) -> Imbalance:
         """Energy imbalance at the steps [J]; its scale is the energy exchanged."""
         rows = np.hstack([self._select_steps(self.energies), np.concatenate(self.works)])
-        # Only the kinetic energy and the works have a zero. The datum of a potential is arbitrary,
-        # and an attractive potential is negative, so potentials count with their range.
+        # The datum of a potential is arbitrary, and an attractive potential is negative. For
+        # potentials, the energy exchanged is therefore the range.
         kinetic, potentials, works = rows[:, 0], rows[:, 1:3], rows[:, 3:]
         exchanged = float(
             max(np.max(kinetic), np.max(np.ptp(potentials, axis=0)), np.max(np.abs(works)))
@@ -195,5 +195,5 @@ class EnergyLedger:
 
 
 def _sum_balance(rows: Array, start: Array) -> Array:
-    """Return the energy imbalance of each row [J]."""
+    """Return the energy imbalance of each row of energies and works relative to `start` [J]."""
     return (rows[:, :6] - start[:6]) @ _BALANCE_SIGNS

@@ -11,8 +11,8 @@ from beamdae.results.diagnostics.energy_balance import EnergyLedger
 
 _MAX_ENERGY_IMBALANCE = 0.1  # relative to the energy exchanged
 _MAX_RESIDUAL = 0.5  # relative to the largest force
-# Fraction of the run with a larger residual. Single steps exceed it after a sudden load and at
-# singular positions; in published cases these take up to 0.008 of the run.
+# Fraction of the run during which the residual may be larger. Single steps exceed the limit after a
+# sudden load and at singular positions; in published cases such steps take up to 0.008 of the run.
 _MAX_TIME_ABOVE_RESIDUAL = 0.05
 _REST_TOLERANCE = 1e-9  # forces below this multiple of energy / length are rounding noise
 
@@ -35,6 +35,10 @@ def quality_warnings(
 
     Parameters
     ----------
+    equations
+        The equations of motion.
+    energy_ledger
+        Energies, works and residuals of the run.
     observed
         The observed columns (k,) by header.
     times

@@ -19,7 +19,7 @@ Array = np.ndarray
 
 # A position is singular if the smallest singular value of G, relative to its largest value over
 # the run, is below this ratio. For parallelogram linkages, runs through a singular position reach
-# at most 2e-3; motions that miss it by a ten-thousandth of a bar stay above 7e-3.
+# at most 2e-3; motions that miss the position by a ten-thousandth of a bar stay above 7e-3.
 _SINGULAR_RATIO = 4e-3
 
 # The velocity jumps if its change between two samples exceeds this multiple of the median change
@@ -155,9 +155,9 @@ def _refine_minima(
 def _has_velocity_jump(
     equations: EquationsOfMotion, trajectory: Trajectory, at: Array, distance: float
 ) -> Array:
-    """Return True for each time at which the velocity jumps.
+    """Return one boolean per time: True if the velocity jumps near this time.
 
-    The velocity is compared at samples around each time; `distance` is the sample distance of the
+    The velocity is compared at samples around the time; `distance` is the sample distance of the
     run [s].
     """
     steps, first = np.unique(
@@ -181,7 +181,7 @@ def _interpolate_linearly(steps: Array, values: Array, t: Array) -> Array:
 
 
 def singularity_warnings(positions: tuple[SingularPosition, ...]) -> tuple[str, ...]:
-    """Return a warning about the first singular position and about the first velocity jump."""
+    """Return warnings about the first singular position and, if any, the first velocity jump."""
     if not positions:
         return ()
     first, count = positions[0], len(positions)
@@ -189,15 +189,15 @@ def singularity_warnings(positions: tuple[SingularPosition, ...]) -> tuple[str, 
     if count > 1:
         later = f" and at {count - 1} later time{'s' if count > 2 else ''}"
     warning = (
-        f"{', '.join(first.joints)}: these joints lose rank near t = {first.t:.5g} s{later}, where "
-        "the motion branches; the result is one of two possible motions."
+        f"{', '.join(first.joints)}: the constraints lose rank near t = {first.t:.5g} s{later}, "
+        "where the motion may branch; check that the run continues on the intended branch."
     )
     jumps = [position for position in positions if position.jump]
     if not jumps:
         return (warning,)
     jumped = (
         f"{', '.join(jumps[0].joints)}: the velocity jumps near t = {jumps[0].t:.5g} s, where "
-        "these joints lose rank, and the run continues on another branch; use a formulation that "
-        "enforces positions and velocities, such as 'stabilized-index1', or smaller steps."
+        "the constraints lose rank, and the run continues on another branch; use a formulation "
+        "that enforces positions and velocities, such as 'stabilized-index1', or smaller steps."
     )
     return (warning, jumped)

@@ -85,6 +85,6 @@ def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
         f"{change.part}: the joints are not closed in the reference configuration, and "
         f"closing them displaces this part by {change.displacement:.3g} m (mostly "
         f"{change.coordinate}) in a mechanism of {e.length:.3g} m; correct the "
-        "positions of the parts, or pass start= by name."
+        "positions of the parts, or pass start= with positions by name."
     )
     return StartSummary(request, summary.changes, warning)

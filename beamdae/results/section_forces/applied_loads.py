@@ -218,7 +218,10 @@ class _LoadCollector:
         return np.concatenate([force, (moment + transport)[..., None]], axis=-1)
 
     def _evaluate_statement(self, entry: _PartStatement, count: int) -> Array:
-        """Return the left-hand side contributions in local coordinates, (rows, count, .)."""
+        """Return the forces of a statement in local coordinates, (rows, count, size).
+
+        The sign is that of the left-hand side of the equations of motion.
+        """
         statement, (q, v, a, lam) = entry.statement, self._state
         multipliers = np.repeat(lam[:, entry.lam], count, axis=0)
         data = np.tile(statement.data.T, (self._rows, 1))
@@ -278,7 +281,7 @@ class _LoadCollector:
 
 
 def _center_of_force(s: Array, wrenches: Array) -> Array:
-    """Return the arc length of the center of forces, or the first arc length if they cancel."""
+    """Return the arc length of the center of forces; the first one if the forces cancel."""
     force = wrenches[..., :2]
     along = np.einsum("rkc,rc->rk", force, force.sum(axis=1))
     total = along.sum(axis=1)

@@ -66,8 +66,9 @@ def recover_section_forces(
     t
         A time or ascending times within the run [s]. Defaults to the output times.
     s
-        Arc lengths [m]. Defaults to the element boundaries and the fixed points of application of
-        loads (evaluated on both sides), with three sections in between.
+        An arc length or several arc lengths [m]. Defaults to the element boundaries and the
+        sections at which concentrated loads are fixed (evaluated on both sides of the load), with
+        three sections in between.
 
     Returns
     -------
@@ -77,7 +78,8 @@ def recover_section_forces(
     Raises
     ------
     BeamdaeError
-        If the mechanism does not contain the beam, or a time or an arc length is out of range.
+        If the mechanism does not contain the beam, the times do not ascend, or a time or an arc
+        length is out of range.
     """
     e, trajectory = run.equations, run.trajectory
     beam = _find_beam(e, beam)
@@ -132,6 +134,16 @@ def recover_section_forces_at_state(
         The state as arrays with one row: q (1, n), v (1, n), a (1, n) and lam (1, m).
     factors
         Load factors by part name, and of gravity by the name "gravity". Missing factors are 1.
+
+    Returns
+    -------
+    SectionForces
+        Section forces at one time and these arc lengths.
+
+    Raises
+    ------
+    BeamdaeError
+        If the mechanism does not contain the beam, or an arc length is out of range.
     """
     beam = _find_beam(equations, beam)
     time, groups = np.array([[t, t]]), [(np.zeros(1, int), factors)]
@@ -185,7 +197,10 @@ def balanced_and_elastic_forces(
 
 
 def _accumulate_loads(beam: Beam, loads: AppliedLoads, s: Array, before: Array) -> Array:
-    """Return the sum of the loads before each section, (rows, sections, 3)."""
+    """Return the sum of the loads before each section, (rows, sections, 3).
+
+    The residual, the sum of all loads on the beam, is distributed uniformly and subtracted.
+    """
     mesh, length = beam.mesh, beam.length
     weights = gauss_points(mesh.nodes)[1]
     by_element = np.einsum("rekc,k->rec", loads.line_loads, weights)

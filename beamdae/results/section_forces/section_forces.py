@@ -54,12 +54,13 @@ class Safety:
 class SectionForces:
     """Section forces of a beam: axial force N, shear force Q and bending moment M.
 
-    N [N] acts normal to the deformed section, and Q [N] acts parallel to it, positive to the left.
-    M [N m] is positive if it stretches the left side of the beam. The section forces are in
-    equilibrium with all loads on the beam before the section: joint reactions, concentrated and
-    distributed forces, weight and inertia. N, Q and M therefore equal the reactions at the ends,
-    jump at concentrated forces, and are accurate between nodes, unlike section forces computed from
-    strains (`strained`).
+    N [N] and Q [N] are the components, normal and parallel to the deformed section, of the force
+    that the beam beyond the section exerts on the beam before the section: tension N is positive,
+    and Q is positive to the left. M [N m] is positive if it stretches the left side of the beam.
+    The section forces are in equilibrium with all loads on the beam before the section: joint
+    reactions, concentrated and distributed forces, weight and inertia. N, Q and M therefore equal
+    the reactions at the ends, jump at concentrated forces, and are accurate between nodes, unlike
+    section forces computed from strains (`strained`).
 
     Attributes
     ----------
@@ -135,7 +136,8 @@ class SectionForces:
         The longitudinal stress is sigma = N / A + M offset / I. The shear stress tau is the maximum
         over the section, `Section.shear_peak` Q / A, which occurs on the axis. The effect of an
         initial curvature on the bending stress (Winkler) is neglected; on the inner side of a
-        rectangular section of height h, this error is h / (3 R) of the bending stress.
+        rectangular section of height h, this error is h / (3 R) of the bending stress for a radius
+        of curvature R.
 
         Parameters
         ----------
@@ -146,6 +148,12 @@ class SectionForces:
         -------
         pandas.DataFrame
             Time [s], arc length [m], sigma, tau and the estimated error of sigma [Pa].
+
+        Raises
+        ------
+        BeamdaeError
+            If `offset` is invalid, or is "top" or "bottom" and a section does not define its
+            height.
         """
         import pandas as pd
 

@@ -42,7 +42,7 @@ class Checkpoint:
         Events that occurred at this time but were not executed: direction "up" or "down" by event
         name.
     inactive
-        Joints and forces that events have deactivated.
+        Names of the inactive joints and forces.
     frozen_gaps
         Gaps that joints keep because an event activated them with `as_is`, by joint name.
     model, parameters
@@ -51,7 +51,7 @@ class Checkpoint:
         Hash of the equations, see `hash_model`. The hash of a checkpoint from an equilibrium path
         is empty, so that any model with the same coordinates can start from it.
     event_signs
-        Side of the event value for each event, see `Solution`.
+        Sign of each event quantity relative to the value to be crossed, see `Solution`.
     doubt
         Reason why the state may be wrong. Empty if the state is reliable.
     """

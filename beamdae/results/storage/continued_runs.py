@@ -23,7 +23,8 @@ Array = np.ndarray
 # Works and the energy imbalance, which start from zero in each run.
 CUMULATIVE_COLUMNS = LEDGER_COLUMNS[len(ENERGIES) :]
 _STATUS = "status"
-# Entries of the result that are combined by their maximum; other numbers are added.
+# Entries of the result that are combined by their maximum; other numbers except the last time are
+# added.
 _MAXIMA = ("max_residual", "max_position_drift", "max_velocity_drift", "energy_imbalance")
 # Metadata that apply to a single run and are omitted from the combined metadata.
 _OF_ONE_RUN = ("versions", "written", "errors")

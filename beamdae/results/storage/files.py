@@ -125,8 +125,9 @@ def escape_table(table: pd.DataFrame) -> pd.DataFrame:
 def escape_cell(value: Any) -> Any:
     """Escape a text that a spreadsheet would read as a formula.
 
-    Texts that begin with =, +, -, @, a tab or a carriage return and are not numbers are prefixed
-    with an apostrophe. Other values are returned unchanged.
+    Texts that begin with =, +, - or @ (half- or full-width), a tab or a carriage return, even after
+    apostrophes, and are not numbers are prefixed with an apostrophe. Other values are returned
+    unchanged.
     """
     is_formula = isinstance(value, str) and _FORMULA.match(value) and not _NUMBER.fullmatch(value)
     return f"'{value}" if is_formula else value

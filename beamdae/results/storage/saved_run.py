@@ -82,11 +82,11 @@ class SavedRun(TimeSeries):
         return pd.DataFrame(self._coordinates)
 
     def summary(self) -> dict[str, Any]:
-        """Return status, statistics and quality as a flat dictionary."""
+        """Return status, last time [s], statistics and quality as a flat dictionary."""
         return dict(self._metadata["result"])
 
     def metadata(self) -> dict[str, Any]:
-        """Return the JSON content written by `to_csv`, with the package versions of the run."""
+        """Return the metadata of the run, including the package versions at the time of the run."""
         return dict(self._metadata)
 
     def at_times(self, times: Array) -> SavedRun:
@@ -104,7 +104,15 @@ class SavedRun(TimeSeries):
         return SavedRun(self.status, self.statistics, self._metadata, columns, coordinates)
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write the table as CSV and the metadata to a JSON file, see `Solution.to_csv`."""
+        """Write the table as CSV and the metadata as JSON, and return the path of the CSV file.
+
+        See `Solution.to_csv`.
+
+        Raises
+        ------
+        BeamdaeError
+            If the suffix is .json, or a file cannot be written.
+        """
         return write_result(path, self._columns, self.status, self._metadata)
 
     def __repr__(self) -> str:
@@ -116,7 +124,7 @@ class SavedRun(TimeSeries):
 
 
 def save_run(run: RunData, path: str | Path) -> Path:
-    """Write all data of a run to a zip archive of NumPy arrays and JSON and return its path.
+    """Write all data of a run to a zip archive of NumPy arrays and JSON; return the path.
 
     Raises
     ------
