@@ -1,4 +1,4 @@
-"""Laws of time with poles and invalid breakpoints are refused."""
+"""Time laws with poles and invalid breakpoints are refused."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Gravity as a law of time: weight is the work of a load."""
+"""Gravity as a time law: weight is the work of a load."""
 
 from __future__ import annotations
 

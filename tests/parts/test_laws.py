@@ -1,4 +1,4 @@
-"""Laws of time: values, derivatives and breakpoints."""
+"""Time laws: values, derivatives and breakpoints."""
 
 from __future__ import annotations
 

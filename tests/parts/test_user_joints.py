@@ -74,7 +74,7 @@ class Axle(bd.Joint):
 
 @dataclass(frozen=True, eq=False)
 class Lift(bd.Joint):
-    """Height of b over a as a law of time."""
+    """Height of b over a as a time law."""
 
     law: object = None
     multipliers = (Variable("height", "N"),)

@@ -17,7 +17,7 @@ def driven_distance(w, name, a, b, n):
 
 
 def _driver_law(w, n, unit, sense):
-    """Return a law of time that is zero at the start."""
+    """Return a time law that is zero at the start."""
     wave = n["wave"]
     size = sense * w.frame.number(wave.value, unit)
     rate = wave.rate / w.frame.time

@@ -84,14 +84,14 @@ class Similarity:
         return self.sense * angle + self.angle
 
     def law(self, wave: Wave, unit: str, sense: float = 1.0) -> float | Callable:
-        """Transform a law of time."""
+        """Transform a time law."""
         value, rate = sense * self.number(wave.value, unit), wave.rate / self.time
         if not wave.share:
             return value
         return lambda t: value * (1.0 + wave.share * np.sin(rate * t))
 
     def laws(self, wave: Wave, direction: tuple[float, float], unit: str) -> tuple:
-        """Transform a vector of fixed direction whose magnitude is a law of time."""
+        """Transform a vector of fixed direction whose magnitude is a time law."""
         x, y = self.way(*direction, unit="")
         return self.law(wave, unit, x), self.law(wave, unit, y)
 
