@@ -68,7 +68,6 @@ def main() -> None:
 
 
 def _configure_warnings() -> None:
-    """Print one line per warning on standard error, and suppress messages of libraries."""
     # Non-finite values are reported by messages of beamdae.
     warnings.filterwarnings("ignore", category=RuntimeWarning, module="beamdae|numpy|pandas")
     warnings.formatwarning = _format_warning

@@ -75,7 +75,6 @@ def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]
 
 
 def _run_to_exit_code(command: Callable[[], None]) -> int:
-    """Run the command, print errors and interrupts, and return the exit code."""
     try:
         command()
     except KeyboardInterrupt as problem:

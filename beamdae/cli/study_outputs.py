@@ -108,8 +108,7 @@ def run_and_write(
     require_writable(outputs.folder / "outcomes")
     if outputs.parquet and not (find_spec("pyarrow") or find_spec("fastparquet")):
         raise BeamdaeError(
-            "--parquet: no Parquet engine is installed; install one with pip install "
-            "'beamdae[parquet]'."
+            "--parquet: no Parquet engine is installed; run pip install 'beamdae[parquet]'."
         )
     try:
         _run_study(outputs, create_executor)
@@ -168,4 +167,4 @@ def print_failures(results: StudyResults) -> None:
     for reason in reasons[:MAX_SCREEN_ROWS]:
         print_error(f"failed: {reason}")
     if len(reasons) > MAX_SCREEN_ROWS:
-        print_error(f"failed: {len(reasons) - MAX_SCREEN_ROWS} more, see cases.csv")
+        print_error(f"further failures: {len(reasons) - MAX_SCREEN_ROWS}; see cases.csv")

@@ -170,7 +170,7 @@ def _digest_parameter(model: Model, name: str, value: Any, digests: DigestCache)
         except FingerprintError as problem:
             raise BeamdaeError(
                 f"{model.name}: {name} must be {_REPRODUCIBLE_VALUES}, got {short_repr(value)} "
-                f"({problem.location} is a {problem.kind})."
+                f"({problem.location} has the type {problem.kind})."
             ) from None
 
     # Only defaults are shared by many cases.
@@ -183,8 +183,8 @@ def _digest_model(model: Model) -> str:
         return digest([model.name, model.build])
     except FingerprintError as problem:
         raise BeamdaeError(
-            f"{model.name}: {problem.location} must be {_REPRODUCIBLE_VALUES}, got a "
-            f"{problem.kind}; create this object inside the model function."
+            f"{model.name}: {problem.location} must be {_REPRODUCIBLE_VALUES}, got an object "
+            f"of type {problem.kind}; create this object inside the model function."
         ) from None
 
 
@@ -194,7 +194,7 @@ def _digest_integrator(kind: type[Integrator]) -> str:
     except FingerprintError as problem:
         raise BeamdaeError(
             f"{kind.__name__}: {problem.location} must be {_REPRODUCIBLE_VALUES}, "
-            f"got a {problem.kind}; create this object inside a method."
+            f"got an object of type {problem.kind}; create this object inside a method."
         ) from None
 
 

@@ -49,8 +49,8 @@ def select_observed_columns(part: str, names: Sequence[str], present: Sequence[s
             allowed = [*present, *(header.rpartition(" [")[0] for header in present)]
             raise BeamdaeError(
                 f"{part}: there is no observed column "
-                f"{short_repr(name)}{suggest(name, allowed)}; the columns are "
-                f"{', '.join(present) or 'none'}."
+                f"{short_repr(name)}{suggest(name, allowed)}; available "
+                f"columns: {', '.join(present) or 'none'}."
             ) from None
     return list(selected)
 
@@ -74,7 +74,7 @@ def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -
     )
     if not candidates:
         raise BeamdaeError(
-            "compare: the model observes nothing to compare; add columns with Mechanism.observe."
+            "compare: the model observes nothing to compare; add observed columns to the model."
         )
     moving = _select_moving_columns(reference, candidates, 0.0 if columns else _MIN_RELATIVE_MOTION)
     constant = [c for c in candidates if c not in moving]

@@ -227,7 +227,6 @@ def _as_json_value(value: Any) -> Any:
 def _create_curves(
     results: StudyResults, case: Case, row: pd.Series, max_rows: int
 ) -> dict[str, Any] | None:
-    """Return the columns of a run over time, its error, and its differences from the reference."""
     table = results.outcome(case).table
     if table is None:
         return None
@@ -252,7 +251,6 @@ def _column_arrays(table: pd.DataFrame) -> dict[str, np.ndarray]:
 
 
 def _max_rows_per_case(results: StudyResults) -> int:
-    """Return the maximum number of rows per case that keeps the page small enough."""
     tables = [results.outcome(case).table for case in results.study.cases[:_MAX_CURVES]]
     # Each column may be accompanied by its difference from the reference, hence the factor 2.
     return compute_row_limit(sum(2 * len(table.columns) for table in tables if table is not None))

@@ -82,7 +82,6 @@ def list_plots(results: StudyResults) -> dict[str, Plot]:
 
 
 def _draw_comparison(results: StudyResults) -> list[Path]:
-    """Plot the columns and errors of a few runs of one group over time."""
     groups = set(results.table["group"])
     if len(groups) != 1 or len(results.study.cases) > _MAX_COMPARED_RUNS:
         return []
@@ -173,7 +172,6 @@ def _is_drawable(values: pd.Series) -> pd.Series:
 
 
 def _draw_mesh_convergence(results: StudyResults) -> list[Path]:
-    """Plot the error over the refined parameter, with one curve per group."""
     table, over = results.table, str(results.study.over)
     rows = table[(table["status"] == "ok") & _is_drawable(table[ERROR_COLUMN])].sort_values(over)
     styles = _assign_styles(rows["group"], [""] * len(rows))
@@ -187,7 +185,6 @@ def _draw_mesh_convergence(results: StudyResults) -> list[Path]:
 
 
 def _draw_cost_scaling(results: StudyResults) -> list[Path]:
-    """Plot the wall time over the model size, with one panel per set of other parameters."""
     table = results.table
     parameters = [str(c) for c in table][1 : list(table).index("group")]
     sizes = [c for c in _SIZE_PARAMETERS if c in parameters and table[c].nunique() > 1]
@@ -260,7 +257,6 @@ def _create_panels(titles: list[str]) -> tuple[Figure, dict[str, Axes]]:
 
 
 def _pad_limits(values: pd.Series) -> tuple[float, float]:
-    """Return the limits of a logarithmic axis for `values`, with padding."""
     low, high = float(values.min()), float(values.max())
     factor = max(
         (high / low) ** _PADDING_FRACTION,
@@ -296,7 +292,6 @@ def _set_plain_ticks(axis: Axis, low: float, high: float) -> None:
 
 
 def _set_size_ticks(axis: Axes, values: pd.Series) -> None:
-    """Set ticks at the distinct values, or at a subset of at most `_MAX_TICKS` values."""
     sizes = np.unique(values)
     indices = np.unique(np.linspace(0, len(sizes) - 1, _MAX_TICKS).round().astype(int))
     axis.set_xticks(sizes[indices], [f"{size:g}" for size in sizes[indices]])

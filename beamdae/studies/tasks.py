@@ -28,9 +28,9 @@ class Limits:
     Attributes
     ----------
     time
-        Wall time of the integration [s].
+        Wall time of each repetition [s], without building the equations.
     memory
-        Memory of the process [GB].
+        Peak memory of the process [GB].
     patience
         Wall time [s] within which the simulated time must advance by 1e-5 of the end time.
     """

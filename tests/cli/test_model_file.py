@@ -117,7 +117,7 @@ def test_unreadable_paths_are_refused(file, tmp_path):
     assert refusal("a" * 300 + ".py").endswith("the file cannot be read: File name too long.")
     assert refusal("a\0.py") == r"path: 'a\x00.py' is not a valid file name."
     assert refusal(3) == "load_model: path must be a model file, got 3."
-    assert "there is no model ['swing'] (did you mean 'swing'?); the models are swing." in refusal(
+    assert "no model ['swing'] (did you mean 'swing'?); available models: swing." in refusal(
         file(HEAD + MODEL), ["swing"]
     )
 

@@ -137,15 +137,15 @@ def test_regression_compare_refuses_sweeps(tmp_path):
         (["compare", str(path), "--model", "speeds"], "speeds is a sweep; use"),
         (
             ["compare", str(path), "--model", "nine"],
-            "there is no model 'nine'; the models are swing.",
+            "there is no model 'nine'; available models: swing.",
         ),
         (
             ["sweep", str(path)],
-            "the file contains several sweeps (speeds, others); choose one with --model.",
+            "the file contains several sweeps (speeds, others); choose one by name (--model).",
         ),
         (
             ["sweep", str(path), "--model", "speed"],
-            "there is no sweep 'speed' (did you mean 'speeds'?); the sweeps are speeds, others.",
+            "there is no sweep 'speed' (did you mean 'speeds'?); available sweeps: speeds, others.",
         ),
     ):
         result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path)])

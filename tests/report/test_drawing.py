@@ -124,7 +124,7 @@ def test_a_dense_drawing_shows_all_names():
 def test_mechanisms_without_parts_are_rejected():
     with pytest.raises(bd.BeamdaeError, match="has no parts that can be drawn"):
         bd.Mechanism().draw()
-    with pytest.raises(bd.BeamdaeError, match="draw: expected a mechanism, got 'leaf'"):
+    with pytest.raises(bd.BeamdaeError, match="draw: the argument must be a Mechanism, got 'leaf'"):
         bd.draw("leaf")
 
 

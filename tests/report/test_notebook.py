@@ -182,7 +182,7 @@ def test_characteristic_columns_are_plotted_by_default(run):
 def test_labels_replace_the_names_of_runs(run):
     figure = bd.plot([run, run], "tip.y", labels=["_one", "$two$"]).figure
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["_one", "$two$"]
-    with pytest.raises(bd.BeamdaeError, match="labels must be 2 different strings"):
+    with pytest.raises(bd.BeamdaeError, match="labels must contain a different label for each"):
         bd.plot([run, run], "tip.y", labels=["one", "one"])
 
 

@@ -159,11 +159,11 @@ def test_all_entries_except_ids_are_optional(tmp_path):
         ),
         (
             {"groups": [{"id": "a"}, {"id": "a"}]},
-            r"^page: the id 'a' of a group is used twice; give each a different id\.$",
+            r"^page: the id 'a' of a group is used twice; use different ids\.$",
         ),
         (
             {"groups": [{"id": "a"}], "cases": [{"id": "0", "group": "a"}] * 2},
-            r"^page: the id '0' of a case is used twice; give each a different id\.$",
+            r"^page: the id '0' of a case is used twice; use different ids\.$",
         ),
     ],
 )

@@ -37,7 +37,7 @@ def test_curves_connect_runs_in_order_of_the_parameter():
     with pytest.raises(bd.BeamdaeError, match="no response 'tipp'"):
         swept.plot("tipp")
     with pytest.raises(
-        bd.BeamdaeError, match="there is no varied parameter 'radius'; choose speed"
+        bd.BeamdaeError, match="there is no varied parameter 'radius'; choose from speed"
     ):
         swept.plot(x="radius")
     with pytest.raises(bd.BeamdaeError, match="a map requires two varied parameters, got 1 "):

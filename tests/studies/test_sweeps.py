@@ -219,7 +219,7 @@ def test_regression_warnings_of_runs_are_reported():
         mech.observe("tip", beam.end)
         return mech
 
-    with pytest.warns(bd.BeamdaeWarning, match=r"1 of 2 runs have warnings, .* height=0.01: strip"):
+    with pytest.warns(bd.BeamdaeWarning, match=r"1 of 2 runs ended with warnings, .*=0.01: strip"):
         swept = bd.sweep(falling, {"height": [0.1, 0.01]}, integrator=ALPHA, t_end=0.4)
     assert list(swept.table["status"]) == ["ok", "ok"]
     assert list(swept.table["warnings"] != "") == [False, True]

@@ -93,8 +93,8 @@ def _select_study(path: Path, name: str | None, settings: dict[str, str]) -> Stu
         return studies[select_name(name, studies, f"{path}: the file contains several studies")]
     if studies and name is not None and name not in file.models:
         raise BeamdaeError(
-            f"{path}: there is no study {name!r}{suggest(name, studies)}; the studies are "
-            f"{', '.join(studies)}."
+            f"{path}: there is no study {name!r}{suggest(name, studies)}; available "
+            f"studies: {', '.join(studies)}."
         )
     model = file.model(name)
     values = {key: model.complete({key: value})[key] for key, value in settings.items()}
@@ -103,7 +103,6 @@ def _select_study(path: Path, name: str | None, settings: dict[str, str]) -> Stu
 
 
 def _print_results(results: StudyResults) -> None:
-    """Print the tables of each group, and one line per failure."""
     from beamdae.report.terminal import text_tables
     from beamdae.report.text import make_printable
 

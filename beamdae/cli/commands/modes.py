@@ -92,7 +92,6 @@ def modes_command(
 def _write_and_print(
     result: Any, name: str, paths: dict[str, Path], animated_modes: list[int]
 ) -> None:
-    """Write and print the table of modes or of a Campbell diagram, then write the pictures."""
     from beamdae.analysis.linear_dynamics.natural_modes import Modes
     from beamdae.report.pictures.figures import save_figure
     from beamdae.report.pictures.mode_shapes import (

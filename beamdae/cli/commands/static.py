@@ -139,7 +139,6 @@ def _parse_targets(options: list[str] | None) -> Any:
 
 
 def _print_results(result: Equilibrium, name: str) -> None:
-    """Print the tables and warnings of an equilibrium path."""
     from beamdae.report.terminal import text_tables
 
     record_results(lambda: _json_results(result))

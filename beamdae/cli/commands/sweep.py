@@ -211,8 +211,8 @@ def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:
     name = select_name(name, sweeps, f"{file.path}: the file contains several sweeps")
     if name not in sweeps:
         raise BeamdaeError(
-            f"{file.path}: there is no sweep {name!r}{suggest(name, sweeps)}; the sweeps are "
-            f"{', '.join(sweeps)}."
+            f"{file.path}: there is no sweep {name!r}{suggest(name, sweeps)}; available "
+            f"sweeps: {', '.join(sweeps)}."
         )
     return sweeps[name]
 
@@ -231,7 +231,6 @@ def _file_writers(results: StudyResults) -> tuple[FileWriters, FileWriters]:
 
 
 def _print_results(results: StudyResults) -> None:
-    """Print the table, and one line per failure."""
     from beamdae.report.terminal import text_tables
     from beamdae.studies.sweeps.sweep_results import create_sweep_results
 

@@ -48,6 +48,6 @@ def example_file(name: str) -> Path:
     if name not in names:
         raise BeamdaeError(
             f"{PREFIX}{name}: there is no example {short_repr(name)}{suggest(name, names)}; "
-            f"the examples are {', '.join(names)}."
+            f"available examples: {', '.join(names)}."
         )
     return examples_folder() / f"{name}.py"

@@ -121,7 +121,7 @@ class ModelFile:
         if not (isinstance(name, str) and name in models):
             raise BeamdaeError(
                 f"{self.path}: there is no model {short_repr(name)}{suggest(name, models)}; "
-                f"the models are {', '.join(models)}."
+                f"available models: {', '.join(models)}."
             )
         # A model that is assigned to two variables is counted once.
         functions = {id(model.build) for model in self._all_models() if model.name == name}
@@ -146,7 +146,7 @@ def select_name(name: str | None, names: Iterable[str], problem: str) -> str:
     """
     names = list(names)
     if name is None and len(names) > 1:
-        raise BeamdaeError(f"{problem} ({', '.join(names)}); choose one with --model.")
+        raise BeamdaeError(f"{problem} ({', '.join(names)}); choose one by name (--model).")
     return names[0] if name is None else name
 
 

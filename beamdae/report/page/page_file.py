@@ -177,14 +177,13 @@ def _collect_unique_ids(kind: str, entries: Iterable[Mapping[str, Any]]) -> set[
     for entry in entries:
         if entry["id"] in ids:
             raise BeamdaeError(
-                f"page: the id {entry['id']!r} of a {kind} is used twice; give each a different id."
+                f"page: the id {entry['id']!r} of a {kind} is used twice; use different ids."
             )
         ids.add(entry["id"])
     return ids
 
 
 def _replace_nonfinite(value: Any) -> Any:
-    """Return nested plain values with non-finite numbers replaced by None."""
     if isinstance(value, Mapping):
         return {str(name): _replace_nonfinite(entry) for name, entry in value.items()}
     if isinstance(value, (list, tuple)):

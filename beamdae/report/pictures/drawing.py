@@ -65,7 +65,7 @@ def draw(mechanism: Mechanism) -> Plot:
     >>> path = mech.draw().save("pendulum.svg")
     """
     if not isinstance(mechanism, Mechanism):
-        raise BeamdaeError(f"draw: expected a mechanism, got {short_repr(mechanism)}.")
+        raise BeamdaeError(f"draw: the argument must be a Mechanism, got {short_repr(mechanism)}.")
     return Plot(create_drawing(mechanism))
 
 
@@ -128,7 +128,7 @@ def _create_axis(extent: Array, size: tuple[float, float] | None) -> tuple[Figur
 def _draw_gravity(
     gravity: Array, low: Array, high: Array, size: float, axis: Any
 ) -> tuple[Array, str]:
-    """Draw the gravity arrow in the upper right corner; return its position and label."""
+    """Draw the gravity arrow right of the upper right corner; return its position and label."""
     along = gravity / np.hypot(*gravity)
     center = np.array([high[0] + 3.0 * size, high[1]])
     start, end = center - 2.0 * size * along, center + 2.0 * size * along

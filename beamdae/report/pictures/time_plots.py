@@ -107,7 +107,6 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
 
 
 def _line_styles() -> list[dict[str, Any]]:
-    """Return line styles with distinct combinations of color and dash pattern."""
     colors, dashes = repeat_styles(COLORS), repeat_styles(DASHES)
     return [{"color": color, "ls": dash} for color, dash in zip(colors, dashes, strict=False)]
 
@@ -118,7 +117,7 @@ def _require_runs(solutions: Any) -> list[TimeSeries]:
     for run in runs:
         if not isinstance(run, TimeSeries):
             raise BeamdaeError(
-                f"plot: solutions must contain only solutions, got {short_repr(run)}."
+                f"plot: each entry of solutions must be a solution, got {short_repr(run)}."
             )
     if not runs:
         raise BeamdaeError("plot: solutions must contain at least one solution, got none.")
@@ -134,7 +133,7 @@ def _require_labels(runs: Sequence[TimeSeries], labels: Any) -> list[str]:
     are_texts = all(isinstance(label, (str, Real)) for label in texts)
     if not are_texts or len(texts) != len(runs) or len(set(map(str, texts))) < len(texts):
         raise BeamdaeError(
-            f"plot: labels must be {len(runs)} different strings, one per run, got "
+            f"plot: labels must contain a different label for each run ({len(runs)} in total), got "
             f"{short_repr(labels)}."
         )
     return [str(label) for label in texts]

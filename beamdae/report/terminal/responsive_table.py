@@ -103,7 +103,6 @@ class ResponsiveTable:
             yield Text(f"not shown: {', '.join(omitted)}; {remedy} shows them", style="dim")
 
     def _choose_columns(self, width: int) -> list[Column]:
-        """Return the columns that fit into the given width."""
         first = min(self._content_width(self._first, 0), max(_FIRST_COLUMN_WIDTH, width // 2))
         columns = list(self._columns)
         while first + self._min_width_without_first(columns) > width:

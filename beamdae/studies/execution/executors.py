@@ -128,7 +128,7 @@ class LocalPool:
         workers: list[WorkerProcess[_Attempt]],
         models: SerializedModels,
     ) -> TaskResults:
-        """Assign tasks to idle processes; start processes as needed."""
+        """Assign tasks to idle or new processes; yield results of unserializable tasks."""
         while waiting and sum(worker.current is not None for worker in workers) < self.workers:
             attempt = waiting.popleft()
             task = attempt.task

@@ -298,7 +298,6 @@ def _evaluate_outcomes(
     outcomes: dict[str, Outcome],
     notes: tuple[str, ...],
 ) -> StudyResults:
-    """Compute references, tables and frames from the outcomes so far."""
     study = plan.study
     references = {
         group: build_reference(study, methods, outcomes)

@@ -142,7 +142,7 @@ class Store:
         if not isinstance(record, dict) or "format" not in record:
             raise _DamagedError(f"{path.name} is not a record, or has an earlier format")
         if record["format"] != _FORMAT:
-            raise _DamagedError(f"{path.name} has another format")
+            raise _DamagedError(f"{path.name} has an unsupported format")
         content = record.get("outcome")
         if not isinstance(content, dict) or record.get("sha256") != _checksum(content):
             raise _DamagedError(f"{path.name} has changed since it was written")
@@ -151,7 +151,6 @@ class Store:
         return content
 
     def _link_trajectory(self, task: Task, text: bytes) -> None:
-        """Link or copy the stored trajectory of a task to its readable file name."""
         source, path = self.rows_path(task), self.trajectory_path(task)
         with suppress(OSError):
             if path.samefile(source) or path.read_bytes() == text:
@@ -211,7 +210,6 @@ def _is_usable(task: Task, content: dict[str, Any]) -> bool:
 
 
 def _is_valid_record(content: dict[str, Any]) -> bool:
-    """Return whether all values that `Store.load` uses are present and have the right type."""
     types: dict[str, Any] = {
         "status": dict,
         "values": dict,

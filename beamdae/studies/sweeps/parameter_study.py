@@ -97,7 +97,7 @@ class ParameterStudy(Study):
         except FingerprintError as problem:
             raise BeamdaeError(
                 f"{self.name}: outputs must be functions that another process can "
-                f"reproduce, but {problem.location} is a {problem.kind}; create this object "
+                f"reproduce, but {problem.location} has the type {problem.kind}; create it "
                 "inside the function."
             ) from None
 
@@ -149,7 +149,6 @@ def _require_values(part: str, model: Model, name: Any, values: Any) -> list[Par
 
 
 def _require_list(part: str, name: str, values: Any, allowed: str) -> list[Any]:
-    """Return the entries of an ordered iterable; raise an error if there are too many."""
     unordered = isinstance(values, (str, bytes, set, frozenset))
     entries = require_iterable(part, name, None if unordered else values, allowed, MAX_CASES + 1)
     if len(entries) > MAX_CASES:

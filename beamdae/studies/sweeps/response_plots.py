@@ -231,7 +231,6 @@ def _extract_numbers(column: pd.Series) -> Array:
 
 
 def _remove_empty(table: pd.DataFrame, panels: Sequence[Panel]) -> list[Panel]:
-    """Return the panels that contain at least one number."""
     columns = {column for panel in panels for column in panel.lines.values()}
     drawable = {c: not np.isnan(_extract_numbers(table[c])).all() for c in columns}
     return [x for x in panels if any(drawable[c] for c in x.lines.values())]

@@ -169,7 +169,7 @@ def select_panels(study: ParameterStudy, headers: list[str], name: Any) -> list[
     names = [*study.outputs, *map(_remove_unit, headers)]
     raise BeamdaeError(
         f"{study.name}: there is no response {short_repr(name)}{suggest(name, names)}; "
-        f"the responses are {', '.join(names) or 'none'}."
+        f"available responses: {', '.join(names) or 'none'}."
     )
 
 
@@ -213,7 +213,7 @@ def choose_axis(study: ParameterStudy, table: pd.DataFrame, name: Any = None) ->
         if not isinstance(name, str) or name not in varied:
             raise BeamdaeError(
                 f"{study.name}: there is no varied parameter "
-                f"{short_repr(name)}{suggest(name, varied)}; choose "
+                f"{short_repr(name)}{suggest(name, varied)}; choose from "
                 f"{', '.join(varied)}."
             )
         return name

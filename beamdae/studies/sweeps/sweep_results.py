@@ -167,7 +167,7 @@ class SweepResults:
             if parameter not in swept:
                 raise BeamdaeError(
                     f"{name}: there is no swept parameter "
-                    f"{short_repr(parameter)}{suggest(parameter, swept)}; choose "
+                    f"{short_repr(parameter)}{suggest(parameter, swept)}; choose from "
                     f"{', '.join(swept)}."
                 )
         request = ", ".join(f"{x}={short_repr(value)}" for x, value in parameters.items())
@@ -178,7 +178,7 @@ class SweepResults:
         ambiguous = [x for x in swept if any(settings[row][x] != first[x] for row in rows)]
         if ambiguous:
             raise BeamdaeError(
-                f"{name}: {len(rows)} cases have {request or 'any values'}; also give "
+                f"{name}: {len(rows)} cases match {request or 'the selection'}; also give "
                 f"{' and '.join(ambiguous)}."
             )
         return rows[0]
@@ -288,7 +288,7 @@ def list_warnings(swept: SweepResults) -> Iterator[str]:
     with_warnings = (swept.table[WARNINGS] != "") & ~failed
     for selection, column, problem in (
         (failed, REASON, "did not reach the end time"),
-        (with_warnings, WARNINGS, "have warnings"),
+        (with_warnings, WARNINGS, "ended with warnings"),
     ):
         rows = swept.table[selection]
         if len(rows):
@@ -296,7 +296,7 @@ def list_warnings(swept: SweepResults) -> Iterator[str]:
             reason = str(rows[column].iloc[0]).removesuffix(".")
             yield (
                 f"{swept.sweep.name}: {len(rows)} of {len(swept.table)} runs {problem}, "
-                f"the first is {tag}: {reason}; see the table for all."
+                f"for example {tag}: {reason}; see the table for all."
             )
 
 
