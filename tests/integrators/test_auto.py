@@ -1,4 +1,4 @@
-"""Auto chooses between Ida and Radau."""
+"""Choice between Ida and Radau by Auto."""
 
 import numpy as np
 import pytest

@@ -318,7 +318,7 @@ def test_fixed_steps_match_stored_values(formulation, rho_inf):
     last = solution.trajectory.intervals[0].state
     assert solution.statistics.steps == 100
     assert solution.statistics.rejected_steps == 0
-    # Rounding errors of the iteration accumulate in the multipliers of index 3.
+    # Rounding errors of the iteration accumulate in the multipliers of the index-3 form.
     values = [*last.q[-1], *last.lam[-1]]
     assert_allclose(values, STORED[formulation, rho_inf], rtol=2e-8)
 
@@ -523,7 +523,7 @@ def test_steps_follow_the_motion():
     assert_allclose(np.max(h[t > 2.0]), 0.25, rtol=0.1)
     assert np.max(during) < 0.01
     assert_allclose(solution.v[-1, 0], 5.0 * np.sqrt(np.pi), rtol=1e-3)
-    # As many as the push needs, not the whole run at the step of the push.
+    # Short steps during the push only, not in the whole run.
     assert solution.statistics.steps < 0.2 * 5.0 / np.mean(during)
 
 

@@ -168,7 +168,7 @@ def test_regression_extreme_inputs_end_with_a_reason(integrator, what, monkeypat
     assert solution.statistics.steps < 5000
 
 
-@pytest.mark.slow(reason="steps that are looked at as in earnest, up to a hundred thousand")
+@pytest.mark.slow(reason="default stall detection, up to a hundred thousand steps")
 @pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda integrator: integrator.label)
 @pytest.mark.parametrize(
     "model",

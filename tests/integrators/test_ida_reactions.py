@@ -12,8 +12,8 @@ from quick_return import quick_return
 import beamdae as bd
 from beamdae.integrators.ida.ida import FIRST_ORDER
 
-slow = pytest.mark.slow(reason="tells of the same law as the others")
-# On index 3 velocities are never tested by "auto": their error grows as the step falls.
+slow = pytest.mark.slow(reason="the same law as in other tests")
+# In the index-3 form, "auto" never tests velocities, whose error grows as the step shrinks.
 first, *others, _ = [(f, e) for f in FIRST_ORDER for e in ("positions", "velocities")]
 
 
@@ -127,5 +127,5 @@ def test_regression_last_step_is_not_very_short():
     for rtol in np.geomspace(1e-5, 1e-3, 9):
         solution = bd.simulate(model, bd.Ida(rtol, formulation="index2"), 4.0)
         steps = np.diff(solution.trajectory.intervals[-1].t)
-        # One that the controller shortened comes before one that is as long as it is let.
+        # The controller may shorten a step; the next step may then be as long as max_step.
         assert steps[-1] > 0.25 * steps[-2]

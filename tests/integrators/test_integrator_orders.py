@@ -67,8 +67,8 @@ def test_generalized_alpha_is_of_second_order_in_positions_velocities_and_multip
     "formulation", ["index3", pytest.param("stabilized-index2", marks=pytest.mark.slow)]
 )
 def test_without_the_cure_the_first_multipliers_are_of_first_order(formulation):
-    # A strongly damped start-up error: what is left of it must exceed the second-order error of
-    # the whole run, hence the many steps. Positions and velocities do not need the cure.
+    # The start-up error is strongly damped. Many steps are needed for its remainder to exceed the
+    # second-order error of the whole run. Positions and velocities do not need the cure.
     settings = {"formulation": formulation, "rho_inf": 0.6, "start": "plain"}
     orders = observed_orders("pendulum", 1600, **settings)
     assert_allclose(orders, [2.0, 2.0, 1.0], rtol=0.0, atol=0.1)
@@ -110,8 +110,8 @@ def test_undamped_generalized_alpha_keeps_the_energy_to_second_order():
 def test_radau_is_of_order_five_in_positions_and_velocities_three_in_multipliers(
     case, steps, order, monkeypatch
 ):
-    # Hairer, Lubich & Roche 1989 for index 2. At the loosest tolerance max_step is every step,
-    # and Newton's iteration is taken to rounding: its error would cover that of the method.
+    # Hairer, Lubich & Roche 1989 for the index-2 form. At the loosest tolerance, all steps equal
+    # max_step. Newton's iteration converges to rounding; its error would hide that of the method.
     monkeypatch.setattr(radau_stepper, "_MAX_ITERATION_FRACTION", 1e-12)
     equations, answer, t_end = CASES[case]
     errors = []
@@ -129,9 +129,10 @@ def test_radau_is_of_order_five_in_positions_and_velocities_three_in_multipliers
 @pytest.mark.slow(reason="a hundred thousand steps of order 1")
 @pytest.mark.parametrize(("max_order", "tightest"), [(1, 2e-5), (2, 1e-6)])
 def test_ida_step_length_scales_with_its_order(max_order, tightest):
-    # A local error proportional to h^(k+1) held at the local tolerance: steps grow as its power
-    # -1/(k+1), were it not for the start at order 1 and the slow adaptation of step and order.
-    # From order 3 on the exponents of neighbors are closer than that.
+    # The local error, proportional to h^(k+1), is kept at the local tolerance, so that steps are
+    # proportional to the power 1/(k+1) of the tolerance, apart from the start at order 1 and the
+    # slow adaptation of step and order. From order 3 on, exponents of successive orders differ by
+    # less than these effects.
     steps, tolerances = [], []
     for rtol in (1e-4, tightest):
         integrator = bd.Ida(

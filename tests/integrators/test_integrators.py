@@ -344,7 +344,7 @@ def test_driver_with_acceleration_jump_is_followed(integrator):
     solution = bd.simulate(mech, integrator, 1.0, 0.1)
     assert solution.status.success
     angle = np.where(solution.t < 0.4, solution.t**2, 0.16 + 0.8 * (solution.t - 0.4))
-    # On index 1 only the accuracy of the integration keeps the angle.
+    # In the index-1 form, no equation prescribes the angle, only its acceleration.
     assert_allclose(solution.q[:, 2], angle, rtol=0.0, atol=1e-5)
     if isinstance(integrator, bd.Ida) and integrator.formulation.startswith("index"):
         # If only positions are tested, errors of the multipliers are not controlled.
@@ -515,6 +515,6 @@ def test_regression_a_sudden_moment_on_a_light_section_starts(moment, step):
     mech.observe("tip", beam.end)
     solution = bd.simulate(mech, bd.GeneralizedAlpha(step=step), t_end=4e-3, output_step=4e-3)
     assert solution.status.success
-    # Ida gives 0.0210 rad/(N m) after 4 ms; undamped fast modes that no step here resolves ring
-    # by a tenth around it.
+    # Ida gives 0.0210 rad/(N m) after 4 ms; undamped fast modes, which these steps do not resolve,
+    # oscillate about this value by a tenth of it.
     assert_allclose(solution.observed["tip.angle [rad]"].iloc[-1] / moment, 0.0210, rtol=0.2)

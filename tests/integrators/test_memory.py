@@ -161,7 +161,7 @@ def test_mechanism_that_exceeds_memory_is_rejected(monkeypatch):
         bd.equations_of_motion(mech)
 
 
-@pytest.mark.slow(reason="a process with a limit of its own for each integrator")
+@pytest.mark.slow(reason="a process with a memory limit for each integrator")
 @pytest.mark.parametrize("remaining", [0.05, 0.3, 0.6])
 @pytest.mark.parametrize("integrator", ["Ida()", "Radau()", "GeneralizedAlpha()"])
 def test_process_with_little_memory_ends_with_a_message(integrator, remaining):

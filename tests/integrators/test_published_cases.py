@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 
-# Components that each form allows in the error test: multipliers and, on index 3, velocities are
+# Components that each form allows in the error test: multipliers and, with "index3", velocities are
 # algebraic, and rounding in their difference quotients stops the run at small steps.
 TESTED = {
     "stabilized-index1": "velocities",
@@ -96,8 +96,8 @@ def test_closed_forms_agree_with_an_independent_integration():
 @every_formulation([form for form in TESTED if form != "index3"])
 @every_case
 def test_ida_meets_the_case_to_its_tolerance(case, formulation, rtol):
-    # rtol bounds the error of a step. Errors of about ten swings accumulate in the phase, and on
-    # index 1 positions drift off the constraints as well.
+    # rtol bounds the error of a step. Errors of about ten swings accumulate in the phase, and with
+    # "index1", positions also drift off the constraints.
     factor = 500.0 if formulation == "index1" else 100.0
     errors = relative_errors(case, ida(rtol, formulation))
     assert max(errors["q"], errors.get("v", 0.0)) < factor * rtol
@@ -163,8 +163,8 @@ def test_the_error_of_radau_falls_with_its_tolerance(case):
 def test_generalized_alpha_meets_the_case_to_second_order(case, formulation, step):
     integrator = bd.GeneralizedAlpha(step=step, formulation=formulation, newton_tolerance=1e-8)
     errors = relative_errors(case, integrator)
-    # Three times the error of phase of the trapezoidal rule, (omega h)^2 / 12 of omega t; it
-    # holds for multipliers as well. The same share of it at every step from 8 ms to 1 ms.
+    # Three times the phase error of the trapezoidal rule, (omega h)^2 / 12 of omega t; this bound
+    # also holds for multipliers. The ratio is the same for all steps from 8 ms to 1 ms.
     max_error = 3.0 * (case.rate * step) ** 2 / 12.0 * case.rate * case.t_end
     assert max(errors.values()) < max_error
 
@@ -178,7 +178,7 @@ def test_every_setting_of_generalized_alpha_meets_the_case(rho_inf, formulation,
         step=step, rho_inf=rho_inf, formulation=formulation, start=start, newton_tolerance=1e-8
     )
     errors = PENDULUM.errors(PENDULUM.run(integrator))
-    # The strongest damping has five times the error of phase of the trapezoidal rule.
+    # With the strongest damping, the phase error is five times that of the trapezoidal rule.
     max_error = 3.0 * 5.0 * (PENDULUM.rate * step) ** 2 / 12.0 * PENDULUM.rate * PENDULUM.t_end
     assert errors["q"] < max_error
     assert errors["v"] < max_error * PENDULUM.rate

@@ -138,13 +138,13 @@ def test_factors_are_reused_while_the_step_is_constant():
     # Real and complex factorizations.
     assert steps.factorizations <= 12
     assert steps.newton_failures == steps.rejected_steps == 0
-    # One iteration on three stages in each step, two in the first one.
+    # One iteration on three stages in each step, two in the first step.
     assert steps.residual_calls == 3 * (steps.steps + 1)
 
 
 def test_factors_are_reused_while_the_step_changes_little():
     steps = bd.simulate(oscillator(5.0), bd.Radau(1e-8), 5.0).statistics
-    # Renewed factors in every step would be twice as many.
+    # New factors in every step would require at least two factorizations per step.
     assert steps.factorizations < steps.steps
 
 

@@ -58,7 +58,7 @@ def test_locked_bar_stands_still(integrator):
     lock = mech.add(bd.Driver("lock", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0), law=0.5))
     mech.deactivate(lock)
     mech.when("bar.angle", 0.5, "up", bd.activate(lock), "caught")
-    # A rate that jumps past its value crosses it.
+    # A rate that jumps past its threshold crosses it.
     mech.when("bar.angle_dot", 0.5 * SPEED, "both", "record", "slow")
     solution = bd.simulate(mech, integrator, 1.0)
     catch, slow = solution.event_records

@@ -1,4 +1,4 @@
-"""Factorizations, also as linear solvers of IDA."""
+"""Accuracy of factorizations, also as linear solvers of IDA."""
 
 import contextlib
 import io
@@ -181,9 +181,9 @@ def compare(solution, reference, t, y):
     """Compare the steps of a run with those of the dense solver of SUNDIALS."""
     (segment,) = solution.trajectory.intervals
     counts = solution.statistics
-    # Newton's iterates differ by rounding times the condition of the iteration matrix, and every
-    # step is chosen from the one before: the first steps agree to rounding, and counts and the
-    # end are those of two runs of the same accuracy.
+    # Newton's iterates differ by rounding times the condition number of the iteration matrix, and
+    # each step depends on the previous step: the first steps agree to rounding, counts and the end
+    # only as in two runs of the same accuracy.
     assert_allclose(len(segment.t), len(t), rtol=0.1)
     assert_allclose(counts.residual_calls, reference.residuals, rtol=0.1)
     # Rounding changes a dozen Jacobians by two.

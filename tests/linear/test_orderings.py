@@ -39,7 +39,7 @@ def compute_balanced_right_side(pattern, nonzeros):
 
 @pytest.mark.parametrize(
     "name",
-    # "welded" is like the last one, with twice the beams and the other frame.
+    # "welded" is like the last case, with twice the beams and the other frame.
     [pytest.param(m, marks=[pytest.mark.slow] if m == "welded" else []) for m in MECHANISMS],
 )
 def test_fill_is_small_and_solutions_are_accurate(name):
@@ -47,8 +47,8 @@ def test_fill_is_small_and_solutions_are_accurate(name):
     for step in STEPS:
         for form, (pattern, nonzeros) in integrator_matrices(equations, step).items():
             solver = factorize(pattern, nonzeros)
-            # Measured: 1.1 to 1.8, and 2.02 on index 2, whose matrix has the factors of a product.
-            # The default order of SuperLU fills a hundredfold, and more for longer beams.
+            # Measured: 1.1 to 1.8, and 2.02 for "index2", whose matrix has the factors of a
+            # product. The default order of SuperLU fills a hundredfold, and more for longer beams.
             assert solver.fill < (2.2 if form == "index 2" else 2.0)
             right = compute_balanced_right_side(pattern, nonzeros)
             # Measured: at most 5e-10. By default SuperLU leaves up to 3e-7 with the largest pivots,

@@ -1,4 +1,4 @@
-"""LLVM IR of any origin is compiled to objects, and objects are loaded."""
+"""Compilation of LLVM IR from any source to objects, and loading of objects."""
 
 import ctypes
 import gc
