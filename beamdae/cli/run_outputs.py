@@ -169,7 +169,7 @@ def write_page(run: Run, solution: Solution) -> None:
 
 
 def draw_run(run: Run, solution: Solution) -> None:
-    """Plot the observed columns; the title states if the run ended early."""
+    """Write the picture of the run; the title states if the run ended early."""
     from beamdae.report.pictures.time_plots import save_run_figure
 
     status = solution.status

@@ -316,7 +316,7 @@ class Addressed:
         (threading.Lock(), "extra must be .*<unlocked _thread.lock object"),
         ((x for x in "ab"), "extra must be .*generator"),
         (Addressed(), "extra must be .*Addressed"),
-        ({"deep": [threading.Lock()]}, r"extra must be .*\(item deep is a lock\)"),
+        ({"deep": [threading.Lock()]}, r"extra must be .*\(item deep has the type lock\)"),
     ],
     ids=["lock", "generator", "address", "inside"],
 )

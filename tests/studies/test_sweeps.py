@@ -174,7 +174,7 @@ def test_runs_are_looked_up_by_their_parameters(speed_radius_sweep):
     assert len(speed_radius_sweep.runs) == 6
     other = speed_radius_sweep.run(speed=2.0, radius=2.0)
     assert_allclose(run.difference(other, "tip.x").iloc[0], -1.5)
-    with pytest.raises(bd.BeamdaeError, match=r"3 cases have speed=2.0; also give radius."):
+    with pytest.raises(bd.BeamdaeError, match=r"3 cases match speed=2.0; also give radius."):
         speed_radius_sweep.run(speed=2.0)
     with pytest.raises(bd.BeamdaeError, match=r"no case has speed=9.0"):
         speed_radius_sweep.run(speed=9.0)

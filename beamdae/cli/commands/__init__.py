@@ -1,4 +1,4 @@
-"""Commands of the CLI; each module defines one command with its options and help text.
+"""Commands of the CLI with their options and help texts, one or two per module.
 
 May import: everything; modules that are slow to import are imported inside the command.
 To extend: write `<name>_command` in a new module and register it in `cli.app`.

@@ -184,7 +184,7 @@ def _import_file(path: Path) -> ModuleType:
 
 
 def _compile_file(path: Path) -> CodeType:
-    """Compile a file in UTF-8 or in the encoding that its first line declares."""
+    """Compile a file in its declared encoding, by default UTF-8."""
     if not is_valid_path(str(path)):
         raise BeamdaeError(f"path: {short_repr(str(path))} is not a valid file name.")
     if path.suffix != ".py":

@@ -31,8 +31,8 @@ class TaskResult(NamedTuple):
     Attributes
     ----------
     storable
-        True if the outcome may be stored; False if the task could not be transferred or its process
-        died.
+        True if the outcome may be stored; False if the task could not be transferred, its process
+        died or the cluster failed.
     """
 
     task: Task

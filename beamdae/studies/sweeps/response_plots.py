@@ -49,7 +49,7 @@ _RATIO_TOLERANCE = 1e-6  # relative tolerance of the ratios of a geometric seque
 
 @dataclass(frozen=True)
 class ParameterScale:
-    """Axis of a parameter: numbers at their value, other values in order of appearance.
+    """Axis of a parameter: numbers at their values, other values in order of appearance.
 
     Attributes
     ----------
