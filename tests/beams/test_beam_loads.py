@@ -56,11 +56,11 @@ def test_resultant_of_pressure_on_a_ring_and_on_an_arch():
     force, _ = resultant(2.0 * np.pi)
     assert_allclose(force, 0.0, atol=1e-9)
     force, expected = resultant(2.0)
-    assert_allclose(force, expected, rtol=1e-6)  # the mesh
+    assert_allclose(force, expected, rtol=1e-6)  # mesh error
 
 
 def test_elastic_foundation_by_a_formula_of_position():
-    """Elastic foundation under a rigidly displaced beam: exact force and moment."""
+    """Compare force and moment on a rigidly displaced beam with the exact integrals."""
     mech = bd.Mechanism()
     line = bd.Line((0.0, 0.0), (2.0, 0.0))
     beam = mech.add(bd.Beam("beam", line, STRIP, elements=3, frame="tangent"))
@@ -79,7 +79,7 @@ def test_moving_force_acts_on_the_beam_only():
     mech = free(bd.Line((0.0, 0.0), (1.0, 0.0)))
     mech.add(bd.MovingForce("load", mech.part("beam"), (3.0, -2.0), speed=2.0, start=-1.0))
     for t, acting in ((0.25, 0.0), (0.5, 1.0), (0.7, 1.0), (1.0, 1.0), (1.3, 0.0)):
-        # Where two pieces of a law meet, the later one applies.
+        # Where two pieces of a law meet, the later piece applies.
         numeric = NumericEquations(mech, time=(t, t - 1e-9 if t == 1.0 else t))
         assert_allclose(-numeric.force()[:2], acting * np.array([3.0, -2.0]), atol=1e-12)
         # Moment about the start of the beam.

@@ -1,8 +1,9 @@
-"""Quarter-circle cantilever under tip loads against Castigliano's theorem.
+"""Compare a quarter-circle cantilever under tip loads with Castigliano's theorem.
 
-Small displacements, clamp at (R, 0), tip at (0, R); u_r, u_t and the turn of the tip by radial,
-tangential and moment loads, with the axial and shear flexibility of a thick arc. Relative errors
-measured with 8 curved elements, tangent frame, in the directions of the three loads:
+The arc is clamped at (R, 0) and has its tip at (0, R). Displacements are small: u_r, u_t and the
+rotation of the tip under radial, tangential and moment loads, including axial and shear
+flexibility. The table lists relative errors measured with 8 curved elements in a tangent frame, in
+the directions of the three loads:
 
     R/h     3 points (the default)          4 points
     4        6.8e-7  -1.3e-8   2.3e-7        3.1e-7  -1.2e-7  -1.1e-7
@@ -11,11 +12,12 @@ measured with 8 curved elements, tangent frame, in the directions of the three l
     500      6.7e-7  -4.0e-8   2.2e-7       -2.6e-4  -6.3e-4  -1.7e-3
     2500    -1.0e-7  -8.5e-7  -2.9e-7       -6.6e-4  -1.7e-3  -4.4e-3
 
-Three points do not lock (at R/h = 2500 the saddle-point solution is rounded at 1e-6); four do: the
-error of the moment load grows by 4e4. With "local" continuity the force loads are off by 6.2e-4
-and 8.1e-4 at every R/h, straight elements by 8.0e-3, 2.3e-3 and 1.6e-3.
+With three points, elements do not lock (at R/h = 2500, rounding errors of the linear system are
+1e-6). With four points, elements lock: the error of the moment load increases by a factor of 4e4.
+With "local" continuity, the errors of the force loads are 6.2e-4 and 8.1e-4 at every R/h; with
+straight elements, the errors of the three loads are 8.0e-3, 2.3e-3 and 1.6e-3.
 
-Elements of fewer nodes, moment load:
+Relative errors for the moment load with fewer nodes per element:
 
     R/h     2 nodes, 1 point    2 points    3 nodes, 2 points    3 points
     4            -1.6e-3         -1.7e-1         -5.2e-7         -3.9e-4
@@ -41,7 +43,7 @@ SLENDERNESS = (4, 20, 100, 500, 2500)
 
 
 def exact_compliance(section):
-    """Tip displacements (u_r, u_t, turn), a column for each unit load (P_r, P_t, M)."""
+    """Return tip displacements (u_r, u_t, rotation), one column per unit load (P_r, P_t, M)."""
     R, EI, EA, GA = RADIUS, section.EI, section.EA, section.GA
     stretch = np.pi * R / 4.0 * (1.0 / EA + 1.0 / GA)
     rr = np.pi * R**3 / (4.0 * EI) + stretch
@@ -52,7 +54,7 @@ def exact_compliance(section):
 
 
 def square(slenderness):
-    """A square section of R/h = `slenderness`."""
+    """Return a square section of the height R / slenderness."""
     height = RADIUS / slenderness
     steel = bd.Material(E=2.1e11, nu=0.3, rho=7800.0)
     return bd.Section.rectangle(steel, width=height, height=height)
@@ -69,7 +71,7 @@ def errors(
     continuity="cartesian",
     nodes=4,
 ):
-    """Relative errors of the compliance, (3, 3)."""
+    """Return the relative errors of the compliance matrix, shape (3, 3)."""
     section = square(slenderness)
     geometry = (elements, shape, frame, continuity, nodes)
     beam = _quarter(section, *geometry, quadrature=quadrature, strain=strain)
@@ -80,7 +82,7 @@ def errors(
     loads = _loads(*geometry)
     stiffness, joint = clamped.stiffness(), clamped.constraint_matrix()
     saddle = np.block([[stiffness, joint.T], [joint, np.zeros((clamped.m, clamped.m))]])
-    # Stiffnesses span ten decades at R/h = 2500: balanced, the solution keeps eight digits.
+    # Stiffnesses span ten decades at R/h = 2500; scaling keeps eight digits of the solution.
     diagonal = np.sqrt(np.abs(np.diag(saddle)))
     scale = np.where(diagonal > 0.0, diagonal, 1.0)
     right = np.concatenate([loads, np.zeros((clamped.m, 3))])
@@ -108,7 +110,7 @@ def _quarter(section, elements, shape, frame, continuity, nodes, **settings):
 
 @cache
 def _loads(*geometry):
-    """Generalized forces of the unit loads, a column each: the same for every section."""
+    """Return the generalized forces of the unit loads, one column per load."""
     beam = _quarter(square(4), *geometry)
     return np.stack(
         [
@@ -152,7 +154,7 @@ def in_load_directions(*case, **words):
         (4, "straight", "cartesian", 9e-3),
         # 1.4e-5 in the tangent frame, 3.1e-5 in the chord frame.
         (3, "curved", "cartesian", 4e-5),
-        # 1.10e-2 at R/h = 4 and 1.12e-2 at all others.
+        # 1.10e-2 at R/h = 4, and 1.12e-2 at all other R/h.
         (2, "straight", "cartesian", 1.2e-2),
     ],
 )
@@ -160,7 +162,7 @@ def test_default_quadrature_does_not_lock(nodes, shape, continuity, max_error, f
     case = {"nodes": nodes, "shape": shape, "continuity": continuity}
     worst = [np.abs(errors(r, 8, frame=frame, strain=strain, **case)).max() for r in SLENDERNESS]
     assert max(worst) < max_error
-    # Constant to three digits and to the rounding of the solution for the most slender arc.
+    # Errors hardly depend on R/h; 1e-6 are rounding errors of the most slender arc.
     assert max(worst) < 1.05 * worst[0] + 1e-6
 
 
@@ -171,35 +173,35 @@ def test_straight_elements_do_not_lock_with_four_points_and_curved_ones_do(shape
         assert abs(thin) < 1.01 * abs(thick)
     else:
         assert abs(thick) < 1e-6
-        # Too stiff, by 0.4 %: membrane locking.
+        # Membrane locking makes the arc too stiff by 0.4 %.
         assert -5e-3 < thin < -4e-3
 
 
 def test_two_full_points_on_two_nodes_lock_in_shear():
-    """Linear v and phi bend an element by shearing it: EI grows by GA l^2 / 12, l its length."""
+    """Shear of an element with linear v and phi adds GA l^2 / 12 to EI, with the length l."""
     chord = 2.0 * RADIUS * np.sin(np.pi / 32.0)
     for r in SLENDERNESS:
         reduced, full = (errors(r, 8, quadrature=q, nodes=2)[2, 2] for q in ("reduced", "full"))
         section = square(r)
         stiffer = 1.0 + section.GA * chord**2 / (12.0 * section.EI)
-        # Exact, as the moment is the same everywhere; 1e-8 of rounding for the most slender arc.
+        # Exact, because the moment is uniform; rounding errors are 1e-8 for the most slender arc.
         assert_allclose(1.0 + full, (1.0 + reduced) / stiffer, rtol=1e-7)
     assert full < -0.999
 
 
 def test_three_full_points_on_three_nodes_lock_as_curved_elements_and_not_as_straight_ones():
     moment = np.array([errors(r, 8, quadrature="full", nodes=3)[2, 2] for r in SLENDERNESS])
-    # Membrane locking: the error grows with slenderness, to 95 % of the compliance.
+    # Membrane locking: the error increases with slenderness, to 95 % of the compliance.
     assert np.all(np.diff(moment) < 0.0)
     assert_allclose(moment[[0, -1]], (-3.88e-4, -0.945), rtol=0.01)
     straight = [errors(r, 8, quadrature="full", shape="straight", nodes=3) for r in SLENDERNESS]
-    # As with two reduced points on two nodes: from 8.0e-3 to 1.12e-2.
+    # From 8.0e-3 to 1.12e-2.
     assert np.abs(straight).max() < 1.2e-2
 
 
 def test_curved_elements_converge_with_fourth_order():
-    # Radial 2.2e-3, 1.7e-4, 1.1e-5, 6.9e-7 with 1, 2, 4, 8 elements at R/h = 20, tangential 6.4e-3,
-    # 8.5e-5, 7.4e-7, 2.4e-8, moment 8.6e-4, 5.7e-5, 3.6e-6, 2.3e-7.
+    # Measured with 1, 2, 4, 8 elements: radial 2.2e-3, 1.7e-4, 1.1e-5, 6.9e-7; tangential 6.4e-3,
+    # 8.5e-5, 7.4e-7, 2.4e-8; moment 8.6e-4, 5.7e-5, 3.6e-6, 2.3e-7.
     error = np.array([in_load_directions(20, n) for n in (1, 2, 4, 8)])
     orders = np.log2(error[:-1] / error[1:])
     assert np.all(orders > 3.6)
@@ -207,18 +209,18 @@ def test_curved_elements_converge_with_fourth_order():
 
 
 def test_quadratic_elements_converge_with_fourth_order():
-    # The compliance is an energy, of twice the order of its strains: 2 (nodes - 1). Radial 8.9e-5,
-    # 5.6e-6, 3.5e-7, 2.2e-8 with 4 to 32 elements at R/h = 20, tangential 9.3e-5, 6.4e-6, 4.1e-7,
-    # 2.6e-8, moment 8.2e-6, 5.2e-7, 3.2e-8, 2.0e-9.
+    # The compliance is an energy, whose order is twice that of the strains: 2 (nodes - 1). Measured
+    # with 4, 8, 16, 32 elements: radial 8.9e-5, 5.6e-6, 3.5e-7, 2.2e-8; tangential 9.3e-5, 6.4e-6,
+    # 4.1e-7, 2.6e-8; moment 8.2e-6, 5.2e-7, 3.2e-8, 2.0e-9.
     error = np.array([in_load_directions(20, n, nodes=3) for n in (4, 8, 16, 32)])
     assert_allclose(np.log2(error[:-1] / error[1:]), 4.0, atol=0.15)
 
 
 @pytest.mark.parametrize("slenderness", [20, 500])
 def test_local_continuity_converges_with_second_order(slenderness):
-    # Radial 2.2e-3, 5.2e-3, 2.1e-3, 6.2e-4, 1.7e-4 with 1 to 16 elements, tangential 6.4e-3,
-    # 5.2e-3, 2.5e-3, 8.1e-4, 2.3e-4: order 1.9 and 1.8 between the last two. The moment alone
-    # does not see the kinks.
+    # Measured with 1, 2, 4, 8, 16 elements: radial 2.2e-3, 5.2e-3, 2.1e-3, 6.2e-4, 1.7e-4;
+    # tangential 6.4e-3, 5.2e-3, 2.5e-3, 8.1e-4, 2.3e-4; the last orders are 1.9 and 1.8. The
+    # neglected kinks do not affect the rotation under a moment.
     error = np.array([in_load_directions(slenderness, n, continuity="local") for n in (4, 8, 16)])
     orders = np.log2(error[:-1] / error[1:])[:, :2]
     assert np.all((orders > 1.6) & (orders < 2.0))
@@ -236,8 +238,9 @@ def test_local_continuity_converges_with_second_order(slenderness):
     ],
 )
 def test_straight_elements_converge_with_second_order(nodes, quadrature):
-    # 1.2e-1, 3.2e-2, 8.0e-3 (radial) with 2, 4, 8 elements: the polygon's distance to the arc.
-    # 2 nodes, whose bending adds an error of second order: 1.7e-1, 4.4e-2, 1.1e-2.
+    # Radial errors with 2, 4, 8 elements: 1.2e-1, 3.2e-2, 8.0e-3, due to the distance of the
+    # polygon from the arc; with 2 nodes, bending adds an error of second order: 1.7e-1, 4.4e-2,
+    # 1.1e-2.
     case = {"nodes": nodes, "quadrature": quadrature, "shape": "straight"}
     error = np.array([in_load_directions(20, n, **case) for n in (4, 8, 16)])
     assert_allclose(np.log2(error[:-1] / error[1:]), 2.0, atol=0.15)
@@ -246,7 +249,7 @@ def test_straight_elements_converge_with_second_order(nodes, quadrature):
 @pytest.mark.parametrize("nodes", [2, 3, 4])
 @pytest.mark.parametrize("shape", ["curved", "straight"])
 def test_compliance_is_symmetric(shape, nodes):
-    # Maxwell's theorem: the errors above and below the diagonal agree to the solution's rounding.
+    # Maxwell's theorem: the errors above and below the diagonal agree except for rounding.
     for r in (4, 100):
         error = errors(r, 8, shape=shape, nodes=nodes)
         assert_allclose(error, error.T, atol=1e-8)

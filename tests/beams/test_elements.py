@@ -36,7 +36,7 @@ every_variant = parametrize_variants(VARIANTS)
 few_variants = pytest.mark.parametrize("variant", REPRESENTATIVE_VARIANTS, ids=str)
 # The inertia has separate quadrature points and does not depend on strains.
 every_motion = pytest.mark.parametrize("variant", MOTION_VARIANTS, ids=str)
-# Nodes and Gauss points: of each element the reduced and the full quadrature.
+# Numbers of nodes and Gauss points: reduced and full quadrature of each element.
 POINTS = [(2, 1), (2, 2), (3, 2), (3, 3), (4, 3), (4, 4)]
 KINDS = [
     FloatingFrameElement(nodes, quadrature, strain, damped)
@@ -64,7 +64,7 @@ def create_numeric(variant, elements=2, gravity=(0.0, 0.0)):
 
 
 def element_data(kind, elements, shape, section, gravity):
-    """Return the data of elements on ARC in a tangent frame, with these section values."""
+    """Return element data on ARC in a tangent frame, with the section values `section`."""
     quadrature = "full" if kind.quadrature == kind.nodes else "reduced"
     mesh = Mesh(ARC, elements, kind.nodes, shape)
     any_section = bd.Section(SOFT_MATERIAL, area=0.9, second_moment=0.05)
@@ -99,7 +99,7 @@ def independent_quadrature(curve, elements, shape, nodes):
 
 @every_variant
 def test_reference_drawing_is_in_equilibrium(variant):
-    # Nothing but rounding.
+    # Rounding errors only.
     assert_allclose(create_numeric(variant).force(), 0.0, atol=1e-14 * EA)
 
 
@@ -115,8 +115,8 @@ def test_full_turn_of_the_frame_causes_no_elastic_force(variant):
 
 @every_variant
 def test_steady_rotation_about_the_origin_gives_centrifugal_forces(variant):
-    # At zero deformation the elastic and viscous forces vanish, what remains is the inertia of
-    # points on circles: its sum is mass times the acceleration of the center of mass.
+    # At zero deformation, elastic and viscous forces vanish; the sum of the inertial forces is the
+    # mass times the acceleration of the center of mass.
     numeric = create_numeric(variant)
     place, _, weight = independent_quadrature(ARC, 2, variant.shape, variant.nodes)
     omega = 1.7
@@ -125,7 +125,7 @@ def test_steady_rotation_about_the_origin_gives_centrifugal_forces(variant):
     a = np.zeros(numeric.n)
     a[:2] = -(omega**2) * q[:2]
     expected = -(omega**2) * RHO_A * weight @ place
-    # The same quadrature on both sides: rounding.
+    # Rounding errors: both sides use the same quadrature.
     assert_allclose(numeric.force(q, v, a)[:2], expected, rtol=1e-12)
 
 
@@ -134,13 +134,13 @@ def test_static_forces_are_the_gradient_of_strain_and_gravity_energy(variant):
     numeric = create_numeric(variant, gravity=(0.7, -3.0))
     q, _, _ = random_state(numeric, seed=1)
     gradient = finite_differences(lambda x: numeric.energies(x)[1] + numeric.energies(x)[2], q)
-    # Rounding of energies of order 100 over a step of 1e-3.
+    # Rounding errors of energies of order 100, divided by a step of 1e-3.
     assert_allclose(numeric.force(q), gradient, atol=1e-9)
 
 
 @cache
 def energies_of(kind):
-    """Return a function of (time, q, v, data) of one element: its three energies."""
+    """Return the function of (time, q, v, data) for the three energies of one element."""
     kernel = floating_frame_kernel(kind)
     x = kernel.local
     return ca.Function("energies", [x.time, x.q, x.v, x.data], [ca.densify(kernel.energies)])
@@ -149,7 +149,7 @@ def energies_of(kind):
 @pytest.mark.parametrize(("nodes", "quadrature"), POINTS)
 @every_shape
 def test_translation_in_nodal_coordinates_is_strainless_in_the_limit(shape, nodes, quadrature):
-    """Polynomials of (u, v) contain rigid translations exactly on a line only."""
+    """Polynomials (u, v) represent rigid translations exactly only on straight elements."""
     kind = FloatingFrameElement(nodes, quadrature, strain="linear")
     energies = []
     for elements in (1, 2, 4):
@@ -165,8 +165,9 @@ def test_translation_in_nodal_coordinates_is_strainless_in_the_limit(shape, node
     if shape == "straight" or nodes == 2:
         assert max(energies) < 1e-24  # stiffness times squares of rounded slopes
     else:
-        # Of the strain nodes - 1, of the energy twice that: 5.6 and 5.9 with 4 nodes, 3.6 and 3.9
-        # with 3. At 2 points the slopes of quadratics are better by an order: 6.3 and 6.2.
+        # The order of the strain is nodes - 1, that of the energy twice as high: 5.6 and 5.9 with
+        # 4 nodes, 3.6 and 3.9 with 3. At 2 points, slopes of quadratics are better by one order:
+        # 6.3 and 6.2.
         orders = np.log2(np.divide(energies[:-1], energies[1:]))
         expected = 4.0 if (nodes, quadrature) == (3, 3) else 6.0
         assert_allclose(orders, expected, atol=0.4)
@@ -183,7 +184,7 @@ def test_dissipated_power_matches_the_damping_forces_and_is_never_negative(varia
         q, v, a = random_state(damped, seed)
         dissipated = damped.energies(q, v)[4]
         assert dissipated > 0.0
-        # Differences of forces of order 100: rounding, 1e-14 of them.
+        # Rounding errors of differences of forces of order 100.
         power = v @ (damped.force(q, v, a) - undamped.force(q, v, a))
         assert_allclose(dissipated, power, rtol=1e-11)
 
@@ -211,7 +212,7 @@ def test_mass_matrix_is_symmetric_positive_definite_and_free_of_velocity(variant
     numeric = create_numeric(variant)
     q, v, a = random_state(numeric, seed=4)
     mass = numeric.mass(q, v, a)
-    # Rounding of sums of order one.
+    # Rounding errors of sums of order one.
     assert_allclose(mass, mass.T, atol=1e-14)
     assert_allclose(mass, numeric.mass(q, 5.0 * v, -a), atol=1e-14)
     assert np.linalg.eigvalsh(mass)[0] > 0.0
@@ -223,7 +224,7 @@ def test_total_mass_and_first_moments(variant):
     mass = numeric.mass()
     place, _, weight = independent_quadrature(ARC, 4, variant.shape, variant.nodes)
     center = RHO_A * weight @ (place - ARC.point(0.0))
-    # The same quadrature on both sides: rounding.
+    # Rounding errors: both sides use the same quadrature.
     assert_allclose(mass[:2, :2], RHO_A * weight.sum() * np.eye(2), rtol=1e-13, atol=1e-14)
     assert_allclose(mass[:2, 2], (-center[1], center[0]), rtol=1e-12)
     about_start = RHO_A * weight @ ((place - ARC.point(0.0)) ** 2).sum(axis=1)
@@ -232,20 +233,20 @@ def test_total_mass_and_first_moments(variant):
 
 @pytest.mark.parametrize("variant", [v for v in MOTION_VARIANTS if v.shape == "curved"], ids=str)
 def test_total_mass_is_that_of_the_curve(variant):
-    # The interpolated axis of eight elements is longer than the arc by 9.2e-8 of its length,
-    # with 3 nodes shorter by 6.2e-7.
+    # The relative length error of the interpolated axis of eight elements is 9.2e-8 with 4 nodes
+    # and -6.2e-7 with 3 nodes.
     mass = create_numeric(variant, elements=8).mass()
     assert_allclose(mass[0, 0], RHO_A * ARC.length, rtol=1e-7 if variant.nodes == 4 else 7e-7)
     s = np.linspace(0.0, ARC.length, 20001)
     arm = (ARC.point(s) - ARC.point(0.0)).mean(axis=0)
-    # The mean over 20001 points is exact to 1e-4 of a point's share of the arc.
+    # The mean over 20 001 points has an error below 1e-4.
     assert_allclose(mass[:2, 2], RHO_A * ARC.length * np.array([-arm[1], arm[0]]), rtol=1e-4)
 
 
 @every_kind
 @every_shape
 def test_kernel_is_lagranges_equation_of_its_energies(kind, shape):
-    """F = d/dt dT/dv - dT/dq + dV/dq + 1/2 dP/dv, P the dissipated power, quadratic in v."""
+    """F = d/dt dT/dv - dT/dq + dV/dq + 1/2 dP/dv with the dissipated power P, quadratic in v."""
     kernel = floating_frame_kernel(kind)
     x = kernel.local
     kinetic, potential = kernel.energies[0], kernel.energies[1] + kernel.energies[2]
@@ -263,14 +264,14 @@ def test_kernel_is_lagranges_equation_of_its_energies(kind, shape):
     for e in range(2):
         q, v, a = rng.standard_normal((3, kind.size))
         force, exact = (np.array(z).ravel() for z in both([0, 0], q, v, a, data[:, e]))
-        # Two orders of the same sums: rounding of forces up to some hundreds.
+        # Rounding errors: both sides sum the same terms in different order.
         assert_allclose(force, exact, atol=1e-12 * np.abs(exact).max())
 
 
 @every_kind
 @every_shape
 def test_kinetic_energy_is_that_of_the_moving_material_points(kind, shape):
-    """Velocities are differences of the positions r = r0 + A (s0 + A_alpha u)."""
+    """Velocities are finite differences of the positions r = r0 + A (s0 + A_alpha u)."""
     rhoA, rhoI = 1.2, 0.1
     data = element_data(kind, 1, shape, [54.0, 17.0, 3.0, rhoA, rhoI, 0.0], np.zeros(2))
     place, tangent, weight = independent_quadrature(ARC, 1, shape, kind.nodes)
@@ -354,7 +355,7 @@ def published_inertia(place, tangent, weight, rhoA, q, v, a):
     return matrix, np.concatenate([q_r, [q_t], q_p]), matrix @ a
 
 
-# The inertia does not depend on strains and damping; the slow run checks that.
+# The inertia does not depend on strains and damping; slow tests check this.
 @pytest.mark.parametrize(
     "kind",
     [
@@ -368,7 +369,7 @@ def published_inertia(place, tangent, weight, rhoA, q, v, a):
 )
 @every_shape
 def test_inertia_without_rotary_part_equals_the_published_matrices(kind, shape):
-    """Appendix of Pan & Liu, Theor. Appl. Mech. Lett. 2 (2012) 063006, for I = 0."""
+    """The matrices are from Pan & Liu, Theor. Appl. Mech. Lett. 2 (2012) 063006, appendix."""
     rhoA = 1.2
     data = element_data(kind, 1, shape, [0.0, 0.0, 0.0, rhoA, 0.0, 0.0], np.zeros(2))[:, 0]
     place, tangent, weight = independent_quadrature(ARC, 1, shape, kind.nodes)
@@ -382,9 +383,9 @@ def test_inertia_without_rotary_part_equals_the_published_matrices(kind, shape):
         local = np.concatenate([q, v, a, data])
         force = np.array(kernel.force_kernel.function([0, 0], local)).ravel()
         expected = inertia + quadratic
-        # Two evaluations of one sum: rounding.
+        # Rounding errors: both sides evaluate the same sum.
         assert_allclose(force, expected, atol=1e-10 * np.abs(expected).max())
-        # Of c_q dF/dq, c_v dF/dv and c_a dF/da the last one alone.
+        # With c_a = 1 and all other factors zero, only dF/da remains.
         tangents = kernel.tangent_kernel(((0,), (1,), (2,)))
         entries = tangents.function([0, 0, 0, 0, 1, 0, 0, 0], local)
         pattern = tangents.outputs[2]
@@ -458,7 +459,7 @@ def test_jacobian_of_step_equations(variant, stabilized):
     v_p, a_p = rng.standard_normal((2, n))
     time, at = np.array([0.3, 0.4]), StepPrediction(q_p, v_p, a_p, q_n, np.array([3.0, 5.0, 0.7]))
     whole = _full(step.pattern, step.jacobian(time, at, x))
-    # Corrections of positions, r = -G^T eta, are separate unknowns of the matrix: eliminate them.
+    # The position corrections r = -G^T eta are separate unknowns of the matrix; eliminate them.
     main_rows, r = slice(step.size), slice(step.size, None)
     jacobian = whole[main_rows, main_rows] - whole[main_rows, r] @ whole[r, main_rows]
     assert_derivative(jacobian, lambda z: step.residual(time, at, z), x)
@@ -471,18 +472,18 @@ def test_packed_states_solve_the_first_order_form(form):
     state = ConsistencySolver(equations).state(time, equations.q0, equations.v0)
     system = formulate_first_order(equations, form)
     y, yp = system.pack(state)
-    # Closing the joints stops at 1e-12 of the mechanism's size; forces are of order ten.
+    # The tolerance for closing joints is 1e-12 of the mechanism size; forces are of order ten.
     residual = system.residual(time, y, yp)
     assert_allclose(residual, 0.0, atol=1e-10)
     for unpacked_state, original in zip(system.unpack(y, yp), state, strict=True):
         assert_allclose(unpacked_state, original, rtol=0.0, atol=0.0)
 
 
-# What a beam reports ---------------------------------------------------------------------------
+# Observables of a beam ---------------------------------------------------------------------------
 
 
 def _cantilever(variant, curve, elements=3, displacements=False):
-    """Return a beam with observed section forces, and optionally displacements, at three places."""
+    """Return a beam whose section forces (and displacements) at three sections are observed."""
     mech = bd.Mechanism()
     beam = mech.add(variant.beam(curve, elements))
     for s in (0.0, 0.35, 1.0):
@@ -514,8 +515,8 @@ tangent_variants = parametrize_variants(v for v in VARIANTS if v.frame == "tange
 def test_section_forces_of_a_bent_cantilever_are_exact(variant):
     """Tip loads H, P and M on a straight Timoshenko cantilever: cubic for P, quadratic for M.
 
-    An element holds degree nodes - 1. At its reduced points slopes are exact for one degree more:
-    3 nodes give the forces of P and 2 nodes those of M, from displacements exact at the nodes.
+    An element represents the degree nodes - 1. At its reduced points, slopes are exact for one
+    degree more: with displacements exact at the nodes, 3 nodes suffice for P and 2 nodes for M.
     """
     degree = min(3, variant.nodes - (variant.quadrature == "full"))
     length, angle, H = 2.0, 0.7, 0.8
@@ -533,13 +534,13 @@ def test_section_forces_of_a_bent_cantilever_are_exact(variant):
     for share in (0.0, 0.35, 1.0):
         s = share * length
         kappa = -(P * (length - s) + M) / x.EI
-        # Rounding.
+        # Rounding errors only.
         assert_allclose(numeric.observed(f"forces {share}", q=q), (H, P, x.EI * kappa), atol=1e-11)
         assert_allclose(
             numeric.observed(f"strain {share}", q=q), [H / x.EA + 0.1 * kappa], atol=1e-13
         )
         if degree >= variant.nodes and share == 0.35:
-            continue  # no node there
+            continue  # no node at this section
         u, v, phi = field(s)
         c, sn = np.cos(angle), np.sin(angle)
         assert_allclose(numeric.observed(f"local {share}", q=q), (u, v, phi), atol=1e-13)
@@ -552,7 +553,7 @@ def test_section_forces_of_a_bent_cantilever_are_exact(variant):
 
 @tangent_variants
 def test_uniform_stretch_and_twist_of_a_straight_beam(variant):
-    """u = e s and phi = 0, v = g s: axial strain e (+ (e^2 + g^2)/2), shear strain g."""
+    """u = e s, v = g s and phi = 0: axial strain e (+ (e^2 + g^2)/2), shear strain g."""
     quadratic = variant.strain in ("nonlinear", "green")
     line, x = bd.Line((0.0, 0.0), (2.0, 0.0)), variant.section
     numeric = _cantilever(variant, line)
@@ -560,7 +561,7 @@ def test_uniform_stretch_and_twist_of_a_straight_beam(variant):
     q = _set_nodes(numeric, lambda s: (e * s, g * s, 0.0))
     axial = e + (0.5 * (e**2 + g**2) if quadratic else 0.0)
     for share in (0.0, 0.35, 1.0):
-        # Linear fields: rounding.
+        # Rounding errors of linear fields.
         assert_allclose(
             numeric.observed(f"forces {share}", q=q), (x.EA * axial, x.GA * g, 0.0), atol=1e-12
         )
@@ -574,14 +575,14 @@ def test_uniform_stretch_and_twist_of_a_straight_beam(variant):
 
 @parametrize_variants(v for v in VARIANTS if v.frame == "tangent" and v.shape == "curved")
 def test_inflated_arc_has_uniform_axial_strain(variant):
-    """v = w (towards the center) all along an arc: eps11 = -w/R (Green's: + (w/R)^2/2) alone."""
+    """v = w (towards the center) along an arc: only eps11 = -w/R, with Green + (w/R)^2/2."""
     numeric = _cantilever(variant, ARC, elements=6)
     w = 0.04
     q = _set_nodes(numeric, lambda s: (0.0, w, 0.0))
     axial = -w / ARC.radius
     axial += 0.5 * axial**2 if variant.strain == "green" else 0.0
     expected = (variant.section.EA * axial, 0.0, 0.0)
-    # The curvature of the interpolated axis is off by 0.1 (h/R)^2 = 4e-3 of itself.
+    # The relative curvature error of the interpolated axis is 0.1 (h/R)^2 = 4e-3.
     assert_allclose(numeric.observed("forces 1.0", q=q), expected, atol=6e-3 * abs(expected[0]))
 
 
@@ -593,17 +594,17 @@ def test_deformation_axes_differ_by_the_rotation_of_the_frame(variant):
         local, frame, inertial = (
             numeric.observed(f"{axes} {share}", q=q) for axes in ("local", "frame", "inertial")
         )
-        # Rounding.
+        # Rounding errors only.
         assert_allclose(_rotation(q[2]) @ frame[:2], inertial[:2], atol=1e-13)
         assert_allclose(np.linalg.norm(local[:2]), np.linalg.norm(frame[:2]), atol=1e-13)
         assert local[2] == frame[2] == inertial[2]
-        # Deformation is the position minus that on the rigid beam.
+        # Deformation is the position minus the position on the rigid beam.
         rigid = q[:2] + _rotation(q[2] - ARC.angle) @ (ARC.point(share * 2.0) - ARC.start)
         assert_allclose(numeric.observed(f"at {share}", q=q)[:2], rigid + inertial[:2], atol=1e-13)
 
 
 def test_rigid_rotation_has_no_green_strain_but_one_by_eq_5():
-    """A parabola is used because on an arc the terms missing in eq. (5) cancel."""
+    """A parabola is used because the terms missing in eq. (5) cancel on an arc."""
     turn, curve = 0.3, bd.Parabola(span=2.0, rise=0.5, start=ARC.start)
     stretch = {}
     for strain in ("nonlinear", "green", "linear"):
@@ -619,7 +620,7 @@ def test_rigid_rotation_has_no_green_strain_but_one_by_eq_5():
         q = numeric.equations.q0.copy()
         q[3:] = np.stack([along, across, 0.0 * s + turn], axis=-1).ravel()
         stretch[strain] = numeric.observed("axial", q=q)[0]
-    # Interpolation error 2e-6; without quadratic terms the strain is cos - 1.
+    # Interpolation error 2e-6; without quadratic terms, the strain is cos(turn) - 1.
     assert abs(stretch["green"]) < 1e-5
     assert_allclose(stretch["linear"], np.cos(turn) - 1.0, atol=1e-5)
     assert abs(stretch["nonlinear"]) > 1e-3

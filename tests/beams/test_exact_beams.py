@@ -1,4 +1,4 @@
-"""Properties of the geometrically exact beam beyond those of every kinematics."""
+"""Properties of the geometrically exact beam that other kinematics do not share."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_rigid_motion_causes_no_strain(settings):
         q = rotate_coordinates(numeric.equations.q0, angle, (3.0, -1.0))
         for s in (0.0, 0.4, 1.0):
             here, there = (numeric.observed(f"forces {s}", q=x) for x in (None, q))
-            # Rounding of strains, times stiffnesses of order 50; places up to 40 rad around.
+            # Rounding errors of strains, times stiffnesses of order 50; rotations up to 40 rad.
             assert_allclose(there, here, atol=1e-11)
         assert_allclose(numeric.energies(q)[1], at_rest, atol=1e-12 * max(1.0, at_rest))
 
@@ -115,7 +115,7 @@ def test_the_mass_matrix_is_constant_and_inertia_has_no_quadratic_terms():
 
 
 def test_strains_and_section_forces_are_reissners():
-    """Uniform stretch e, shear g and curvature b of a straight beam rotated by 2 rad."""
+    """A straight beam, rotated by 2 rad, has uniform stretch e, shear g and curvature b."""
     e, g, b, turn = 0.2, 0.1, 0.9, 2.0
     numeric = free_beam(curve=bd.Line((0.0, 0.0), (1.5, 0.0)), elements=8)
     s = np.linspace(0.0, 1.5, numeric.n // 3)
@@ -126,7 +126,7 @@ def test_strains_and_section_forces_are_reissners():
     q = np.column_stack([x, y, psi]).ravel()
     expected = (SECTION.EA * e, SECTION.GA * g, -SECTION.EI * b)
     for place in (0.0, 0.4, 1.0):
-        # Slopes of cubics through an arc of 0.17 rad an element.
+        # Interpolation errors of slopes with a curvature of 0.17 rad per element.
         assert_allclose(numeric.observed(f"forces {place}", q=q), expected, rtol=2e-4)
     energy = 0.75 * (SECTION.EA * e**2 + SECTION.GA * g**2 + SECTION.EI * b**2)
     assert_allclose(numeric.energies(q)[1], energy, rtol=1e-5)
@@ -147,7 +147,7 @@ def test_joints_at_nodes_are_linear():
 
 @pytest.mark.parametrize("frame", ["tangent", "chord"])
 def test_deformation_is_relative_to_the_reference_frame(frame):
-    """The frame is on the start section, or on the line from end to end."""
+    """The frame is attached to the start section or to the chord."""
     mech = bd.Mechanism()
     body = mech.add(beam(frame=frame))
     mech.observe("seen from", body.floating_frame)

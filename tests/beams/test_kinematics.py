@@ -1,4 +1,4 @@
-"""Properties of every kinematics of a beam, independent of its coordinates."""
+"""Properties of all beam kinematics, independent of the coordinates."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def free_beam(kind, gravity=(0.0, 0.0), extra_part=None, **start):
 
 
 def random_state(numeric, seed):
-    """Return coordinates near the drawing, velocities and accelerations of order one."""
+    """Return coordinates near the reference, velocities and accelerations of order one."""
     rng = np.random.default_rng(seed)
     q = numeric.equations.q0 + 0.05 * rng.standard_normal(numeric.n)
     return q, rng.standard_normal(numeric.n), rng.standard_normal(numeric.n)
@@ -44,7 +44,7 @@ def test_the_reference_drawing_is_in_equilibrium(kind):
     numeric = free_beam(kind)
     for s in (0.0, 0.4 * LENGTH, LENGTH):
         x, y, angle, *rates = numeric.observed(f"at {s}")
-        # The axis interpolates the curve within an element: cubic, off by the fourth order.
+        # The axis interpolates the curve by cubics, with an error of fourth order.
         assert_allclose((x, y), ARC.point(s), atol=1e-4)
         assert_allclose(angle, ARC.tangent_angle(s), atol=1e-3)
         assert_allclose(rates, 0.0, atol=1e-14)
@@ -66,7 +66,7 @@ def test_forces_at_rest_are_the_gradient_of_the_energy(kind):
     numeric = free_beam(kind, gravity=(0.3, -2.0))
     q, _, _ = random_state(numeric, 1)
     gradient = finite_differences(lambda x: numeric.energies(x)[1] + numeric.energies(x)[2], q)
-    # Rounding of energies of order 100 over a step of 1e-3, and truncation of the differences.
+    # Rounding errors of energies of order 100, divided by a step of 1e-3, and truncation errors.
     assert_allclose(numeric.force(q), gradient, rtol=1e-8, atol=1e-7)
 
 
@@ -83,7 +83,7 @@ def test_power_is_the_rate_of_the_energies(kind):
     rate = (8.0 * (energy(h) - energy(-h)) - (energy(2 * h) - energy(-2 * h))) / (12.0 * h)
     dissipated = numeric.energies(q, v)[4]
     assert dissipated > 0.0
-    # Energies of order 100, rounded, over the step.
+    # Rounding errors of energies of order 100, divided by the step.
     assert_allclose(numeric.force(q, v, a) @ v, rate + dissipated, rtol=1e-8, atol=1e-8)
 
 
@@ -93,14 +93,14 @@ def test_initial_velocity_is_the_given_rigid_motion(kind):
     numeric = free_beam(kind, velocity=speed, angular_velocity=spin)
     v = numeric.equations.v0
     kinetic, _, _, _, dissipated = numeric.energies(v=v)
-    # Mass and inertia of the arc about its start, from many points of it.
+    # Kinetic energy of the rigid arc, by quadrature with 20 points.
     s, weight = np.polynomial.legendre.leggauss(20)
     arm = ARC.point(0.5 * LENGTH * (s + 1.0)) - ARC.point(0.0)
     velocity = np.array(speed) + spin * np.stack([-arm[:, 1], arm[:, 0]], axis=-1)
     rho_a, rho_i = SECTION.rhoA, SECTION.rhoI
     line = rho_a * (velocity**2).sum(axis=1) + rho_i * spin**2
     assert_allclose(kinetic, 0.25 * LENGTH * weight @ line, rtol=1e-4)
-    # A rigid motion is free of strain, to the order of the interpolation.
+    # A rigid motion causes no strain except for interpolation errors.
     assert dissipated < 1e-4 * kinetic
 
 
@@ -127,13 +127,13 @@ def test_air_drag_of_a_translation_is_that_of_its_normal_velocities(kind):
     s, weight = np.polynomial.legendre.leggauss(40)
     angle = ARC.tangent_angle(0.5 * LENGTH * (s + 1.0))
     normal = velocity @ np.stack([-np.sin(angle), np.cos(angle)])
-    # A few points an element integrate the kink of |v| v to about a thousandth.
+    # A few points per element integrate |v_n|^3 with an error of about 1e-3.
     assert_allclose(power, 1.4 * 0.5 * LENGTH * weight @ np.abs(normal) ** 3, rtol=5e-3)
 
 
 @every_kinematics
 def test_deflection_of_a_cantilever_by_castigliano(kind):
-    """Tip of a quarter circle under a small dead force."""
+    """The tip of a quarter circle carries a small dead force."""
     steel = bd.Section(bd.Material(E=1e6, nu=0.3, rho=1.0), area=0.1, second_moment=1e-3)
     load, radius = 1e-3, 1.0
     curve = bd.Arc(radius=radius, length=0.5 * np.pi * radius)
@@ -147,7 +147,7 @@ def test_deflection_of_a_cantilever_by_castigliano(kind):
     k = np.block([[numeric.stiffness(), g.T], [g, np.zeros((3, 3))]])
     q = np.linalg.solve(k, np.concatenate([-numeric.force(), np.zeros(3)]))[: numeric.n]
     tip = numeric.observed("tip", q=numeric.equations.q0 + q)[0] - numeric.observed("tip")[0]
-    # Integrals of (R cos a)^2, cos^2 a and sin^2 a over the arc, a the angle from the clamp.
+    # Integrals of (R cos a)^2, cos^2 a and sin^2 a over the arc, with the angle a from the clamp.
     quarter = 0.25 * np.pi * radius
     bending, axial, shear = (
         quarter / stiffness for stiffness in (steel.EI / radius**2, steel.EA, steel.GA)

@@ -1,4 +1,4 @@
-"""Meshes: nodes on the curve, errors of the axes, operators of the floating frame."""
+"""Nodes on the curve, errors of the interpolated axes, and floating frame operators."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_mesh_errors_of_curved_elements(curve, quadrature):
     """
     errors = [mesh_errors(create_beam(curve, n, quadrature=quadrature)) for n in (16, 32, 64)]
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
-    # Lengths are rounded at 1e-14, the last error is 1e-12 or more.
+    # Rounding errors of lengths are 1e-14; the smallest error is at least 1e-12.
     assert_allclose(orders[:, 0], 4.0, atol=0.1)
     assert_allclose(orders[:, 1], 2.0, atol=0.1)
 
@@ -84,19 +84,19 @@ def test_mesh_errors_of_curved_elements(curve, quadrature):
 @pytest.mark.parametrize("quadrature", ["reduced", "full"])
 @every_curve
 def test_mesh_errors_of_quadratic_elements(curve, quadrature):
-    """Arc length converges with fourth order, curvature with first and on an arc with second.
+    """Arc length converges with fourth order, curvature with first order (second on an arc).
 
-    Quadratic interpolation is off by h^3 xi (xi^2 - 1) / 48 times the third derivative. That is
-    odd: it leaves the length of an element to the next order. Its second derivative across the
-    axis is h xi / 2 times the rate of the curvature, which an arc does not have. Parabola, 16 to
-    64 elements at 2 points: length 3.2e-7, 2.0e-8, 1.3e-9, curvature times length 7.5e-2, 3.7e-2,
-    1.9e-2.
+    The error of quadratic interpolation is h^3 xi (xi^2 - 1) / 48 times the third derivative. This
+    function is odd in xi, so the length of an element has an error of the next order. The second
+    derivative of the error across the axis is h xi / 2 times the derivative of the curvature, which
+    is zero on an arc. Parabola with 16, 32, 64 elements at 2 points: length 3.2e-7, 2.0e-8, 1.3e-9;
+    curvature times length 7.5e-2, 3.7e-2, 1.9e-2.
     """
     errors = [
         mesh_errors(create_beam(curve, n, quadrature=quadrature, nodes=3)) for n in (16, 32, 64)
     ]
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
-    # Lengths are rounded at 1e-14, the last error is 5e-13 or more.
+    # Rounding errors of lengths are 1e-14; the smallest error is at least 5e-13.
     assert_allclose(orders[:, 0], 4.0, atol=0.1)
     assert_allclose(orders[:, 1], 2.0 if isinstance(curve, bd.Arc) else 1.0, atol=0.1)
 
@@ -109,7 +109,7 @@ def test_elements_of_two_nodes_are_straight(curve, frame, quadrature):
         create_beam(curve, 5, shape, frame, quadrature, nodes=2) for shape in ("curved", "straight")
     )
     gravity = np.zeros(2)
-    # Rounding.
+    # Rounding errors only.
     for actual, expected in [
         (curved.kinematics.operator.toarray(), straight.kinematics.operator.toarray()),
         (
@@ -143,7 +143,7 @@ def test_straight_elements_miss_the_curvature_of_the_curve(quadrature):
             create_beam(ARC, n, "straight", quadrature=quadrature)
         )
         half = 0.5 * ARC.length / (n * ARC.radius)
-        # Chord over arc, to rounding.
+        # Ratio of chord to arc.
         assert_allclose(length_error, 1.0 - np.sin(half) / half, rtol=1e-9)
         assert_allclose(curvature_error, ARC.length / ARC.radius, rtol=1e-9)
 
@@ -154,7 +154,7 @@ def test_line_has_no_mesh_errors(shape, quadrature):
     errors = mesh_errors(
         create_beam(bd.Line((0.0, 1.0), (3.0, 2.0)), 3, shape, quadrature=quadrature)
     )
-    assert_allclose(errors, 0.0, atol=1e-13)  # rounding
+    assert_allclose(errors, 0.0, atol=1e-13)  # rounding errors
 
 
 @every_count
@@ -169,7 +169,7 @@ def test_nodes_of_curved_elements_lie_on_the_curve(curve, frame, nodes):
     on_curve = curve.point(np.linspace(0.0, curve.length, 3 * step + 1))
     for e in range(3):
         expected = on_curve[step * e : step * e + nodes]
-        assert_allclose(nodes_in_drawing[e], expected, atol=1e-14 * 10)  # rounding
+        assert_allclose(nodes_in_drawing[e], expected, atol=1e-14 * 10)  # rounding errors
 
 
 @every_count
@@ -184,7 +184,7 @@ def test_nodes_of_straight_elements_divide_the_chords_of_the_curve(curve, frame,
     for e in range(3):
         for i in range(nodes):
             expected = ends[e] + i / (nodes - 1) * (ends[e + 1] - ends[e])
-            assert_allclose(nodes_in_drawing[e, i], expected, atol=1e-14 * 10)  # rounding
+            assert_allclose(nodes_in_drawing[e, i], expected, atol=1e-14 * 10)  # rounding errors
 
 
 @every_curve
@@ -194,7 +194,7 @@ def test_axis_agrees_with_the_curve_where_it_interpolates_it(curve):
     at, angle, _, ds = frame.mesh_in_frame.axis(element, xi)
     s = (element + 0.5 * (xi + 1.0)) * curve.length / 40
     on_curve = (curve.point(s) - frame.origin) @ rotation(frame.frame_angle)
-    # Cubic interpolation over 1/40 of the length: fourth order in place, third in direction.
+    # Errors of cubic interpolation: fourth order in position, third order in direction.
     assert_allclose(at, on_curve, atol=1e-5)
     assert_allclose(angle, curve.tangent_angle(s) - frame.frame_angle, atol=1e-4)
     assert_allclose(ds, 0.5 * curve.length / 40, rtol=1e-4)
@@ -208,8 +208,8 @@ def test_kinks_between_curved_elements_are_of_third_order(nodes):
         element = np.arange(n)
         end_angles, start_angles = (mesh.axis(element, np.full(n, xi)).angle for xi in (1.0, -1.0))
         kinks.append(np.abs(end_angles[:-1] - start_angles[1:]).max())
-    # 5.6e-4, 7.0e-5, 8.8e-6 rad with 4 nodes, 1.9e-3, 2.4e-4, 3.0e-5 with 3: the slope of
-    # quadratics is off by h^2, the same on both sides of a node.
+    # Measured 5.6e-4, 7.0e-5, 8.8e-6 rad with 4 nodes, 1.9e-3, 2.4e-4, 3.0e-5 rad with 3 nodes: the
+    # slopes of quadratics have the same error of order h^2 on both sides of a node.
     assert_allclose(np.log2(np.divide(kinks[:-1], kinks[1:])), 3.0, atol=0.05)
 
 
@@ -230,7 +230,7 @@ def test_operator_has_one_column_per_coordinate(curve, shape, frame, nodes):
 
 
 def displacements_in_elements(body, q):
-    """Return (u, v, phi) of each element's nodes in the axes of the element, and their angles."""
+    """Return (u, v, phi) of the nodes in the axes of each element, and the axis angles."""
     mesh, frame = body.kinematics.mesh_in_frame, body.kinematics
     local = (frame.operator @ q).reshape(mesh.elements, frame.element.size)[:, FRAME_SIZE:]
     nodal = local.reshape(mesh.elements, mesh.nodes, NODE_SIZE)
@@ -256,10 +256,10 @@ def test_displacement_and_rotation_are_continuous_at_the_nodes(
         after = rotation(angles[e + 1, 0]) @ nodal[e + 1, 0, :2]
         assert nodal[e, -1, 2] == nodal[e + 1, 0, 2]
         if continuity == "cartesian":
-            assert_allclose(before, after, atol=1e-14 * np.linalg.norm(before))  # rounding
+            assert_allclose(before, after, atol=1e-14 * np.linalg.norm(before))  # rounding errors
         else:
-            # (u, v) are shared as they are; the axes differ by a kink of third order, 0.01 rad at
-            # most for these curves.
+            # The elements share (u, v), but their axes differ by a kink of third order, at most
+            # 0.01 rad for these curves.
             assert_allclose(nodal[e, -1], nodal[e + 1, 0], rtol=0.0)
             assert 0.0 < abs(angles[e, -1] - angles[e + 1, 0]) < 0.01
 
@@ -267,7 +267,7 @@ def test_displacement_and_rotation_are_continuous_at_the_nodes(
 @every_count
 @every_shape
 def test_nodal_coordinates_are_components_along_the_curve(shape, nodes):
-    """A field given by (u, v) along the curve's tangents becomes the same vectors in an element."""
+    """Components (u, v) in tangent frames of the curve give the same vectors in an element."""
     body = create_beam(ARC, 3, shape, nodes=nodes)
     mesh = body.mesh
     rng = np.random.default_rng(3)
@@ -283,7 +283,9 @@ def test_nodal_coordinates_are_components_along_the_curve(shape, nodes):
             names = (f"u{node}", f"v{node}")
             local = q[[coordinates.index(name) for name in names]]
             vector = rotation(angles[e, i]) @ nodal[e, i, :2]
-            assert_allclose(vector, rotation(tangent[node]) @ local, atol=1e-14 * 10)  # rounding
+            assert_allclose(
+                vector, rotation(tangent[node]) @ local, atol=1e-14 * 10
+            )  # rounding errors
 
 
 @every_shape
@@ -309,7 +311,7 @@ def test_chord_frame_keeps_both_ends_on_the_chord(curve, shape, continuity, node
     along = q[[coordinate.name for coordinate in body.coordinates].index("chord")]
     off = 0.0
     if continuity == "local":
-        # (u, v) of the curve's tangent are taken for those of the axis, off by a small angle.
+        # The components in the tangent frame are used for the axis, which differs by a small angle.
         off = abs(angles[-1, -1] - (curve.tangent_angle(curve.length) - frame_angle))
         assert off < 0.03
     assert_allclose(nodal[0, 0, :2], 0.0, atol=0.0)
@@ -326,7 +328,7 @@ def test_locate(curve, shape):
     assert mesh.locate(curve.length) == (4, 1.0)
     element, xi = mesh.locate(0.5 * curve.length)
     assert element == 2
-    assert_allclose(xi, 0.0, atol=1e-12)  # rounding
+    assert_allclose(xi, 0.0, atol=1e-12)  # rounding errors
 
 
 def test_chord_frame_of_a_ring_is_rejected():
@@ -335,7 +337,7 @@ def test_chord_frame_of_a_ring_is_rejected():
         bd.BeamdaeError, match=r"hoop: frame 'chord' requires a curve with separate"
     ):
         bd.Beam("hoop", ring, SECTION, frame="chord")
-    # The error is the same if the elements are too few for the ring.
+    # A tangent frame does not require a chord.
     assert create_beam(ring, 8, frame="tangent").kinematics.frame_angle == 0.0
 
 

@@ -31,8 +31,8 @@ def test_rectangle(width, height):
 @given(diameter=sizes)
 def test_circle_has_the_second_moment_of_its_points(diameter):
     section = bd.Section.circle(ALLOY, diameter)
-    # int y^2 dA and int dA over strips of width 2 sqrt(r^2 - y^2); the midpoint rule on 2000
-    # strips is good to 1e-4 with the square root at the rim.
+    # int y^2 dA and int dA over 2000 strips of width 2 sqrt(r^2 - y^2); the error of the midpoint
+    # rule is below 1e-4 despite the square root at the rim.
     edge = np.linspace(-0.5, 0.5, 2001) * diameter
     y = 0.5 * (edge[1:] + edge[:-1])
     strips = 2.0 * np.sqrt((0.5 * diameter) ** 2 - y**2) * np.diff(edge)
@@ -46,7 +46,7 @@ def test_pipe_is_the_difference_of_two_circles(outer, share):
     pipe = bd.Section.pipe(ALLOY, outer, wall=share * outer)
     whole = bd.Section.circle(ALLOY, outer)
     hole = bd.Section.circle(ALLOY, outer * (1.0 - 2.0 * share))
-    # For a wall of a hundredth of the diameter, the differences cancel to 4 %.
+    # For a wall of 1 % of the diameter, the difference is 4 % of the terms.
     assert_allclose(pipe.area, whole.area - hole.area, rtol=1e-13)
     assert_allclose(pipe.second_moment, whole.second_moment - hole.second_moment, rtol=1e-13)
 
@@ -54,7 +54,7 @@ def test_pipe_is_the_difference_of_two_circles(outer, share):
 def test_shear_coefficient_of_a_pipe_between_circle_and_thin_wall():
     full, thin = (bd.Section.pipe(ALLOY, 1.0, wall).shear_coefficient for wall in (0.499999, 1e-6))
     assert_allclose(full, bd.Section.circle(ALLOY, 1.0).shear_coefficient, rtol=1e-9)
-    # Cowper's of a thin-walled round tube, 2 (1 + nu) / (4 + 3 nu).
+    # Cowper (1966), thin-walled round tube: 2 (1 + nu) / (4 + 3 nu).
     assert_allclose(thin, 2.6 / 4.9, rtol=1e-9)
 
 
@@ -65,15 +65,15 @@ def test_i_profile_of_a_steel_table():
     fillets = (4.0 - np.pi) * 0.012**2
     arm = 0.1 - 0.0085 - 0.012 * (10.0 - 3.0 * np.pi) / (12.0 - 3.0 * np.pi)
     assert_allclose(profile.area + fillets, 28.48e-4, rtol=2e-4)
-    # The fillets' own second moment is 1e-4 of it.
+    # The second moment of the fillets about their centroids, 1e-4 of the total, is neglected.
     assert_allclose(profile.second_moment + fillets * arm**2, 19.43e-6, rtol=2e-3)
 
 
 def test_shear_coefficient_of_an_i_profile_by_the_energy_of_its_shear_flow():
-    """At nu = 0, Cowper's value follows from the energy, 1 / k = A / I^2 int S^2 / t ds."""
+    """At nu = 0, Cowper's value follows from the shear energy: 1 / k = A / I^2 int S^2 / t ds."""
     b, h, flange, web = 0.1, 0.19, 0.0085, 0.0056
     x, w = np.polynomial.legendre.leggauss(4)
-    # Walls as lines: static moments of the outer part of a flange and of the part above a height.
+    # Thin walls: static moments of the outer part of a flange and of the part above a height.
     out, up = 0.25 * b * (1.0 + x), 0.25 * h * (1.0 + x)
     in_flange, in_web = flange * out * h / 2.0, b * flange * h / 2.0 + web * (h**2 / 4 - up**2) / 2
     energy = 4.0 * 0.25 * b * (w @ in_flange**2) / flange + 2.0 * 0.25 * h * (w @ in_web**2) / web
@@ -85,7 +85,7 @@ def test_shear_coefficient_of_an_i_profile_by_the_energy_of_its_shear_flow():
 
 def test_i_profile_without_flanges_is_cowpers_thin_rectangle():
     profile = bd.Section.i_profile(ALLOY, width=0.0101, height=1.0, flange=1e-6, web=0.01)
-    # 10 (1 + nu) / (12 + 11 nu); flanges of 1e-6 of the height change 1e-5.
+    # 10 (1 + nu) / (12 + 11 nu); the thin flanges change this value by 1e-5.
     assert_allclose(profile.shear_coefficient, 13.0 / 15.3, rtol=1e-4)
 
 
@@ -123,7 +123,7 @@ def test_shear_modulus(nu):
 
 
 def test_mass_and_inertia_per_length_override_the_material():
-    """Simo & Vu-Quoc's spin-up beam: its rho A and rho I do not follow from one material."""
+    """In Simo & Vu-Quoc's spin-up beam, rho A and rho I do not follow from one material."""
     section = bd.Section(
         ALLOY, 1e-4, 1e-8, mass_per_length=1.2, rotary_inertia_per_length=6e-4, damping=0.1
     )
@@ -134,7 +134,7 @@ def test_mass_and_inertia_per_length_override_the_material():
     mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (10.0, 0.0)), section, angular_velocity=2.0))
     numeric = NumericEquations(mech)
     kinetic = numeric.energies(v=numeric.equations.v0)[0]
-    # Inertia of the rod about its start, and of its sections.
+    # Inertia of the rod about its start, and rotary inertia of its sections.
     assert_allclose(kinetic, 0.5 * (1.2 * 1000.0 / 3.0 + 6e-4 * 10.0) * 4.0, rtol=1e-12)
     assert_allclose(-numeric.force()[1], -9.81 * 12.0, rtol=1e-12)
 

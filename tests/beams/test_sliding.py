@@ -1,4 +1,4 @@
-"""Points that slide along deformed beams: interpolated track, exact solutions, balances."""
+"""Points sliding along deformed beams: interpolated track, exact solutions, balances."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CHORD = VARIANTS[2]
 
 
 def interpolated_curve(points):
-    """Return a function that evaluates the curve through points, its slope and curvature."""
+    """Return the function of the curve through `points`, and of its first two derivatives."""
     along = ca.SX.sym("along")
     at = interpolate_track(ca.SX(points), along)
     slope = ca.jacobian(at, along)
@@ -26,7 +26,7 @@ def interpolated_curve(points):
 
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 7, 25])
 def test_curve_is_exact_for_polynomials(count):
-    """Values and two derivatives are exact up to degree four, or less with fewer points."""
+    """Values and two derivatives are exact up to degree four (count - 1 with fewer points)."""
     degree = min(count - 1, 4)
     shape = np.polynomial.Polynomial([0.3, -0.2, 0.5, -0.1, 0.02][: degree + 1])
     k = np.arange(count, dtype=float)
@@ -34,7 +34,7 @@ def test_curve_is_exact_for_polynomials(count):
     for at in np.linspace(0.0, count - 1.0, 41):
         values = curve(at)
         expected = [[at, shape(at)], [1.0, shape.deriv(1)(at)], [0.0, shape.deriv(2)(at)]]
-        # Rounding of a degree of four at 24.
+        # Rounding errors of fourth powers of 24.
         assert_allclose(values, expected, rtol=1e-12, atol=1e-10)
 
 
@@ -44,7 +44,8 @@ def test_curve_is_smooth_at_its_points_and_straight_beyond_its_ends():
     for k in range(9):
         assert_allclose(curve(k)[0], points[:, k], atol=1e-14)
         below, above = (curve(k + side * 1e-9) for side in (-1, 1))
-        # Differences of 1e-9 of derivatives of order 100; curvature ends at the ends.
+        # One-sided values, 1e-9 apart, of derivatives of order 100; the curvature jumps to zero at
+        # the ends.
         for derivative in range(2 if k in (0, 8) else 3):
             assert_allclose(below[derivative], above[derivative], atol=1e-6)
     start, slope, _ = curve(0.0)
@@ -77,32 +78,32 @@ def bead_on_rotating_rod(E, elements=4):
     return mech, distance, omega
 
 
-# Its flexible neighbor below is run by all.
+# The flexible bead test below runs with all integrators.
 @integrators(rtol=1e-6, step=1e-3, slow=("ida", "alpha stabilized"))
 def test_bead_on_a_stiff_rotating_rod(integrator):
-    """s = r0 cosh(omega t); the rod is a thousand times as stiff as steel."""
+    """The solution is s = r0 cosh(omega t); the rod is 1000 times as stiff as steel."""
     mech, distance, omega = bead_on_rotating_rod(2.1e14)
     solution = bd.simulate(mech, integrator, t_end=0.9)
     columns, t = solution.observed, np.asarray(solution.t)
-    # 100 rtol of a range of 1 m.
+    # 50 rtol, for positions of order 1 m.
     assert_allclose(columns["s [m]"], distance * np.cosh(omega * t), atol=5e-5)
     assert solution.quality.energy_imbalance < 1e-4
 
 
 def test_error_of_the_rigid_rod_is_proportional_to_the_compliance():
-    """Ten times the stiffness, a tenth of the difference from the rigid rod."""
+    """With ten times the stiffness, the difference from the rigid rod is a tenth."""
     off = []
     for E in (2.1e12, 2.1e13):
         mech, distance, omega = bead_on_rotating_rod(E)
         solution = bd.simulate(mech, bd.Radau(rtol=1e-7), t_end=0.9)
         exact = distance * np.cosh(omega * np.asarray(solution.t))
         off.append(np.abs(solution.observed["s [m]"] - exact).max())
-    # Stretched by the centrifugal force and lagging: 2.6e-6 m and 2.6e-7 m.
+    # Measured 2.6e-6 m and 2.6e-7 m.
     assert_allclose(off[0] / off[1], 10.0, rtol=0.02)
 
 
 def bead_on_hanging_arc(elements, turn=0.0, place=(0.0, 0.0), damping=1e-4):
-    """Return a bead on a flexible arc between two pins, the drawing rotated and displaced."""
+    """Return a bead on a pinned flexible arc, rotated by `turn` and displaced by `place`."""
 
     def transform(x, y):
         c, s = np.cos(turn), np.sin(turn)
@@ -145,7 +146,7 @@ def test_element_boundaries_cost_no_steps():
     )
     # Measured: 487 and 518 steps.
     assert many.statistics.steps < 1.2 * few.statistics.steps
-    # The mesh of two elements is off by 2e-4 m.
+    # The discretization error of two elements is 2e-4 m.
     assert_allclose(few.observed["s [m]"], many.observed["s [m]"], atol=1e-3)
 
 
@@ -180,7 +181,7 @@ def test_reaction_is_normal_to_the_axis_in_equilibrium():
 
 
 def test_reported_reactions_replace_the_slider():
-    """Checked at a node of the beam, where the track coincides with the axis."""
+    """The point is at a node of the beam, where the track coincides with the axis."""
     mech, loaded = bd.Mechanism(), bd.Mechanism()
     beam = CHORD.beam(ARC)
     disk = bd.RigidBody("disk", 1.0, 0.1, center=(0.5, 0.4))
@@ -202,7 +203,7 @@ def test_reported_reactions_replace_the_slider():
     loaded.add(bd.Force("on a", point, tuple(force), "body"))
     loaded.add(bd.Force("on beam", beam.at(s), tuple(on_beam)))
     by_loads = NumericEquations(loaded).force(q[:-1]) - numeric.force(q)[:-1]
-    assert_allclose(by_loads, numeric.reaction(q, lam=lam)[:-1], atol=1e-12)  # rounding
+    assert_allclose(by_loads, numeric.reaction(q, lam=lam)[:-1], atol=1e-12)  # rounding errors
 
 
 def test_reaction_on_the_beam_is_normal_to_its_axis():
@@ -213,7 +214,7 @@ def test_reaction_on_the_beam_is_normal_to_its_axis():
     columns = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=0.05).columns
     across = columns["on beam.Fy [N]"]
     size = np.hypot(columns["on bead.Fx [N]"], columns["on bead.Fy [N]"])
-    # The beam hangs below the bead and is pushed down, to the right of the curve.
+    # The bead presses the beam down, to the right of the curve.
     assert_allclose(across, -size, rtol=1e-6)
     assert_allclose(columns["on beam.Fx [N]"], 0.0, atol=1e-6 * size.max())
     with pytest.raises(bd.BeamdaeError, match="slide: place must be one of 'a', 'beam', got 'b'"):

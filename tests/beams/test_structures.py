@@ -14,13 +14,13 @@ SLENDER = bd.Section.rectangle(STEEL, width=0.002, height=0.001)
 
 
 def static_displacement(mech):
-    """Return the change of an observation under the loads in the linear limit."""
+    """Return a function that maps an observable to its change under small loads."""
     numeric = NumericEquations(mech)
     stiffness, joint = numeric.stiffness(), numeric.constraint_matrix()
     assert np.linalg.matrix_rank(joint) == numeric.m
     saddle = np.block([[stiffness, joint.T], [joint, np.zeros((numeric.m, numeric.m))]])
     right = np.concatenate([-numeric.force(), np.zeros(numeric.m)])
-    # Axial stiffness is 1e7 times that of bending: balanced, the solution keeps its digits.
+    # Axial stiffness is 1e7 times the bending stiffness; scaling limits rounding errors.
     diagonal = np.sqrt(np.abs(np.diag(saddle)))
     scale = np.where(diagonal > 0.0, diagonal, 1.0)
     solution = np.linalg.solve(saddle / np.outer(scale, scale), right / scale) / scale
@@ -44,12 +44,12 @@ def test_sway_of_a_portal_frame():
     k = 2.0 * height / span
     expected = load * height**3 * (4.0 + 6.0 * k) / (24.0 * SLENDER.EI * (1.0 + 6.0 * k))
     change = static_displacement(mech)
-    # Members that stretch and shear: a few times (0.001 / 1)^2.
+    # Axial and shear flexibility contribute a few times (0.001 / 1)^2.
     assert_allclose([change("B")[0], change("C")[0]], expected, rtol=1e-5)
 
 
 def test_star_of_three_members():
-    """A star of three clamped arms turns by M / (3 * 4 EI / l), whatever their order."""
+    """A star of three clamped arms turns by M / (3 * 4 EI / l), in any order of the arms."""
     turns = np.radians([90.0, 210.0, 330.0])
     points = {f"P{k}": (np.cos(t), np.sin(t)) for k, t in enumerate(turns)} | {"O": (0.0, 0.0)}
     for members in (
@@ -63,13 +63,13 @@ def test_star_of_three_members():
             mech.add(bd.Weld(f"clamp {k}", mech.ground.at(*points[f"P{k}"]), star.corners[f"P{k}"]))
         mech.add(bd.Moment("moment", star.corners["O"], 1e-3))
         mech.observe("O", star.corners["O"])
-        # Shear: a few times (0.001 / 1)^2.
+        # Shear flexibility contributes a few times (0.001 / 1)^2.
         assert_allclose(static_displacement(mech)("O")[2], 1e-3 / (12.0 * SLENDER.EI), rtol=1e-4)
 
 
 @pytest.mark.parametrize("bodies", [2, 4, 8])
 def test_pinched_ring(bodies):
-    """Castigliano: shortening along the loads and growth across them (Timoshenko)."""
+    """Shortening along the loads and growth across them by Castigliano (Timoshenko)."""
     radius, load = 0.5, 1e-3
     section = bd.Section.rectangle(STEEL, width=0.01, height=0.05)
     mech = bd.Mechanism()
@@ -89,7 +89,7 @@ def test_pinched_ring(bodies):
     stretch = np.pi * load * radius / 4.0 * (1.0 / x.EA + 1.0 / x.GA)
     approach = bend * (np.pi / 4.0 - 2.0 / np.pi) + stretch
     growth = bend * (2.0 / np.pi - 0.5) + load * radius / 2.0 * (1.0 / x.GA - 1.0 / x.EA)
-    # 8 elements a quarter, as with Castigliano's cantilevers: 7e-7.
+    # Discretization error with 8 elements per quarter: 7e-7.
     assert_allclose(-change("top")[1], approach, rtol=1e-6)
     assert_allclose(change("right")[0] - change("left")[0], growth, rtol=2e-6)
 
@@ -165,7 +165,9 @@ def test_bodies_are_parts_of_the_curve_in_order():
     assert list(mech.parts) == ["rod 1", "rod 2", "rod 3", "rod 1 to rod 2", "rod 2 to rod 3"]
     assert [beam.mesh.elements for beam in beams] == [2, 2, 2]
     assert {beam.kinematics.frame for beam in beams} == {"chord"}
-    assert_allclose([beam.length for beam in beams], ARC.length / 3.0, rtol=1e-14)  # rounding
+    assert_allclose(
+        [beam.length for beam in beams], ARC.length / 3.0, rtol=1e-14
+    )  # rounding errors
     ends = [beams[0].start.point, *(beam.end.point for beam in beams)]
     assert_allclose(ends, ARC.point(np.linspace(0.0, ARC.length, 4)), atol=1e-14)
 

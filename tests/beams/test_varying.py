@@ -1,4 +1,4 @@
-"""Sections that vary along a beam, and beams drawn bent from a free shape."""
+"""Sections that vary along a beam, and beams bent from a stress-free shape."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def cantilever(section, load=-1e-6, curve=LINE, **settings):
 
 
 def static_displacement(mech):
-    """Return the equations and the displacements under the loads in the linear limit."""
+    """Return the equations and the displacements under small loads."""
     numeric = NumericEquations(mech)
     stiffness, joint = numeric.stiffness(), numeric.constraint_matrix()
     saddle = np.block([[stiffness, joint.T], [joint, np.zeros((numeric.m, numeric.m))]])
@@ -52,26 +52,26 @@ def static_displacement(mech):
 
 
 def natural_frequencies(mech, count):
-    """Lowest natural frequencies about the drawing [rad/s]."""
+    """Return the lowest natural frequencies about the reference configuration [rad/s]."""
     numeric = NumericEquations(mech)
     joint = numeric.constraint_matrix()
     free = np.linalg.svd(joint)[2][numeric.m :].T
     stiffness, mass = (free.T @ x() @ free for x in (numeric.stiffness, numeric.mass))
-    # A pointed end has almost no mass; the stiffness on the right-hand side is definite.
+    # A pointed end has almost no mass, so the definite stiffness is on the right-hand side.
     inverse = eigh(0.5 * (mass + mass.T), 0.5 * (stiffness + stiffness.T), eigvals_only=True)
     return 1.0 / np.sqrt(inverse[::-1][:count])
 
 
 @pytest.mark.parametrize("section", [wedge, TAPER], ids=["law", "taper"])
 def test_tip_of_a_tapered_cantilever(section):
-    # With t = h / h0: int (1 - s)^2 / (E b h^3 / 12) ds + int 1 / (k G b h) ds, h = h0 (1 - s / 2).
+    # int (1 - s)^2 / (E b h^3 / 12) ds + int 1 / (k G b h) ds with h = h0 + (h1 - h0) s.
     a = HEIGHTS[1] - HEIGHTS[0]
     ratio = HEIGHTS[1] / HEIGHTS[0]
     # 1 - s = (h - h1) / (-a): int (h - h1)^2 / h^3 dh from h1 to h0, over |a|^3.
     bending = (-np.log(ratio) + 2.0 * ratio - 0.5 * ratio**2 - 1.5) / abs(a) ** 3
     shearing = -np.log(ratio) / abs(a)
     exact = -1e-6 * (12.0 / (ALLOY.E * WIDTH) * bending + shearing / (5.0 / 6.0 * ALLOY.G * WIDTH))
-    # Measured 1.8e-6 and 3.2e-8: order 6.
+    # Measured 1.8e-6 and 3.2e-8, of order 6.
     for elements, error in ((4, 3e-6), (8, 5e-8)):
         mech, _ = cantilever(section, elements=elements)
         numeric, displacement = static_displacement(mech)
@@ -84,7 +84,7 @@ def test_mass_and_rotary_inertia_of_a_taper():
     mech.add(bd.Beam("beam", LINE, wedge, elements=3, angular_velocity=2.0))
     numeric = NumericEquations(mech)
     mass = ALLOY.rho * WIDTH * 0.015
-    # int s^2 h ds, and h^3 / 12 of the sections: polynomials, integrated exactly.
+    # The integrands s^2 h and h^3 / 12 are polynomials, which are integrated exactly.
     about_start = ALLOY.rho * WIDTH * (0.02 / 3.0 - 0.01 / 4.0)
     rotary = ALLOY.rho * WIDTH / 12.0 * (0.02**4 - 0.01**4) / 0.04
     assert_allclose(-numeric.force()[1], -9.81 * mass, rtol=1e-12)
@@ -95,8 +95,8 @@ def test_mass_and_rotary_inertia_of_a_taper():
 @pytest.mark.parametrize(
     ("shape", "published"),
     [
-        # Kirchhoff (1879): a wedge clamped at its thick end, 5.315 h / (2 L^2) sqrt(E / (3 rho))
-        # and a cone, 8.719 r / (2 L^2) sqrt(E / rho), both to a sharp tip.
+        # Kirchhoff (1879), clamped at the thick end with a sharp tip: 5.315 h / (2 L^2)
+        # sqrt(E / (3 rho)) for a wedge and 8.719 r / (2 L^2) sqrt(E / rho) for a cone.
         ((bd.Section.rectangle, {"width": 0.01, "height": (0.01, 1e-6)}), 5.315 / np.sqrt(12.0)),
         ((bd.Section.circle, {"diameter": (0.01, 1e-6)}), 8.719 / 4.0),
     ],
@@ -106,7 +106,7 @@ def test_first_frequency_of_a_pointed_cantilever(shape, published):
     make, sizes = shape
     mech, _ = cantilever(bd.taper(make, ALLOY, **sizes), load=0.0, elements=12)
     unit = 0.01 * np.sqrt(ALLOY.E / ALLOY.rho)
-    # Shear and rotary inertia take off some 1e-4 of so slender a bar; published digits 2e-4.
+    # Shear and rotary inertia reduce the frequency by about 1e-4; published digits resolve 2e-4.
     assert_allclose(natural_frequencies(mech, 1)[0], published * unit, rtol=8e-4)
 
 
@@ -124,7 +124,7 @@ def test_constant_section_law_equals_the_section(variant):
     q, v, a = random_state(plain, seed=3)
     for what in ("force", "energies", "stiffness", "damping", "mass"):
         actual = getattr(along, what)(q=q, v=v, a=a)
-        # Rounding.
+        # Rounding errors only.
         assert_allclose(actual, getattr(plain, what)(q=q, v=v, a=a), rtol=1e-12, atol=1e-11)
     for name in ("forces", "stress"):
         state = {"q": q, "v": v}
@@ -175,7 +175,7 @@ BENT = bd.Arc(radius=2.0, length=1.0)
 
 @pytest.mark.parametrize("frame", ["chord", "tangent"])
 def test_straight_strip_drawn_as_an_arc_balances_end_moments(frame):
-    """M = EI (1/R_free - 1/R) all along, strain energy EI L / (2 R^2), stress E h / (2 R)."""
+    """M = EI (1/R_free - 1/R) is uniform; strain energy EI L / (2 R^2), stress E h / (2 R)."""
     mech, beam = cantilever(
         STRIP, load=0.0, curve=BENT, free_curve=bd.Line((5.0, 0.0), (5.0, 1.0)), frame=frame
     )
@@ -186,11 +186,11 @@ def test_straight_strip_drawn_as_an_arc_balances_end_moments(frame):
     mech.observe("top", beam.stress(0.4, "top"))
     mech.observe("bottom", beam.strain(0.4, "bottom"))
     numeric, displacement = static_displacement(mech)
-    # Equal and opposite end moments balance the prestrain, to rounding.
+    # Equal and opposite end moments balance the prestrain except for rounding errors.
     assert np.abs(displacement).max() < 1e-12
     for s in (0.0, 0.4, 1.0):
         assert_allclose(numeric.observed(f"forces {s}"), (0.0, 0.0, -moment), atol=1e-12 * moment)
-    # The arc length of 8 elements is off by 4e-8 / R^4.
+    # The relative arc length error of 8 elements is 4e-8.
     assert_allclose(numeric.energies()[1], STRIP.EI / 8.0, rtol=1e-7)
     assert_allclose(numeric.observed("top"), [-ALLOY.E * 0.0005 / 2.0], rtol=1e-12)
     assert_allclose(numeric.observed("bottom"), [0.0005 / 2.0], rtol=1e-12)
@@ -214,7 +214,7 @@ def test_released_beam_oscillates_about_its_free_shape(name):
     solution = bd.simulate(mech, INTEGRATORS[name], t_end=8.0, output_step=0.02)
     y = solution.observed["tip.y [m]"].to_numpy()
     assert y[0] == pytest.approx(arc.point(1.0)[1], rel=1e-6)
-    # A damping ratio of a quarter: past the free shape by exp(-0.27 pi), and at rest in it by
+    # At a damping ratio of a quarter, the overshoot is exp(-0.27 pi), and the amplitude decays as
     # exp(-1.3 t).
     assert -0.5 * y[0] < y.min() < -0.35 * y[0]
     assert abs(y[-1]) < 3e-4 * y[0]
@@ -227,7 +227,7 @@ def test_welded_beams_share_section_law_and_free_shape():
         mech = bd.Mechanism()
         bodies = bd.welded_beams(mech, "strip", BENT, section, 4, free_curve=free, elements=2)
         heights = [beam.section.at(beam.length).height for beam in bodies]
-        # Rounding.
+        # Rounding errors only.
         assert_allclose(heights, (0.0175, 0.015, 0.0125, 0.01), rtol=1e-12)
         mech.observe("forces", bodies[2].section_forces(0.25))
         moment = wedge(0.75).EI / 2.0

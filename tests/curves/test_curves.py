@@ -1,4 +1,4 @@
-"""Curves by arc length: point, angle and curvature agree with each other and with closed forms."""
+"""Points, angles and curvatures agree with each other and with closed forms."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ def assert_consistent(curve):
     s = np.linspace(3 * h, length - 3 * h, 23)
     angle, curvature = curve.tangent_angle(s), curve.curvature(s)
     tangent = (curve.point(s + h) - curve.point(s - h)) / (2.0 * h)
-    # Differences truncate at (h / R)^2 / 6, and round the coordinates.
+    # Truncation error (h / R)^2 / 6 of differences, and rounding errors of the coordinates.
     rounding = 1e-15 * (np.abs(curve.point(s)).max() + length) / h
     tolerance = (h * np.abs(curvature).max()) ** 2 + rounding + 1e-11
     assert_allclose(tangent, np.stack([np.cos(angle), np.sin(angle)], axis=-1), atol=tolerance)
     turning = (curve.tangent_angle(s + h) - curve.tangent_angle(s - h)) / (2.0 * h)
-    # The curvature varies by its own size over a hundredth of the length in the sharpest case.
+    # In the sharpest case, the curvature changes by 100 % over a hundredth of the length.
     size = np.abs(curvature).max()
     assert_allclose(turning * length, curvature * length, atol=1e-3 * size * length + 1e-8)
 
@@ -63,7 +63,7 @@ def test_arc_length_is_that_of_a_fine_polygon(curve):
     chords = np.linalg.norm(np.diff(curve.point(s), axis=0), axis=1)
     ds = curve.length / 4000
     shorter = (ds * curve.curvature(s[:-1] + 0.5 * ds)) ** 2 / 24.0
-    # The next term of the chord's length, and the change of curvature within it.
+    # The next term of the chord length, and the change of curvature along the chord.
     assert_allclose(chords, ds * (1.0 - shorter), rtol=2e-9)
 
 
@@ -88,7 +88,7 @@ def test_random_arcs(radius, share, start, angle):
     arc = bd.Arc(radius, share * 2.0 * np.pi * abs(radius), start, angle)
     assert_consistent(arc)
     size = abs(radius) + np.hypot(*start)
-    # Rounding at the size of the coordinates.
+    # Rounding errors, relative to the size of the coordinates.
     assert_allclose(arc.point(0.0), start, atol=1e-14 * size)
     normal = np.array([-np.sin(angle), np.cos(angle)])
     s = np.linspace(0.0, arc.length, 7)
@@ -98,7 +98,7 @@ def test_random_arcs(radius, share, start, angle):
 
 def test_almost_straight_arc_is_accurate():
     arc = bd.Arc(radius=1e9, length=2.0)
-    # Rounding of the coordinates, not of the radius.
+    # Rounding errors of the coordinates, not of the radius.
     assert_allclose(arc.point(2.0), (2.0, 2e-9), rtol=1e-14)
 
 
@@ -108,19 +108,19 @@ def test_random_lines(start, end):
         return
     line = bd.Line(start, end)
     assert_consistent(line)
-    # Rounding at the size of the coordinates.
+    # Rounding errors, relative to the size of the coordinates.
     assert_allclose(line.point([0.0, line.length]), [start, end], atol=1e-14)
 
 
 @given(span=lengths, slope=st.floats(-3.0, 3.0), start=places, angle=angles)
 def test_random_parabolas(span, slope, start, angle):
-    """Closed forms of y = 4 d x (l - x) / l^2."""
+    """Parabolas y = 4 d x (l - x) / l^2 agree with closed forms."""
     rise = slope * span / 4.0
     parabola = bd.Parabola(span, rise, start, angle)
     assert_consistent(parabola)
     k = abs(slope)
     expected = span * (0.5 * np.hypot(1.0, k) + (np.arcsinh(k) / (2.0 * k) if k > 1e-8 else 0.5))
-    # Gauss quadrature of eight points on 400 intervals: rounding of 400 sums.
+    # Rounding errors of the sum over 400 intervals of eight Gauss points.
     assert_allclose(parabola.length, expected, rtol=1e-12)
     across = np.array([np.cos(angle), np.sin(angle)])
     ends = np.array([start, start + span * across])
@@ -144,8 +144,8 @@ def test_curve_of_the_circle_function_is_the_arc():
     arc = bd.Arc(radius, radius * angle)
     curve = bd.Curve(lambda x: radius - np.sqrt(radius**2 - x**2), x=(0.0, radius * np.sin(angle)))
     s = np.linspace(0.0, arc.length, 31)
-    # The quintic spline through 601 values is exact to rounding in the position; each derivative
-    # costs the 600 intervals once.
+    # The quintic spline through 601 values has rounding errors only; each derivative multiplies
+    # them by the 600 intervals.
     assert_allclose(curve.length, arc.length, rtol=1e-13)
     assert_allclose(curve.point(s), arc.point(s), atol=1e-12)
     assert_allclose(curve.tangent_angle(s), arc.tangent_angle(s), atol=1e-11)
@@ -159,7 +159,7 @@ def test_curve_through_points_converges_with_fourth_order():
         curve = bd.Curve(points=arc.point(np.linspace(0.0, arc.length, n + 1)))
         s = np.linspace(0.0, min(curve.length, arc.length), 200)
         off.append(np.abs(curve.point(s) - arc.point(s)).max())
-    # Cubic splines are of fourth order: 3.9 and 4.0 measured.
+    # Cubic splines are of fourth order; measured 3.9 and 4.0.
     assert np.all(np.log2(np.divide(off[:-1], off[1:])) > 3.7)
     assert off[-1] < 1e-6
 
@@ -168,7 +168,7 @@ def test_curve_through_points_of_a_parabola_is_the_parabola():
     x = np.linspace(0.0, 2.0, 9)
     curve = bd.Curve(points=np.stack([x, 0.3 * x * (2.0 - x)], axis=-1))
     parabola = bd.Parabola(span=2.0, rise=0.3)
-    # The spline runs over chord lengths, in which the parabola is no polynomial.
+    # The parabola is not a polynomial in the chord lengths that parametrize the spline.
     assert_allclose(curve.length, parabola.length, rtol=1e-5)
     assert_allclose(curve.point(1.0), parabola.point(1.0), atol=1e-4)
 
@@ -177,7 +177,7 @@ def test_constant_curvature_gives_an_arc():
     arc = bd.Arc(-0.8, 3.0, start=(0.3, -0.2), angle=1.0)
     curve = bd.IntrinsicCurve(lambda s: -1.25, 3.0, start=(0.3, -0.2), angle=1.0)
     s = np.linspace(0.0, 3.0, 31)
-    # Rounding.
+    # Rounding errors only.
     assert_allclose(curve.point(s), arc.point(s), atol=1e-13)
     assert_allclose(curve.tangent_angle(s), arc.tangent_angle(s), atol=1e-13)
 
@@ -185,7 +185,7 @@ def test_constant_curvature_gives_an_arc():
 def test_clothoid_matches_fresnel_integrals():
     from scipy.special import fresnel
 
-    # Curvature pi s: the angle is pi s^2 / 2, the argument of Fresnel's integrals.
+    # With the curvature pi s, the angle is pi s^2 / 2, the argument of Fresnel's integrals.
     curve = bd.IntrinsicCurve(lambda s: np.pi * s, 2.0)
     s = np.linspace(0.0, 2.0, 9)
     sine, cosine = fresnel(s)
@@ -197,7 +197,7 @@ def test_tangent_angle_is_continuous_over_a_full_turn():
     ring = bd.Curve(points=np.stack([np.cos(turn), np.sin(turn)], axis=-1))
     angle = ring.tangent_angle(np.linspace(0.0, ring.length, 500))
     assert np.abs(np.diff(angle)).max() < 0.03
-    # The spline's end conditions let the end tangents off by 1e-5.
+    # The end conditions of the spline cause errors of 1e-5 in the end tangents.
     assert_allclose(angle[-1] - angle[0], 2.0 * np.pi, atol=1e-3)
     assert bd.Arc(1.0, 2.0 * np.pi).tangent_angle(2.0 * np.pi) == 2.0 * np.pi
 
@@ -208,13 +208,13 @@ def test_a_backward_interval_reverses_the_curve():
 
     forward, backward = bd.Curve(rise, x=(0.0, 1.0)), bd.Curve(rise, x=(1.0, 0.0))
     s = np.linspace(0.0, forward.length, 11)
-    # Rounding.
+    # Rounding errors only.
     assert_allclose(backward.point(s), forward.point(forward.length - s), atol=1e-12)
     assert_allclose(backward.curvature(s), -forward.curvature(forward.length - s), atol=1e-8)
 
 
 def assert_same_from(curve, part, s):
-    """Assert that `part` equals the curve from `s` on, in every quantity."""
+    """Assert that `part` equals the curve from arc length `s` on."""
     x = np.linspace(0.0, part.length, 9)
     size = curve.length + np.abs(curve.point(s)).max()
     assert_allclose(part.point(x), curve.point(s + x), atol=1e-14 * size)
@@ -233,11 +233,11 @@ def assert_same_from(curve, part, s):
 def test_segments_equal_their_part_of_the_curve(curve, percents):
     cuts = [0.0, *(curve.length * p / 100.0 for p in sorted(percents)), curve.length]
     parts = [bd.Segment(curve, start, end) for start, end in pairwise(cuts)]
-    # Rounding of sums.
+    # Rounding errors of sums.
     assert_allclose(sum(part.length for part in parts), curve.length, rtol=1e-14)
     for part, start in zip(parts, cuts, strict=False):
         assert_same_from(curve, part, start)
-        # Also cut once more.
+        # A segment of a segment.
         rest = bd.Segment(part, 0.3 * part.length, part.length)
         assert_same_from(curve, rest, start + 0.3 * part.length)
     for one, other in pairwise(parts):
@@ -327,7 +327,7 @@ def test_invalid_curves_are_rejected(make, message):
 
 
 def test_cusp_is_rejected():
-    # A semicubical parabola through points: its tangent reverses at the origin.
+    # The tangent of a semicubical parabola reverses at the origin.
     tau = np.linspace(-1.0, 1.0, 81)
     with pytest.raises(bd.BeamdaeError, match="Curve: the curve folds onto itself"):
         bd.Curve(points=np.stack([tau**2, tau**3], axis=-1))

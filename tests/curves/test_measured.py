@@ -21,7 +21,7 @@ def measured_points(noise, count=40, seed=1):
 
 
 def curvature_error(curve):
-    """Return the relative root mean square error of the curvature."""
+    """Return the RMS error of the curvature, relative to that of ARC."""
     fraction = np.linspace(0.0, 1.0, 201)
     error = curve.curvature(fraction * curve.length) * ARC.radius - 1.0
     return float(np.sqrt(np.mean(error**2)))
@@ -31,7 +31,7 @@ def curvature_error(curve):
 def test_smoothing_by_the_noise_recovers_the_curvature(noise):
     through = bd.Curve(points=measured_points(noise))
     curve = bd.Curve(points=measured_points(noise), noise=noise)
-    # Measured over five seeds: 0.03 and 0.04, where that of the interpolation is off by 0.7 and 7.
+    # Measured over five seeds: 0.03 and 0.04; the errors of interpolation are 0.7 and 7.
     assert curvature_error(curve) < 0.1
     assert curvature_error(through) > 5.0 * curvature_error(curve)
     assert_allclose(curve.length, ARC.length, rtol=10.0 * noise)
@@ -39,12 +39,12 @@ def test_smoothing_by_the_noise_recovers_the_curvature(noise):
 
 def test_facts_contain_distances_and_curvature():
     facts = bd.Curve(points=measured_points(1e-3), noise=1e-3).facts
-    # Two coordinates of 1 mm, of which those along the curve are lost in part.
+    # Deviations of 1 mm in both coordinates; distances omit the components along the curve.
     assert 0.7e-3 < facts["root mean square distance of its points [m]"] < 1.5e-3
     assert 1e-3 < facts["largest distance of its points [m]"] < 5e-3
     assert_allclose(facts["largest curvature [1/m]"], 1.0 / 0.85, rtol=0.2)
     through = bd.Curve(points=measured_points(0.0)).facts
-    # From the tangent of the nearest of 2001 points: 2e-4 of a step, squared, over the diameter.
+    # Distances to the tangent at the nearest of 2001 points have errors of order step^2 / diameter.
     assert through["largest distance of its points [m]"] < 1e-7
     beam = bd.Beam("strip", bd.Curve(points=measured_points(1e-3), noise=1e-3), STRIP)
     assert facts.items() <= beam.facts.items()

@@ -1,4 +1,4 @@
-"""Expressions made of formulas have the values of functions with the numbers in them."""
+"""Expressions with numbers as data equal expressions that contain the numbers."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ TIME = np.array([0.7, 0.7])
 
 
 def machine():
-    """Return a mechanism with all parts that are made of formulas."""
+    """Return a mechanism with all parts whose expressions are made of formulas."""
     mech = bd.Mechanism(gravity=(0.3, -9.81))
     arc = bd.Arc(radius=0.9, length=0.5, start=(1.0, 0.1), angle=0.2)
     beam = mech.add(bd.Beam("beam", arc, STRIP, elements=2, frame="tangent"))
@@ -84,9 +84,9 @@ def test_formulas_have_the_values_of_functions(monkeypatch):
     by_recipe = NumericEquations(machine(), TIME)
     terms = [(*x.equations.forces, *x.equations.joints) for x in (by_kind, by_recipe)]
     kernels = [{id(term.kernel) for term in one} for one in terms]
-    # The element and the rigid body are shared either way.
+    # The kernels of the element and of the rigid body are shared in both cases.
     assert len(kernels[0] & kernels[1]) == 2
-    # A few operations have another order.
+    # A few operations have a different order.
     for got, expected in zip(values(by_kind), values(by_recipe), strict=True):
         assert_allclose(got, expected, rtol=1e-12, atol=1e-12 * np.max(np.abs(expected)))
 
@@ -136,7 +136,7 @@ def test_expression_of_formulas_and_functions_is_not_shareable():
 
 
 class HalvedLaw(Law):
-    """Half the value of its pieces."""
+    """Law with half the value of its pieces."""
 
     def __call__(self, time):
         return 0.5 * super().__call__(time)

@@ -1,4 +1,4 @@
-"""Statements that differ in numbers share a kernel and keep their values."""
+"""Statements that differ only in numbers share a kernel and keep their values."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ MODELS = Path(__file__).parents[2] / "models"
 
 
 def workshop(mass=1.0):
-    """Return three of every kind of statement, all with different numbers."""
+    """Return a mechanism with three statements of each kind, with different numbers."""
     mech = bd.Mechanism(gravity=(0.3, -9.81))
     for k in (1, 2, 3):
         arc = bd.Arc(radius=0.8 + 0.1 * k, length=0.5, start=(k, 0.1 * k), angle=0.2 * k)
@@ -40,7 +40,7 @@ def separate_groups(statements):
 
 
 def numbers(equations, name):
-    """Return residual and Jacobian of a first-order form at some state."""
+    """Return residual and Jacobian of the first-order form `name` at a random state."""
     form = formulate_first_order(equations, name)
     q, v, a, _ = random_state(equations)
     rest = np.cos(np.arange(form.size - 2 * equations.n))
@@ -82,7 +82,7 @@ def test_models_that_differ_in_numbers_share_kernels():
     assert not np.array_equal(one.p, other.p)
 
 
-# Parameters of the models, all different from the defaults; those of curves rotate elements.
+# Parameters that differ from the defaults of the models; parameters of curves rotate elements.
 NUMBERS = {
     "hub_beam": {"torque": 11.0, "frequency": 1.2, "density": 2800.0},
     "pendulum": {"tip_mass": 0.07, "damping": 2e-4},
@@ -168,5 +168,5 @@ def observe_scaled_point(factor):
 def test_quantities_that_differ_in_numbers_share_a_function():
     (function, *_), (same, values, point) = observe_scaled_point(2.5), observe_scaled_point(3.5)
     assert function is same
-    # Its numbers follow its data; rounding differs by a few operations.
+    # The numbers follow the data; rounding errors differ by a few operations.
     assert_allclose(values, 3.5 * point + 0.5, rtol=1e-14)

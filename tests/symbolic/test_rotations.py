@@ -28,7 +28,7 @@ from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.rotations import factor_operator, rotate_kernel
 
 TIME = np.array([0.1, 0.5])
-# Rounding of the sums of a frame over 100 elements.
+# Rounding errors of sums over 100 elements.
 RTOL = 1e-12
 
 
@@ -131,7 +131,7 @@ def test_separate_matrices_add_up(name):
 
 
 def test_operator_is_selection_times_rotation():
-    """Copies may have different columns."""
+    """The copies have different columns."""
     random = np.random.default_rng(1)
     rows, count, n = 4, 6, 9
     dense = random.normal(size=(rows * count, n)) * (random.random((rows * count, n)) < 0.3)
@@ -154,7 +154,7 @@ def test_selections_are_not_factored():
 
 
 def test_rotated_kernel():
-    """T^T F(T x) and T^T V T."""
+    """The rotated kernel computes T^T F(T x) and T^T V T."""
     random = np.random.default_rng(2)
     s, local = ca.SX.sym("s", 1), ca.SX.sym("local", 7)
     x, v, data = local[:3], local[3:6], local[6]
