@@ -91,7 +91,7 @@ def model_and_state(case, formulation):
 
 
 def dense_eigenvalues(lin):
-    """Return those of q' = v, M v' + C v + K q + H lam = 0 on the constraint manifold."""
+    """Return the eigenvalues of q' = v, M v' + C v + K q + H lam = 0 under the constraints."""
     tangent, e = lin.tangent, lin.equations
     stiffness, damping, mass = (
         x.toarray() for x in (tangent.stiffness, tangent.damping, tangent.mass)
@@ -120,7 +120,7 @@ def test_modes_match_dense_eigenvalues(case, formulation):
     expected = dense_eigenvalues(lin)
     for value, kind in zip(modes.eigenvalues, modes.kinds, strict=True):
         if kind == "free motion":
-            # A double zero is off by the square root of rounding.
+            # The error of a double zero is the square root of rounding.
             assert np.min(np.abs(expected)) < 1e-3
             continue
         assert_allclose(expected[np.argmin(np.abs(expected - value))], value, rtol=1e-8)
@@ -157,7 +157,7 @@ def test_every_model_has_modes_or_a_clear_error(path):
         try:
             bd.modes(model, about, n=4)
         except bd.BeamdaeError as error:
-            # Mechanisms that rotate or fall forever, and weight, which does not rotate.
+            # Some mechanisms rotate or fall forever, and weight does not rotate with the frame.
             if not re.search("no equilibrium was found|do not rotate with", str(error)):
                 raise
     modes = bd.modes(model, n=4)

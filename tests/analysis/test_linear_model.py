@@ -48,7 +48,7 @@ def strip(push=0.0):
 
 
 def test_shaken_mass_has_the_transfer_function_of_its_equation():
-    """m y'' + c (y' - u') + k (y - u) = F; the driver force is M u'' + m y'' plus weight."""
+    """m y'' + c (y' - u') + k (y - u) = F; the driver force is M u'' + m y'' - F plus weight."""
     model = bd.linearize(mount(), about="equilibrium")
     assert [x.header for x in model.inputs] == [
         "shaker.travel_ddot [m/s^2]",
@@ -66,7 +66,7 @@ def test_shaken_mass_has_the_transfer_function_of_its_equation():
     assert_allclose(response[:, load, 2], 1.0 / dynamic_stiffness, rtol=1e-9)
     by_u = (c * s + k) / dynamic_stiffness
     assert_allclose(response[:, load, 0], by_u / s**2, rtol=1e-9)
-    # The sign is that of the force on the foot.
+    # Magnitude of the driver force per unit of acceleration.
     assert_allclose(np.abs(response[:, force, 0]), np.abs(0.5 + m * by_u), rtol=1e-9)
     assert_allclose(response[:, force, 2], -(c * s + k) / dynamic_stiffness, rtol=1e-9)
     assert_allclose(model.output_values[force], 2.5 * 9.81, rtol=1e-9)
@@ -76,7 +76,7 @@ def test_eigenvalues_of_the_state_matrix_are_the_modes():
     model, modes = bd.linearize(strip()), bd.modes(strip(), n=3)
     values = np.linalg.eigvals(model.A)
     upper = sorted(values[values.imag > 0.0], key=abs)[:3]
-    # Rounding relative to the fastest modes, which are 1e6 times as fast.
+    # Rounding errors are relative to the fastest modes, which are 1e6 times as fast.
     assert_allclose(upper, modes.eigenvalues, rtol=2e-5)
 
 

@@ -22,7 +22,7 @@ def oscillator(mass=2.0, stiffness=8.0, damping=0.0):
 
 
 def double_pendulum(turn=0.0, shift=(0.0, 0.0), backwards=False, lengths=(1.0, 0.7), up=False):
-    """Return two bobs on massless rods, one below the other."""
+    """Return two bobs on massless rods in a straight line, hanging or upright."""
     c, s = np.cos(turn), np.sin(turn)
     down = np.array([s, -c]) * (-1.0 if up else 1.0)
     mech = bd.Mechanism(gravity=(9.81 * s, -9.81 * c))
@@ -46,10 +46,10 @@ def cantilever(elements=8, gravity=(0.0, 0.0), damping=0.0, **settings):
 
 
 def timoshenko_cantilever(section, length, count):
-    """Return angular frequencies of a clamped-free Timoshenko beam, by its characteristic equation.
+    """Return angular frequencies [rad/s] of a Timoshenko cantilever.
 
-    y = sum a_k exp(r_k s) with r^2 the roots of r^4 + (a + b) r^2 + a b - c = 0 (Han, Benaroya
-    & Wei, JSV 225 (1999) 935); the determinant is that of the four end conditions.
+    The deflection is sum a_k exp(r_k s), where r_k are the roots of r^4 + (a + b) r^2 + a b - c = 0
+    (Han, Benaroya & Wei, JSV 225 (1999) 935); the determinant is that of the four end conditions.
     """
     ei, ga, m, j = section.EI, section.GA, section.rhoA, section.rhoI
 
@@ -97,7 +97,7 @@ def test_damped_oscillator_has_the_roots_of_its_equation(damping):
 
 @pytest.mark.parametrize("about", ["reference", "equilibrium"])
 def test_double_pendulum_has_the_roots_of_its_equation(about):
-    """w^4 m1 l1 l2 - w^2 m (l1 + l2) g + m g^2 = 0, m = m1 + m2."""
+    """The equation is w^4 m1 l1 l2 - w^2 m (l1 + l2) g + m g^2 = 0 with m = m1 + m2."""
     modes = bd.modes(double_pendulum(), about=about)
     m1, m2, l1, l2, g = 2.0, 0.5, 1.0, 0.7, 9.81
     squares = np.roots([m1 * l1 * l2, -(m1 + m2) * (l1 + l2) * g, (m1 + m2) * g**2])
@@ -128,7 +128,7 @@ def test_cantilever_matches_timoshenko_theory(height):
     assert_allclose(nearest, expected, rtol=2e-6)
     assert_allclose(nearest[:2], expected[:2], rtol=2e-8)
     if height < 0.01:
-        # Euler-Bernoulli, cosh(x) cos(x) = -1; the height lowers it by 4 (h / L)^2 x^2 / 12.
+        # Euler-Bernoulli, cosh(x) cos(x) = -1; the height lowers w by 4 (h / L)^2 x^2 / 12.
         thin = np.array([1.875104068711961, 4.694091132974175]) ** 2
         thin *= np.sqrt(section.EI / section.rhoA) / 0.25
         assert_allclose(modes[:2], thin, rtol=2e-4)
@@ -141,7 +141,7 @@ def test_cantilever_matches_timoshenko_theory(height):
 def test_effective_masses_add_up_to_the_moving_mass():
     modes = bd.modes(cantilever(2), n=None)
     total = STRIP.rhoA * 0.5
-    # Less the mass that is fixed with the root, a share of the first element.
+    # The mass fixed at the root, a fraction of the first element, does not contribute.
     assert_allclose(modes.effective_masses.sum(axis=0), total, rtol=0.07)
     assert_allclose(sum(modes.shares.values()), 1.0, rtol=1e-12)
     mass = modes._linearization.tangent.mass
@@ -178,7 +178,7 @@ def test_free_beam_has_three_rigid_body_modes(elements, damping):
     # cosh(x) cos(x) = 1
     expected = np.array([4.730040744862704, 7.853204624095838]) ** 2
     expected *= np.sqrt(strip.EI / strip.rhoA) / np.hypot(0.5, 0.2) ** 2
-    # Shear and rotary inertia of the height 0.002 m; the mesh error for four elements.
+    # Allows for shear and rotary inertia at a height of 0.002 m, and the error of four elements.
     assert_allclose(np.abs(modes.eigenvalues[3:]), expected, rtol=1e-3)
 
 
@@ -246,7 +246,7 @@ def test_tip_load_changes_the_bending_frequency():
         squares.append(-((first**2).real))
     tensile, unloaded, compressive, below, above = squares
     assert_allclose([tensile / unloaded, compressive / unloaded], [1.2, 0.8], rtol=0.02)
-    # Shear and compression of the strip shift the critical load by 1e-5 of it.
+    # Shear and compression of the strip change the critical load by a fraction of 1e-5.
     assert below > 0.0 > above
     assert abs(below) < 2e-3 * unloaded
 
@@ -351,7 +351,7 @@ def test_dense_and_sparse_solvers_agree(damping, monkeypatch):
         module = f"beamdae.analysis.linear_dynamics.{kind}_eigenproblem"
         monkeypatch.setattr(f"{module}.MAX_DENSE_COORDINATES", 10)
     sparse = bd.modes(mech, n=8)
-    # Axial stiffness is 1e9 times that of the lowest mode; its rounding leaves 1e-7 of that.
+    # Rounding of the axial stiffness, 1e9 times that of the lowest mode, limits the agreement.
     assert_allclose(sparse.eigenvalues, dense.eigenvalues, rtol=1e-8)
     assert_allclose(np.diag(sparse.mac(dense)), 1.0, rtol=1e-9)
 

@@ -11,7 +11,7 @@ STRIP = bd.Section.rectangle(STEEL, width=0.03, height=0.002)
 
 
 def truss():
-    """Return a crown of 1 kg on two springs whose feet are 1 m aside and 0.2 m below."""
+    """Return a crown of 1 kg on two springs whose feet are 1 m to the sides and 0.2 m below."""
     mech = bd.Mechanism()
     crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, 0.2)))
     for name, x in (("left", -1.0), ("right", 1.0)):

@@ -27,7 +27,7 @@ def truss_load(y, rise=RISE):
     return 2.0 * STIFFNESS * (free_length - length) * y / length
 
 
-# Its derivative by y vanishes where L^3 = L0.
+# The derivative of the load with respect to y vanishes where L^3 = L0.
 HEIGHT = np.sqrt(np.hypot(1.0, RISE) ** (2.0 / 3.0) - 1.0)
 LIMIT = truss_load(HEIGHT)
 
@@ -57,7 +57,7 @@ def test_path_ends_at_the_limit_load_under_load_control():
     assert path.status.kind == "failed"
     assert "crown.y has lost" in path.status.sentence
     assert "use control='arc length' to continue past this point" in path.status.sentence
-    # Cut back to a millionth of a step.
+    # The last step is a millionth of the largest.
     assert path.factor == pytest.approx(LIMIT, rel=1e-6)
     assert np.all(np.diff(path.factors[:, 0]) > 0.0)
 
@@ -159,7 +159,7 @@ def test_closed_secondary_path_is_left_by_a_second_switch():
     with pytest.warns(bd.BeamdaeWarning, match=r"the path is closed.*switch=\[1, 1\]"):
         around = bd.equilibrium(**arguments, switch=1)
     assert around.status.kind == "failed"
-    # On this path the load factor turns there, and no eigenvalue changes sign.
+    # At branch points of this path, the load factor turns and no eigenvalue changes sign.
     assert_allclose(branch_factors(around), [low, -low, low], rtol=1e-7)
     through = bd.equilibrium(**arguments, switch=[1, 1])
     assert through.status.success

@@ -51,7 +51,7 @@ def test_damped_oscillator_under_a_sine(frequency):
 
 
 def mathieu(a, q, damping=0.0):
-    """Return x'' + damping x' + (a - 2 q cos 2 t) x = 0, initially at rest."""
+    """Return the system x'' + damping x' + (a - 2 q cos 2 t) x = 0, at rest at x = 0."""
     t, x, v = (ca.SX.sym(name) for name in "txv")
     force = -(a - 2.0 * q * ca.cos(2.0 * t)) * x - damping * v
     return bd.ConstrainedSystem(t, x, v, mass=[1.0], force=force, q0=[0.0], v0=[0.0])
@@ -204,7 +204,7 @@ def test_response_of_a_duffing_oscillator_passes_both_folds():
     np.testing.assert_allclose(response.folds, expected, rtol=1e-3)
 
 
-# A stiffness of this size makes it vibrate a thousand times as fast: ten seconds.
+# With this stiffness, vibrations are a thousand times as fast; the test takes ten seconds.
 STIFF = pytest.param(1e6, marks=pytest.mark.slow(reason="thousands of vibrations in a period"))
 
 

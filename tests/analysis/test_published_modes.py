@@ -29,8 +29,8 @@ STORED = pd.read_csv(SUMMARY)
 def ritz(speed, terms=14):
     """Return flapping frequencies of a thin rotating cantilever, by the Rayleigh-Ritz method.
 
-    From 1/2 int y''^2 + W^2 (1 - x^2) / 2 y'^2 - w^2 y^2 dx with unit EI, rho A and length, in
-    y = x^2 T_k(2 x - 1).
+    The functional is 1/2 int (y''^2 + W^2 (1 - x^2) / 2 y'^2 - w^2 y^2) dx with unit EI, rho A and
+    length; the shapes are y = x^2 T_k(2 x - 1).
     """
     shapes = [Polynomial([0.0, 0.0, 1.0])]
     for k in range(1, terms):
@@ -65,7 +65,7 @@ def test_published_frequencies_are_reproduced(case, formulation):
     assert [float(row["published"]) for row in rows] == list(stored_rows["published"].astype(float))
     for row, line in zip(rows, stored_rows.to_dict("records"), strict=True):
         assert float(row["relative"]) <= case.tolerance
-        # Tolerance for rounding of slender structures.
+        # Allows for rounding errors of slender structures.
         assert_allclose(float(row["ours"]), float(line["ours"]), rtol=1e-7)
 
 
@@ -101,7 +101,7 @@ def test_published_frequencies_of_rotating_arms_match_ritz(speed):
 def test_thin_rotating_arm_matches_ritz(speed, formulation):
     """In the plane of rotation, spin softening lowers w^2 by the square of the speed."""
     values = bd.modes(rotating_arm(1e3, 8, formulation), about=bd.rotation(speed), n=3).eigenvalues
-    # Shear, rotary inertia and axial strain at slenderness 1000: 1e-6 (k pi)^2; and the mesh.
+    # Allows for shear, rotary inertia and axial strain, 1e-6 (k pi)^2, and the mesh error.
     assert_allclose(np.sqrt(values.imag**2 + speed**2), ritz(speed), rtol=2.5e-4)
     assert_allclose(values.real, 0.0, atol=1e-9)
 

@@ -72,13 +72,13 @@ def test_rotating_free_body_drifts():
     mech.add(bd.RigidBody("body", 2.0, 0.1, center=(0.0, 0.0)))
     modes = bd.modes(mech, about=bd.rotation(3.0))
     assert modes.kinds[0] == "free motion"
-    # Double roots are off by the square root of rounding.
+    # The error of double roots is the square root of rounding.
     assert_allclose(modes.eigenvalues[1:], 3.0j, rtol=0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (4.0, -1.0)])
 def test_eccentric_particle_moves_out_to_its_equilibrium_radius(shift):
-    """r = k r0 / (k - m W^2)."""
+    """The radius is r = k r0 / (k - m W^2)."""
     speed, r0 = 3.0, 0.2
     mech = with_driver(*particle_in_rotor(offset=(r0, 0.0), shift=shift))
     lin = linearize_about("modes", mech, bd.rotation(speed, shift))
@@ -114,7 +114,7 @@ def test_speed_beyond_the_critical_one_has_no_reachable_steady_state():
 
 
 def test_follower_loads_are_part_of_the_steady_state():
-    """A follower force on a rotating disk is one of its steady loads."""
+    """A follower force rotates with the disk, so that a steady state exists."""
     mech, disk = particle_in_rotor(offset=(0.2, 0.0))
     mech.add(bd.Force("jet", disk.at(0.5, 0.0), (0.0, 1.0), axes="body"))
     assert len(bd.modes(with_driver(mech, disk), about=bd.rotation(2.0))) == 3

@@ -37,7 +37,7 @@ def test_thin_strip_is_not_free(options, elements, height):
 @pytest.mark.slow(reason="half a second and more")
 @FORMULATIONS
 def test_hinged_strip_hangs_down(options):
-    # More coordinates than dense matrices are used for; the frame rotates without stiffness.
+    # The model exceeds the limit for dense matrices; the frame rotates without stiffness.
     path = bd.equilibrium(strip(20, 1e-2, joint=bd.Revolute, **options))
     assert path.stable
     assert path.columns["tip.y [m]"][-1] == pytest.approx(-1.0, abs=1e-5)

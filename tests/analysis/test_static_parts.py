@@ -14,7 +14,7 @@ STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 
 
 def mechanism_with_all_forces():
-    """A welded leaf with a follower load, contact, a slider, a rope and springs, under gravity."""
+    """Return a leaf of welded beams with all kinds of forces: loads, contact, friction, springs."""
     mech = bd.Mechanism(gravity=(1.0, lambda t: -9.81 - t))
     strip = bd.Section.rectangle(STEEL, width=0.02, height=0.002, damping=1e-4)
     leaf = bd.welded_beams(mech, "leaf", bd.Arc(1.0, 1.0), strip, bodies=2, elements=1)
@@ -121,7 +121,7 @@ def test_inertia_count_by_pivots_matches_eigenvalues(factor, monkeypatch):
 
 @pytest.mark.parametrize("formulation", ["exact", "floating frame"])
 def test_fine_mesh_is_free_only_without_a_clamp(formulation):
-    """The lowest stiffness of a fine mesh is 1e-11 of the largest one, rounding 1e-16."""
+    """The lowest stiffness of a fine mesh is 1e-11 of the largest; rounding errors are 1e-16."""
     strip = bd.Section.rectangle(STEEL, width=0.02, height=0.002)
 
     def find_equilibrium(clamped):

@@ -11,7 +11,7 @@ from beamdae.simulation import as_equations
 
 @pytest.fixture(scope="module")
 def balance():
-    """Balance of a hub beam, buffers of plain Python, and more states than fit one block."""
+    """Return the balance of a hub beam, Python buffers, and more states than fit into a block."""
     equations = as_equations("simulate", hub_beam(elements=2))
     evaluate = measures.balance_rows(equations)
     run = measures.plan_balance(equations.structure).buffers(False, equations.p)

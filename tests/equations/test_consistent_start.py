@@ -39,7 +39,7 @@ def crank_and_rod(variant, angle=0.0, gravity=(0.3, -2.0)):
 
 def assert_consistent(numeric, state):
     levels = [np.abs(level(state.q, state.v, state.a)).max() for level in numeric.levels]
-    # Positions are closed to 1e-12 of the size; the rest is rounding of forces up to 100.
+    # Gaps are closed to 1e-12; the other errors are rounding of forces up to 100.
     assert levels[0] < 1e-11
     assert levels[1] < 1e-12
     assert levels[2] < 1e-11
@@ -76,7 +76,7 @@ def test_velocities_change_least_in_kinetic_energy(variant):
     lever = np.linalg.solve(mass, joint.T)
     g_dot = numeric.levels[1](state.q, requested)
     expected = requested - lever @ np.linalg.solve(joint @ lever, g_dot)
-    # Condition number of the mass matrix, 1e3, times rounding.
+    # The error is rounding times the condition number of the mass matrix, 1e3.
     assert_allclose(state.v, expected, atol=1e-10)
     # The change is orthogonal to all admissible velocities.
     _, _, right = np.linalg.svd(joint)
@@ -91,7 +91,7 @@ def test_accelerations_and_multipliers_solve_the_saddle_point_system(variant):
     matrix = np.block([[mass, joint.T], [joint, np.zeros((numeric.m, numeric.m))]])
     at_rest = numeric.force(state.q, state.v), numeric.levels[2](state.q, state.v)
     solution = -np.linalg.solve(matrix, np.concatenate(at_rest))
-    # Condition number of the system, 1e4, times rounding of forces up to 100.
+    # The error is rounding of forces up to 100 times the condition number of the system, 1e4.
     assert_allclose(np.concatenate([state.a, state.lam]), solution, rtol=1e-8, atol=1e-9)
 
 
@@ -133,13 +133,13 @@ def test_offset_moves_rigid_bodies_in_the_metric_of_their_masses(offset):
     mass, joint = numeric.mass(), numeric.constraint_matrix()
     lever = np.linalg.solve(mass, joint.T)
     step = -lever @ np.linalg.solve(joint @ lever, numeric.levels[0]())
-    # Rotations differ from tangents quadratically in the offset, with radii up to 2 m.
+    # With radii up to 2 m, rotations differ from tangents by up to 2 offset^2.
     assert_allclose(state.q - numeric.equations.q0, step, atol=2.0 * offset**2)
     assert np.abs(step).max() > 0.1 * offset
 
 
 def strain_energy_of_an_offset(variant, height, offset):
-    """Return the strain energy of a beam on a driven hub, relative to bending it by the offset."""
+    """Return the strain energy of a beam on a driven hub, relative to bending by the offset."""
     alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)
     strip = bd.Section.rectangle(alloy, width=0.03, height=height)
     mech = bd.Mechanism()
@@ -301,7 +301,7 @@ def test_infinite_constraints_are_named():
 
 
 def test_normal_jerk_of_a_rotating_pendulum():
-    """At a constant rate the jerk of the center is -omega^2 v; P projects it in closed form."""
+    """At a constant rate, the jerk of the center is -omega^2 v; P has a closed form."""
     omega, radius, inertia = 3.0, 1.0, 0.5
     mech = bd.Mechanism()
     body = mech.add(bd.RigidBody("bob", 1.0, inertia, (radius, 0.0), (0.0, omega * radius), omega))

@@ -9,7 +9,7 @@ import beamdae as bd
 
 
 def system(**changes):
-    """Return a particle on the unit circle under gravity, with changed arguments."""
+    """Return a particle on the unit circle under gravity; `changes` replace arguments."""
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
     statement = {
         "t": t,
@@ -40,7 +40,7 @@ def test_it_moves_like_the_same_mechanism_of_parts():
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
     mech.add(bd.Revolute("end", rod.at(1.0, 0.0), bob.point))
     parts, stated_system = run(mech), run(system())
-    # The inertia of the rod is 1e-9 of the bob's.
+    # The mass of the rod is 5e-10 times the mass of the bob.
     assert_allclose(stated_system.q, parts.q[:, :2], rtol=0.0, atol=1e-7)
     assert_allclose(stated_system.v, parts.v[:, :2], rtol=0.0, atol=1e-6)
 
@@ -71,7 +71,7 @@ def test_the_mass_may_depend_on_position():
     )
     integrator = bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-9)
     runs = [bd.simulate(model, integrator, 1.0) for model in (one, two)]
-    # Both are of second order, (omega h)^2 = 4e-5 over half a period.
+    # The errors of both runs are of second order, (omega h)^2 = 4e-5, over half a period.
     assert_allclose(runs[0].q[:, 0], runs[1].q[:, 0], rtol=0.0, atol=1e-4)
     assert_allclose(two.equations.m, 1)
 
@@ -89,7 +89,7 @@ def test_constraints_may_depend_on_time():
 
 
 def test_sign_of_the_multiplier():
-    # M q'' + G^T lam = f is lam G = f at rest.
+    # At rest, M q'' + G^T lam = f becomes G^T lam = f.
     hanging = run(system(q0=[0.0, -1.0]), t_end=0.1)
     gradient = 2.0 * hanging.q
     assert_allclose(hanging.lam * gradient, [[0.0, -2.0 * 9.81]] * len(hanging.t), atol=1e-9)
@@ -408,7 +408,7 @@ def test_the_power_of_a_time_dependent_potential_counts_as_work_of_loads():
     )
     solution = bd.simulate(model, bd.Radau(1e-8), 3.0)
     times, x = solution.t, solution.q[:, 0]
-    # Power of the force at the moving end of the spring.
+    # Power of the spring force at the moving end.
     power = -20.0 * (x - np.sin(3.0 * times)) * 3.0 * np.cos(3.0 * times)
     work = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(times))])
     # Error of the trapezoidal rule with 1000 rows: (3 omega h)^2 / 12 of 40 J.
@@ -465,7 +465,7 @@ def test_parameters_in_constraints_and_columns():
     solution = bd.simulate(arm, bd.Radau(1e-6), 1.0)
     assert_allclose(solution.observed["turn [rad]"].iloc[-1], 3.0 * (1.0 - 0.25), rtol=1e-12)
     assert_allclose(solution.observed["far [-]"], 1.0, rtol=1e-6)
-    # The drive does the work m v^2 / 2 at 6 m/s.
+    # The work of the drive is m v^2 / 2 at 6 m/s.
     assert_allclose(solution.ledger["energy.work_of_drivers [J]"].iloc[-1], 18.0, rtol=1e-5)
 
 

@@ -1,4 +1,4 @@
-"""Degenerate sizes and shapes, and models larger than memory, are refused before assembly."""
+"""Degenerate sizes and shapes, and models larger than memory, are rejected before assembly."""
 
 import math
 import time
@@ -18,7 +18,7 @@ LINE = bd.Line((0.0, 0.0), (0.8, 0.0))
 
 @pytest.mark.parametrize("elements", [10**7, 10**9, 10**15])
 def test_regression_more_elements_than_fit_into_memory_are_rejected_at_once(elements):
-    """Ten million elements exhausted the memory of the machine after 25 s."""
+    """Previously, ten million elements exhausted the memory of the machine after 25 s."""
     begin = time.perf_counter()
     with pytest.raises(
         bd.BeamdaeError,
@@ -76,7 +76,7 @@ def test_three_quarters_of_a_circle_in_one_chord_are_rejected():
     ("second_moment", "area"), [(1e-70, 7.5e-5), (4e-11, 1e-70), (1e30, 1e-4), (1e-60, 1.0)]
 )
 def test_regression_a_degenerate_section_is_rejected(second_moment, area):
-    """All columns of the run were nan."""
+    """Previously, all columns of the run were nan."""
     section = bd.Section(ALLOY, area, second_moment)
     with pytest.raises(bd.BeamdaeError, match=r"^beam: second_moment .* and area .* radius of gyr"):
         bd.Beam("beam", LINE, section)

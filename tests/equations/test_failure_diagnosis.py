@@ -11,7 +11,7 @@ import beamdae as bd
 
 @integrators(1e-5, 1e-3)
 def test_a_locking_mechanism_names_its_joints(integrator):
-    """The crank is longer than the rod: from 0.26 s on the slider cannot follow the motor."""
+    """The crank is longer than the rod: after 0.26 s, the rod cannot follow the motor."""
     mech = bd.Mechanism()
     crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
     rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, center=(1.35, 0.0)))

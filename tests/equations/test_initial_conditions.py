@@ -12,7 +12,7 @@ import beamdae as bd
 
 
 def slider_crank(rod_y=0.0, **start):
-    """Return a rigid crank of 1 m and a rod of 2 m, of 1 kg each."""
+    """Return a slider-crank with a crank of 1 m and a rod of 2 m, both rigid with 1 kg."""
     mech = bd.Mechanism(gravity=(0.0, -9.81), **start)
     crank = mech.add(bd.RigidBody("crank", 1.0, 0.1, center=(0.5, 0.0)))
     rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, center=(2.0, 0.0)))
@@ -56,7 +56,7 @@ def test_a_cantilever_starts_in_equilibrium_with_the_analytic_sag():
     solution = bd.simulate(mech, bd.Radau(1e-6), 0.01)
     y = solution.columns["tip.y [m]"]
     weight = 7800.0 * section.area * 9.81
-    # Bending only; shear adds 0.03 %.
+    # The expected deflection omits shear, which adds 0.03 %.
     assert_allclose(y[0], -weight / (8.0 * section.EI), rtol=1e-3)
     assert_allclose(y, y[0], rtol=1e-6)
 

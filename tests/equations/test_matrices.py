@@ -23,7 +23,7 @@ TIME = np.array([0.3, 0.4])
 
 
 def _equations():
-    """Return a crank, a beam and a disk that rolls on the end of the beam, with friction."""
+    """Return a crank with a beam, rolling disks, a skate and friction."""
     mech = bd.Mechanism(gravity=(0.3, -2.0))
     crank = mech.add(bd.RigidBody("crank", mass=1.1, inertia=0.4, center=(0.1, 0.0)))
     beam = mech.add(VARIANTS[0].beam(ARC))
@@ -96,7 +96,7 @@ def test_packed_states_solve_the_first_order_form(equations, form):
     v = np.random.default_rng(11).standard_normal(equations.n)
     state = ConsistencySolver(equations).state(TIME, equations.q0, v)
     system = formulate_first_order(equations, form)
-    # Closing the joints stops at 1e-12 of the mechanism's size; forces are of order ten.
+    # Gaps are closed to 1e-12; forces are of order ten.
     assert_allclose(system.residual(TIME, *system.pack(state)), 0.0, atol=1e-9)
 
 

@@ -71,15 +71,15 @@ def test_rolling_by_a_nonholonomic_constraint(integrator):
     solution = bd.simulate(mech, integrator, 1.0, 0.25)
     assert solution.status.success, solution.status.sentence
     travel = 0.5 * GRAVITY / (1.0 + INERTIA / (MASS * RADIUS**2)) * solution.t**2
-    # All orders integrate a parabola up to rtol.
+    # All methods integrate a parabola up to rtol.
     assert_allclose(solution.q[:, 0], travel, rtol=0.0, atol=1e-6)
     assert_allclose(RADIUS * solution.q[:, 2], travel, rtol=0.0, atol=1e-6)
     assert solution.quality.energy_imbalance < 1e-6
 
 
-# Forms of Ida without velocities and multipliers in Newton's convergence test are left out: where
-# positions are linear, as here, one iteration passes the test while multipliers are far off. The
-# energy balance reveals it.
+# Forms of Ida whose convergence test omits velocities and multipliers are left out: where positions
+# are linear, as here, one iteration passes the test with inaccurate multipliers, which the energy
+# balance reveals.
 @integrators(1e-8, 1e-3)
 def test_a_prescribed_velocity_does_work(integrator):
     """x' = c sin(w t): the multiplier is g m - m x'', its work the kinetic energy and the lift."""
@@ -120,7 +120,7 @@ def test_missing_multipliers_are_rejected(joint, count, message):
 
 
 def test_a_force_depends_on_the_reaction_of_another_part():
-    """The constraint carries the weight of the body, a tenth of which pulls it along."""
+    """The constraint carries the weight of the body; a force of a tenth of it pulls the body."""
     mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
     body = mech.add(bd.RigidBody("body", MASS, INERTIA))
     mech.add(Row(body, lambda local: local.v[1]))

@@ -1,4 +1,4 @@
-"""Time laws with poles and invalid breakpoints are refused."""
+"""Time laws with poles and invalid breakpoints are rejected."""
 
 import math
 
@@ -69,7 +69,7 @@ def test_peaks_roots_and_growth_are_accepted(law):
 
 
 def test_regression_rounding_errors_of_tiny_values_are_accepted():
-    """Runs of the published spin-up of less than 1 ms were refused."""
+    """Runs of the published spin-up shorter than 1 ms were rejected."""
     laws = bd.equations_of_motion(spin_up()).laws
     for end in (1e-6, 1e-5, 3e-4, 1e-2):
         require_no_pole(laws, ((0.0, end),))

@@ -1,4 +1,4 @@
-"""Statements of parts that do not fit are refused with the name of the part."""
+"""Statements that do not fit their part are rejected with the name of the part."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_regression_constraints_of_parts_that_are_not_joints_count():
 
 
 def test_regression_a_load_acts_on_the_body_of_its_attachment_whatever_its_field_name():
-    # It acted on the first body before.
+    # Previously, the load acted on the first body.
     assert_allclose(NumericEquations(pushed()).force(), [0.0, 0.0, 0.0, -3.0, 0.0, 0.0], atol=1e-15)
 
 
@@ -105,7 +105,7 @@ class Slotted(bd.Part):
 
 @dataclass(frozen=True, eq=False)
 class Hidden(bd.Part):
-    """Refers to a body through a dictionary."""
+    """Part that refers to a body through a dictionary."""
 
     name: str
     where: dict = field(default_factory=dict)
@@ -128,9 +128,7 @@ def test_a_foreign_body_without_a_field_is_rejected_by_assembly():
     mech = bd.Mechanism()
     mech.add(disk())
     mech.add(stating(lambda: Push("made", stranger).forces(np.zeros(2))))
-    with pytest.raises(
-        bd.BeamdaeError, match=r"^made: the part refers to 'stranger', which is not"
-    ):
+    with pytest.raises(bd.BeamdaeError, match=r"^made: 'stranger' is not part"):
         bd.equations_of_motion(mech)
 
 
@@ -221,12 +219,12 @@ def stating(forces=lambda: [], constraints=lambda: []):
             stating(constraints=lambda: [constraint(LOCAL.q[:2])]),
             r"constraint must have shape \(1, 1\), got \(2, 1\)",
         ),
-        # It was accepted, and 11 % of the energy was lost.
+        # Previously accepted, although 11 % of the energy was lost.
         (
             stating(constraints=lambda: [constraint(LOCAL.q[0] + 0.3 * LOCAL.v[0])]),
             "constraint must not depend on v_0",
         ),
-        # The first branch of the law was used for the whole run.
+        # Previously, the first branch of the law was used for the whole run.
         (
             stating(lambda: [force(bd.run_up(1.0, 0.1)(LOCAL.time) * ca.SX.ones(3))]),
             "the part uses a piecewise law that the property 'laws' does not list",
@@ -243,7 +241,7 @@ def test_regression_invalid_statements_are_rejected_with_the_name_of_the_part(pa
 
 
 def test_regression_a_point_whose_motion_starts_elsewhere_is_rejected():
-    """A joint there moved the body by 1 m without any error."""
+    """Previously, such a joint moved the body by 1 m without an error."""
     mech = bd.Mechanism()
     body = mech.add(disk())
     wrong = replace(body.at(2.0, 0.0), point=(3.0, 0.0))
@@ -284,7 +282,7 @@ def test_numbers_of_the_equations_are_read_only():
 
 
 class Mute(bd.Part):
-    """States nothing, because its method `forces` is misspelled."""
+    """Part without statements, because its method `forces` is misspelled."""
 
     name = "mute"
 
@@ -293,7 +291,7 @@ class Mute(bd.Part):
 
 
 class Confused(bd.Part):
-    """States a constraint among its forces."""
+    """Part that returns a constraint among its forces."""
 
     name = "confused"
 

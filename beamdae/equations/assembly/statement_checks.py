@@ -231,8 +231,7 @@ def require_pieces_fit(part: str, pieces: Sequence[Piece], sizes: Sizes) -> None
         name = piece.owner.name if isinstance(piece.owner, Part) else short_repr(piece.owner)
         if width is None:
             raise BeamdaeError(
-                f"{part}: the part refers to {name!r}, which is not part of this "
-                f"mechanism; add {name!r} first."
+                f"{part}: {name!r} is not part of this mechanism; add {name!r} first."
             )
         if piece.operator.shape[1] != width:
             raise BeamdaeError(
