@@ -87,7 +87,7 @@ def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -
 
 
 def select_reaction_columns(reference: pd.DataFrame) -> list[str]:
-    """Return the observed forces and moments whose range exceeds 1e-6 of the largest range."""
+    """Return observed forces and moments that vary by over 1e-6 of the largest in their unit."""
     forces = [c for c in observed_columns(reference) if Header.of(c).unit in _REACTION_UNITS]
     return _select_moving_columns(reference, forces, _MIN_RELATIVE_MOTION)
 

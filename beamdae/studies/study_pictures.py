@@ -280,7 +280,6 @@ def _format_log_axes(
 
 
 def _set_plain_ticks(axis: Axis, low: float, high: float) -> None:
-    """Label the ticks of a logarithmic axis with plain numbers if it spans few decades."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     decades = math.log10(high / low)

@@ -60,6 +60,8 @@ def modes_command(
 ) -> None:
     """Compute natural modes of a model; write a table (CSV) and a picture of their shapes (PNG).
 
+    With several speeds, the picture is a Campbell diagram.
+
     Exits with 0 on success, 1 if a picture failed, and 2 for a usage or model error.
     """
     from beamdae.cli.model_files.model_file import ModelFile

@@ -147,7 +147,6 @@ def parse_values(model: Model, name: str, text: str) -> list[Any]:
 
 
 def _split_at_commas(text: str) -> list[str]:
-    """Split at commas outside brackets."""
     parts, depth = [""], 0
     for character in text:
         depth += (character in "([{") - (character in ")]}")

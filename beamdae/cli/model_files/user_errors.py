@@ -46,7 +46,6 @@ def describe_error(problem: BaseException, path: Path) -> str:
 
 
 def _suggest_name(problem: BaseException) -> str:
-    """Suggest the existing name closest to a missing name, or return an empty string."""
     missing, names = _missing_name(problem)
     if not missing:
         return ""

@@ -77,7 +77,6 @@ def plot_section_diagram(forces: SectionForces, what: str = "M", t: float | None
 
 
 def _find_row(forces: SectionForces, t: Any) -> int | None:
-    """Return the index of the row nearest to a time, or None for the envelope."""
     if t is None:
         return 0 if len(forces.t) == 1 else None
     t = require_finite(forces.beam.name, "t", t)

@@ -88,7 +88,7 @@ def draw_revolute(part: Revolute, builder: SceneBuilder) -> None:
 
 
 def draw_weld(part: Weld, builder: SceneBuilder) -> None:
-    """Draw a square and, if a beam end is clamped to the ground, a wall across the end."""
+    """Draw a square and, for a weld to the ground, a wall across the beam end or a support."""
     row = builder.add_attachment(part.b)
     for fixed, clamped in ((part.a, part.b), (part.b, part.a)):
         if isinstance(fixed.body, Ground):

@@ -152,7 +152,7 @@ class TimeEstimator:
 
     @property
     def remaining_time(self) -> float | None:
-        """Estimated remaining time [s]; None if no finished run has a recorded duration."""
+        """Estimated remaining time [s]; None before the duration of a run is known."""
         if not self._is_missing.any():
             return 0.0
         if not self._counts.any():

@@ -102,7 +102,10 @@ def _is_read_by_module() -> bool:
 
 @contextmanager
 def record_file_reads() -> Iterator[FileReads]:
-    """Record the files that any thread reads in this block and that imported modules have read."""
+    """Record the files that any thread reads in this block and that imported modules have read.
+
+    The yielded dict maps names to signatures; it is complete at the end of the block.
+    """
     _WATCHER.start()
     reads: FileReads = {}
     _WATCHER.folder = os.getcwd()

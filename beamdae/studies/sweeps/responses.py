@@ -109,7 +109,7 @@ def _measure_run(outcome: Outcome, headers: list[str]) -> dict[str, float]:
 def select_characteristic(results: StudyResults, study: ParameterStudy) -> list[str]:
     """Return the responses shown by default.
 
-    Return the outputs of the study. A study without outputs shows the selected columns or, without
+    These are the outputs of the study. Without outputs, these are the selected columns or, without
     a selection, the characteristic columns of the first successful run.
     """
     if study.outputs:

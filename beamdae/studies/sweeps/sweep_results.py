@@ -206,7 +206,8 @@ class SweepResults:
         ----------
         names
             Outputs, observed columns ("tip.y" plots all its measures) or single measures ("tip.y
-            max"). Defaults to the outputs or, without outputs, to the characteristic columns.
+            max"). Defaults to the outputs or, without outputs, to the columns selected with `of` or
+            the characteristic columns.
         x
             Parameter on the horizontal axis. Defaults to the numeric parameter with the most
             values.
