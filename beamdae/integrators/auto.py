@@ -36,8 +36,8 @@ class Auto(AdaptiveIntegrator):
     rtol
         Relative tolerance; absolute tolerances follow from the scales of the mechanism.
     max_step
-        Longest step [s]. Defaults to a twentieth of the run, at most a quarter of the time scale of
-        the laws.
+        Longest step [s]. Defaults to a twentieth of the run, or to a quarter of the time scale of
+        the laws if this is shorter.
     max_steps
         Maximum number of steps. Defaults to no limit; the run still stops if its steps become too
         short to reach the end (`limits.StallDetector`).

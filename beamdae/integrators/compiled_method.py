@@ -336,7 +336,7 @@ class FixedStepMethod:
         )
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
-        """Begin a smooth interval [s] at a consistent state."""
+        """Begin the smooth interval from `start` to `end` [s] at a consistent state."""
         run = self._run
         run.start, run.end, run.branch = start, end, branch
         run.step_count, run.total_steps = 0, count_equal_steps(end - start, self._step)

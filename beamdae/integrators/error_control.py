@@ -50,11 +50,10 @@ class MotionScales:
     Attributes
     ----------
     position
-        Scale of each coordinate [m or rad], (n,): its amplitude, or the size of its part if the
-        amplitude is unknown.
+        Scale of each coordinate [m or rad], (n,); see `RunPlan.scales`.
     size
-        Size of the mechanism for each coordinate [m or rad], (n,); rounding errors of positions are
-        relative to it.
+        Characteristic length for each coordinate [m], or 1 for an angle, (n,); rounding errors of
+        positions are relative to it.
     rate
         Characteristic rate of the motion [1/s]; the scale of velocities is position * rate.
     force
@@ -71,7 +70,7 @@ class MotionScales:
         return np.maximum(local * self.position, POSITION_ROUNDING * self.size)
 
     def first_step(self, local: float, state: State) -> float:
-        """Return the first step [s], in which accelerations move positions by their tolerances.
+        """Return the first step h [s], for which h^2 a / 2 is within the position tolerances.
 
         It is at most sqrt(2 local) / rate.
         """

@@ -50,7 +50,7 @@ class Method(Protocol):
         """Number of steps between two checks of limits and calls to `progress`."""
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
-        """Begin a smooth interval [s] at a consistent state.
+        """Begin the smooth interval from `start` to `end` [s] at a consistent state.
 
         `branch` is a time [s] inside the interval, which selects the pieces of piecewise laws.
         """

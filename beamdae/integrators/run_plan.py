@@ -73,7 +73,8 @@ class RunPlan:
     def scales(self) -> Array:
         """Scale of each coordinate [m or rad], (n,).
 
-        Measured amplitude if available, else the amplitude that the model gives, else the size.
+        Its amplitude measured by a pilot run or given by the model, if available; otherwise the
+        characteristic length, or 1 for an angle.
         """
         if self.amplitudes is not None:
             return self.amplitudes.scales
@@ -88,7 +89,8 @@ class RunPlan:
     def longest_step(self, part: str, max_step: float | None) -> float:
         """Return the longest step [s]: `max_step`, or by default a step that resolves the laws.
 
-        The default is a twentieth of the run, but at most a quarter of the time scale of the laws.
+        The default is a twentieth of the run, or a quarter of the time scale of the laws if this is
+        shorter.
         `part` names the integrator in error messages.
 
         Raises

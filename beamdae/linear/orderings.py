@@ -95,7 +95,7 @@ def invert_to_power_of_two(sizes: Array) -> Array:
 
 
 def factorize_in_order(matrix: sp.csc_matrix) -> SuperLU:
-    """Factorize a matrix in the order of its columns, on the diagonal unless pivots are small."""
+    """Factorize a matrix in the order of its columns, with diagonal pivots where large enough."""
     return _factorize(matrix, "NATURAL", _DIAGONAL_THRESHOLD)
 
 

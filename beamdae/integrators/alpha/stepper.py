@@ -123,7 +123,10 @@ class AlphaStepper:
 
     @property
     def counts(self) -> Statistics:
-        """Numbers of calls, rejected steps, factorizations and Newton failures so far."""
+        """Numbers of calls, rejected steps, factorizations and Newton failures so far.
+
+        Factorizations and solutions for the jerk are not counted.
+        """
         run = self._run
         return Statistics(
             rejected_steps=run.rejections,
@@ -186,7 +189,7 @@ class FixedAlphaStepper(AlphaStepper):
         self._step = step
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
-        """Begin a smooth interval [s] at a consistent state."""
+        """Begin the smooth interval from `start` to `end` [s] at a consistent state."""
         self._begin(start, end, branch, state)
         run = self._run
         run.step_count, run.total_steps = 0, count_equal_steps(end - start, self._step)
@@ -241,7 +244,7 @@ class AdaptiveAlphaStepper(AlphaStepper):
         return {"local_tolerance": self._run.tolerance}
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
-        """Begin a smooth interval [s] at a consistent state."""
+        """Begin the smooth interval from `start` to `end` [s] at a consistent state."""
         self._begin(start, end, branch, state)
         run = self._run
         run.next_step = min(self._first_step, run.max_step)

@@ -41,7 +41,7 @@ class AlphaWorkspace:
     current
         Current motion, converted to the length of the next step.
     accepted_motion
-        Motion after the last accepted step.
+        Adaptive steps: motion after the last accepted step.
     prediction, a_predicted
         Predicted state at the end of the step, and predicted algorithmic acceleration.
     ddq_n, a_n, lam_n
@@ -71,6 +71,9 @@ class AlphaWorkspace:
     steps_checked, max_error, error
         Adaptive steps: number of accepted steps since growth was last considered, their largest
         error, and the error of the last step, relative to the tolerance.
+    residuals, jacobians, failures, rejections
+        Numbers of residual evaluations, of matrix evaluations, of failed Newton iterations and of
+        rejected steps.
     """
 
     form: StepBuffers

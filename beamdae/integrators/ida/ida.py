@@ -61,8 +61,8 @@ class Ida(AdaptiveIntegrator):
         Highest order, 1 to 5. "auto" is 2 if fast modes are undamped or lightly damped, otherwise
         5.
     max_step
-        Longest step [s]. Defaults to a twentieth of the run, at most a quarter of the time scale of
-        the laws.
+        Longest step [s]. Defaults to a twentieth of the run, or to a quarter of the time scale of
+        the laws if this is shorter.
     linear_solver
         Solver of runs without machine code: "dense", "sparse", or "auto" by size.
     max_steps

@@ -131,7 +131,7 @@ class IdaStepper:
         return self._ida.counts
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
-        """Begin a smooth interval [s] at a consistent state."""
+        """Begin the smooth interval from `start` to `end` [s] at a consistent state."""
         self._t, self._end, self._branch = start, end, branch
         # IDA's estimate ignores accelerations, and fails if they are huge for an instant.
         first = min(self._scales.first_step(self._tolerance, state), self._longest, end - start)

@@ -23,11 +23,12 @@ class Radau(AdaptiveIntegrator):
     """Three-stage Radau IIA of order 5, variable step, on the stabilized index-1 form.
 
     Y_i = y_n + h sum_j a_ij Y'_j with R(t_n + c_i h, Y_i, Y'_i) = 0, c = ((4 - sqrt 6)/10,
-    (4 + sqrt 6)/10, 1), and y_{n+1} = Y_3: collocation by polynomials of degree 3. It is L-stable:
-    modes too fast for the step are damped, not resolved. Constraints hold at every step. Positions
-    and velocities are of order 5, multipliers and, in constrained directions, accelerations of
-    order 3 (Hairer, Lubich & Roche, Lecture Notes in Mathematics 1409, 1989, for the index-2 form,
-    which has the same stages). RADAU5: Hairer & Wanner, Solving ODEs II, 1996, section IV.8.
+    (4 + sqrt 6)/10, 1), and y_{n+1} = Y_3: collocation by polynomials of degree 3. The method is
+    L-stable: modes too fast for the step are damped, not resolved. Constraints hold at every step.
+    Positions and velocities are of order 5. Multipliers and, in constrained directions,
+    accelerations are of order 3 (Hairer, Lubich & Roche, Lecture Notes in Mathematics 1409, 1989,
+    for the index-2 form, which has the same stages). RADAU5: Hairer & Wanner, Solving ODEs II,
+    1996, section IV.8.
 
     Departures from RADAU5: the error estimate includes constraints (`stages.estimate_error`), a
     failure of Newton's iteration limits the steps that follow (`workspace.StepSizeState`), and
@@ -41,8 +42,8 @@ class Radau(AdaptiveIntegrator):
         Components in the error test: "positions" or "velocities" (with positions). "auto" chooses
         by the stiffness of the mechanism. Multipliers are not tested.
     max_step
-        Longest step [s]. Defaults to a twentieth of the run, at most a quarter of the time scale of
-        the laws.
+        Longest step [s]. Defaults to a twentieth of the run, or to a quarter of the time scale of
+        the laws if this is shorter.
     linear_solver
         Solver of runs without machine code: "dense", "sparse", or "auto" by size.
     max_steps

@@ -189,7 +189,10 @@ class RadauStepper:
         )
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
-        """Begin a smooth interval [s] at a consistent state; earlier factors are discarded."""
+        """Begin the smooth interval from `start` to `end` [s] at a consistent state.
+
+        Earlier factors are discarded.
+        """
         run, size = self._run, self._run.step_size
         run.t, run.end, run.branch = start, end, branch
         run.y[:], run.yp[:] = self._form.pack(state)

@@ -95,6 +95,9 @@ class RadauWorkspace:
         Step for which the factors were computed [s], 0 without factors.
     iterations, rate
         Number of Newton iterations in the last step, and their last rate of convergence.
+    residuals, jacobians, failures, rejections
+        Numbers of residual evaluations (three per iteration), of Jacobian evaluations, of failed
+        Newton iterations and of rejected steps.
     failure_code
         Return code of the last rejected step.
     """
