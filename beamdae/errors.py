@@ -218,7 +218,7 @@ def suggest(value: Any, choices: Iterable[Any]) -> str:
 
 
 def set_fields(instance: Any, **values: Any) -> None:
-    """Set attributes of an instance, also of a frozen dataclass."""
+    """Set attributes of an instance, even of a frozen dataclass."""
     for name, value in values.items():
         object.__setattr__(instance, name, value)
 

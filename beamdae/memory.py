@@ -74,7 +74,7 @@ def require_memory(part: str, purpose: str, required: float, remedy: str) -> Non
 
 
 def format_gigabytes(size: float) -> str:
-    """Return a size [bytes] as text in gigabytes (1e9 bytes), with two digits."""
+    """Return a size [bytes] as text in gigabytes (1e9 bytes), with two significant digits."""
     return f"{size / _BYTES_PER_GIGABYTE:.2g} GB"
 
 

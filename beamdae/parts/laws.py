@@ -332,7 +332,8 @@ def piecewise(*pieces: Any) -> Law:
         raise BeamdaeError(f"piecewise: end times must ascend, got {ends} s.")
     if any(law.breakpoints for law in laws):
         raise BeamdaeError(
-            "piecewise: a piece must not be piecewise; list the inner pieces instead."
+            "piecewise: a piece must not itself be piecewise, such as a table; list the inner "
+            "pieces instead, or use one table for all times."
         )
     scales = [law.time_scale for law in laws if law.time_scale is not None]
     scale = min(scales) if scales else None

@@ -37,7 +37,7 @@ _ALLOWED = (
 
 
 def require_start(part: str, start: Any, more: str = "") -> Any:
-    """Return `start` with its values as floats, or raise BeamdaeError if it is invalid.
+    """Return `start`, with floats as values if it is a mapping, or raise BeamdaeError.
 
     `more` lists further options in the message.
     """
@@ -220,12 +220,13 @@ class Mechanism(HasOrigin):
         """
         if not isinstance(name, str) or name not in self.parts:
             raise BeamdaeError(
-                f"Mechanism: there is no part {short_repr(name)}{suggest(name, self.parts)}."
+                f"Mechanism: there is no part {short_repr(name)}{suggest(name, self.parts)}; "
+                "see mechanism.parts for all parts."
             )
         return self.parts[name]
 
     def check(self, **settings: Any) -> Any:
-        """Return the size and the problems of the mechanism; see `beamdae.check`."""
+        """Check the mechanism without a complete run; see `beamdae.check`."""
         return public("check")(self, **settings)
 
     def draw(self) -> Any:

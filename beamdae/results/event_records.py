@@ -26,7 +26,7 @@ class EventRecord:
     name
         Name of the event.
     direction
-        Direction in which the monitored quantity crossed its value, "up" or "down".
+        Direction in which the monitored quantity crossed the value of the event: "up" or "down".
     t
         Time of the crossing [s].
     branch
@@ -38,8 +38,8 @@ class EventRecord:
     energy_lost
         Kinetic energy dissipated by the velocity jump [J].
     done
-        True if the event has no actions left to execute. If the run ended before executing them, a
-        resumed run executes them first.
+        False if the run ended before the actions of the event were executed; a resumed run executes
+        these actions first.
     """
 
     name: str

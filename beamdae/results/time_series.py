@@ -125,7 +125,9 @@ class TimeSeries:
         True
         """
         if not isinstance(other, TimeSeries):
-            raise BeamdaeError(f"difference: other must be a solution, got {short_repr(other)}.")
+            raise BeamdaeError(
+                f"difference: other must be a solution or a saved run, got {short_repr(other)}."
+            )
         begin = max(self.times[0], other.times[0])
         end = min(self.times[-1], other.times[-1])
         common = self.times[(self.times >= begin) & (self.times <= end)]

@@ -94,12 +94,15 @@ POLYGON = bd.RigidBody.polygon
     ("make", "message"),
     [
         (lambda: bd.RigidBody.rod("r", (0, 0), (0, 0), mass=1.0), "r: a and b must differ"),
-        (lambda: bd.RigidBody.rod("r", (0, 0), (1, 0)), "r: give either mass= or density= with ar"),
+        (
+            lambda: bd.RigidBody.rod("r", (0, 0), (1, 0)),
+            "r: pass either mass=, or both density= and ar",
+        ),
         (
             lambda: bd.RigidBody.disk("d", (0, 0), 1.0, mass=1.0, density=2.0, thickness=1.0),
-            "d: give either mass= or density= with thickness=",
+            "d: pass either mass=, or both density= and thickness=",
         ),
-        (lambda: bd.RigidBody.disk("d", (0, 0), 1.0, density=2.0), "d: give either mass="),
+        (lambda: bd.RigidBody.disk("d", (0, 0), 1.0, density=2.0), "d: pass either mass="),
         (lambda: bd.RigidBody.disk("d", (0, 0), 0.0, mass=1.0), "d: radius must be positive"),
         (
             lambda: bd.RigidBody.plate("p", (0, 0), 1.0, 1.0, density=-1.0, thickness=1.0),

@@ -198,7 +198,10 @@ def test_invalid_laws_are_rejected(law, message):
         (lambda: bd.piecewise((1.0, 1.0), (1.0, 2.0), 0.0), "piecewise: end times must ascend"),
         (lambda: bd.piecewise((np.inf, 1.0), 0.0), "piecewise: end time must be finite, got inf"),
         (lambda: bd.piecewise((1.0, "fast"), 0.0), "piecewise: law must be a number, got 'fast'"),
-        (lambda: bd.piecewise((1.0, bd.run_up(1.0, 1.0)), 0.0), "a piece must not be piecewise"),
+        (
+            lambda: bd.piecewise((1.0, bd.run_up(1.0, 1.0)), 0.0),
+            "a piece must not itself be piecewise",
+        ),
         (
             lambda: bd.piecewise((1.0, 2.0), lambda t: 1.0 / (t - 1.0)),
             "piecewise: the law must be finite, got inf at t = 1",

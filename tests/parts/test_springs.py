@@ -217,7 +217,7 @@ BEAM = VARIANTS[0].beam(ARC)
         (lambda: bd.Damper("s", MET, B, 1.0), "s: .* coincide in the reference configuration"),
         (
             lambda: bd.Spring("s", GROUND.at(0, 0), GROUND.at(1, 0), 1.0),
-            r"s: neither ground at \(0, 0\) nor ground at \(1, 0\) can move; attach one to a body",
+            r"s: neither ground at \(0, 0\) nor ground at \(1, 0\) can move; attach one of",
         ),
         (lambda: bd.Spring("s", A, B, 1.0, law=lambda x, r: x), "s: give either a law or"),
         (lambda: bd.Spring("s", A, B, 1.0, energy=lambda x: x), "s: energy requires law="),

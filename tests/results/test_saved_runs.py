@@ -206,7 +206,7 @@ def test_a_saved_run_is_not_interpolated(run, tmp_path):
 
 def test_invalid_differences_are_rejected(run):
     fall = falling(0.3, bd.Radau(1e-3))
-    with pytest.raises(bd.BeamdaeError, match="other must be a solution, got 'a'"):
+    with pytest.raises(bd.BeamdaeError, match="other must be a solution or a saved run"):
         run.difference("a")
     with pytest.raises(bd.BeamdaeError, match=r"only one of the runs has the column 'push\.F"):
         run.difference(fall, "push")

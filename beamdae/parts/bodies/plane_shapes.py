@@ -54,7 +54,7 @@ def resolve_mass(
         together, or a value is not positive.
     """
     if (mass is None) == (density is None) or (density is None) != (thickness is None):
-        raise BeamdaeError(f"{part}: give either mass= or density= with {dimension_name}=.")
+        raise BeamdaeError(f"{part}: pass either mass=, or both density= and {dimension_name}=.")
     if mass is not None:
         return require_positive(part, "mass", mass)
     return (

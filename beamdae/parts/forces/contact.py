@@ -64,7 +64,7 @@ class _ContactLaw:
     has_friction: bool
 
     def gap_and_slip(self, local: Local, a: Any, b: Any, surface_numbers: Any) -> tuple[SX, SX]:
-        """Return the gap [m], and the velocity of the point along the surface [m/s]."""
+        """Return the gap [m], and the tangential velocity relative to the surface [m/s]."""
         position, _ = a(local.q[: self.size])
         root, rotation = b(local.q[self.size :])
         arm = position - root
@@ -197,7 +197,8 @@ class Contact(Part):
             )
         if not self.point.size + self.surface.on.size:
             raise BeamdaeError(
-                f"{self.name}: neither the point nor the surface can move; attach one to a body."
+                f"{self.name}: neither the point nor the surface can move; attach one of them to "
+                "a body."
             )
         set_fields(
             self,

@@ -245,7 +245,8 @@ class ForceElement(Part):
         require_attachment(self.name, "second attachment", self.b)
         if not self.a.size + self.b.size:
             raise BeamdaeError(
-                f"{self.name}: neither {self.a} nor {self.b} can move; attach one to a body."
+                f"{self.name}: neither {self.a} nor {self.b} can move; attach one of them to a "
+                "body."
             )
 
     @property

@@ -116,7 +116,7 @@ class Driver(DrivenJoint):
 
     @property
     def law_argument(self) -> Any:
-        """Angle [rad] as a function of time."""
+        """Law of the angle [rad], as passed by the user."""
         return self.law
 
     @property
@@ -184,7 +184,7 @@ class TranslationalDriver(DrivenJoint):
 
     @property
     def law_argument(self) -> Any:
-        """Travel [m] as a function of time."""
+        """Law of the travel [m], as passed by the user."""
         return self.law
 
     @property

@@ -46,12 +46,12 @@ class FrozenGap:
     since: float = 0.0
 
     def to_record(self) -> dict[str, Any]:
-        """Return the fields that are stored in files and sent between processes."""
+        """Return the fields as a JSON-compatible dictionary; `from_record` is the inverse."""
         return {"found": self.offsets, "event": self.event, "since": self.since}
 
     @classmethod
     def from_record(cls, record: Any) -> FrozenGap:
-        """Return the frozen gap stored in a record."""
+        """Return the frozen gap of a record written by `to_record`."""
         offsets = tuple(float(x) for x in record["found"])
         return cls(offsets, str(record["event"]), float(record["since"]))
 
@@ -177,7 +177,7 @@ class FrozenConstraint(Part):
 
 @dataclass(frozen=True, eq=False)
 class ClosedGap(Part):
-    """Gap that an impact keeps closed: g = -gap, so that multipliers that open the gap are > 0."""
+    """Gap that an impact keeps closed: g = -gap, so that positive multipliers open the gap."""
 
     name: str
     gap: Quantity

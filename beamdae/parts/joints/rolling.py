@@ -160,9 +160,9 @@ class RollingOnCircle(_RollingJoint):
 class Skate(KinematicConstraint):
     """Skate (knife edge): the point `on` does not move across `direction`.
 
-    The direction rotates with the body; n is its left normal. The constraint n . v = 0 is
-    nonholonomic: the constraint restricts the velocity, but not the positions that the body can
-    reach. The reaction F is the force on the body along n.
+    The direction rotates with the body; n is its left normal, and v is the velocity of the point.
+    The constraint n . v = 0 is nonholonomic: the constraint restricts the velocity, but not the
+    positions that the body can reach. The reaction F is the force on the body along n.
 
     Parameters
     ----------

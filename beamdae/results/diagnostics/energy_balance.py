@@ -66,7 +66,7 @@ class Imbalance(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """Imbalance relative to its scale."""
+        """`value` divided by `scale` [-]."""
         return self.value / max(self.scale, _TINY)
 
 

@@ -65,10 +65,10 @@ def find_singular_positions(
 ) -> tuple[SingularPosition, ...]:
     """Find the positions of a run at which the constraint Jacobian G is nearly singular.
 
-    The smallest singular value of G is sampled at up to 400 times, and its minima are refined.
-    Loops that are closed by the elasticity of a beam do not lose rank. If events switch parts, each
-    segment of the run is sampled with its active joints. If redundant constraints are removed, G
-    contains only the independent constraints.
+    In each segment of the run with constant active joints, the smallest singular value of G is
+    sampled at up to 401 times, and its minima are refined. Loops that are closed by the elasticity
+    of a beam do not lose rank. If redundant constraints are removed, G contains only the
+    independent constraints.
     """
 
     def active_equations(interval: Interval) -> EquationsOfMotion:

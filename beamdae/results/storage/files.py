@@ -68,7 +68,7 @@ def write_table(path: Path, columns: Mapping[str, Any], metadata: Mapping[str, A
         If the suffix of the path is .json, or a file cannot be written.
     """
     if path.suffix == ".json":
-        raise BeamdaeError(f"{path}: .json is reserved for the metadata of the table; use .csv.")
+        raise BeamdaeError(f"{path}: the suffix .json is reserved for the metadata; use .csv.")
     text = _format_metadata(metadata)
     # Both files are complete on disk before either of them is replaced.
     with atomic_write(path.with_suffix(".json")) as sidecar:

@@ -43,9 +43,9 @@ _COORDINATES = "coordinates"
 class SavedRun(TimeSeries):
     """Tables, status and statistics of a saved run, loaded without its model.
 
-    Supports the methods of `Solution` that do not need the equations, such as `run["tip.y"]`,
-    `run.plot("tip")` and `run.to_csv(path)`. To use `observe`, `animate`, `section_forces` or times
-    between the rows, pass the model to `load`.
+    A saved run has the methods of `Solution` that do not need the equations, such as
+    `run["tip.y"]`, `run.plot("tip")` and `run.to_csv(path)`. To use `observe`, `animate`,
+    `section_forces` or times between the rows, pass the model to `load`.
 
     Attributes
     ----------
