@@ -1,7 +1,7 @@
 """Output of commands: results on standard output, errors on standard error, JSON documents.
 
-Commands print tables and call `record_results`; the options --quiet and --json decide which of the
-two appears.
+Commands print tables and record results for the JSON document; the options --quiet and --json
+decide which of these appear.
 """
 
 from __future__ import annotations

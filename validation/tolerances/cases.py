@@ -1,6 +1,6 @@
-"""Cases of the tolerance study: five published ones, the wide set and a newer set.
+"""Cases of the tolerance study: five cases of published models, the wide set and a newer set.
 
-Default settings were chosen on the wide set; the newer set was written afterwards.
+Default settings were chosen with the wide set; the newer set was written afterwards.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ STRIPS = (
 
 # The axial motion of the tip is of second order in the deflection.
 BENT = ("tip.y [m]", "tip.angle [rad]")
-# Two elements: with more undamped modes no second method resolves the motion after a step.
+# Two elements: with more undamped modes, no second method resolves the motion after a step.
 TWO = {"elements": 2}
 THICK = TWO | {"width": 0.03, "height": 0.03, "force": 1.0}
 SMALL = (

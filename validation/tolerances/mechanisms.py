@@ -1,4 +1,4 @@
-"""Small parametric mechanisms of the wide set, in addition to those of models/."""
+"""Small parametric mechanisms of the tolerance study, in addition to those in models/."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stored references of the cases, by two methods of different kind and their disagreement."""
+"""Stored references of the cases, computed by two methods, and their disagreement."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def _compare_with_published(case: ToleranceCase, table: pd.DataFrame) -> pd.Data
 
 
 def _max_deviation(case: ToleranceCase, first: MethodResult, second: MethodResult) -> float:
-    """Return the largest deviation; rates and reactions count less (`DERIVATIVE_WEIGHT`)."""
+    """Return the largest deviation; rates and reactions have the weight `DERIVATIVE_WEIGHT`."""
     deviations = relative_deviations(second.rows, first.rows)
     deviations[len(case.columns) + len(case.deflections) :] *= DERIVATIVE_WEIGHT
     return float(deviations.max())

@@ -10,7 +10,8 @@ python validation/tolerances/run.py --random         random mechanisms, all inte
 python validation/tolerances/run.py --references     recompute the stored references (half an hour)
 python validation/tolerances/run.py --random-references 200 210   add references of these seeds
 
---case, --integrator and --rtol select runs and may be repeated; complete tables go to results/.
+--case, --integrator and --rtol select runs of --wide and --random (--case also of --references) and
+may be repeated; tables without a selection are written to results/.
 --no-estimate leaves out the error estimates, which take half of the time.
 """
 

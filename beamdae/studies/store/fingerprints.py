@@ -1,8 +1,9 @@
 """Hashes of arbitrary Python values that are the same in every process.
 
 A value is decomposed recursively into scalars: a function into its code and the values that the
-code refers to, a class into its members, and any other object into the parts of its pickle.
-Installed functions, classes and modules are identified by name and version.
+code refers to, a class into its members, a collection into its entries, and any other object into
+the parts of its pickle. Installed functions, classes and modules are identified by name and
+version.
 """
 
 from __future__ import annotations
