@@ -52,7 +52,7 @@ class Integrator(ABC):
     @property
     @abstractmethod
     def order(self) -> int:
-        """Order of the errors of positions and velocities in step or rtol; 1 for rtol."""
+        """Order p of the errors of positions and velocities, proportional to step^p or rtol^p."""
 
     @property
     def label(self) -> str:

@@ -76,10 +76,12 @@ class LaneKernel:
     def __call__(self, shared: Array, local: Array, out: Array | None = None) -> Array:
         """Return values (n_out, padded) at shared (n_shared,) and local (n_local, padded).
 
+        The values are written into `out` if it is given.
+
         Raises
         ------
         ValueError
-            If a shape does not fit, or `out` is not a C-contiguous array of float64.
+            If a shape does not fit, or `out` is not a writable C-contiguous array of float64.
         """
         shared = np.ascontiguousarray(shared, dtype=np.float64)
         local = np.ascontiguousarray(local, dtype=np.float64)

@@ -65,7 +65,9 @@ def compile_module(ir: str, level: int) -> bytes:
         passes.getModulePassManager().run(module, passes)
         return bytes(target.emit_object(module))
     except RuntimeError as problem:
-        raise MachineCodeError(f"LLVM cannot compile kernels ({_first_line(problem)})") from problem
+        raise MachineCodeError(
+            f"LLVM cannot compile the module ({_first_line(problem)})"
+        ) from problem
 
 
 def link_modules(texts: Iterable[str], exports: Container[str]) -> str:
@@ -134,7 +136,7 @@ class LoadedObject:
             library = builder.link(engine, f"{next(_library_numbers)}")
         except RuntimeError as problem:
             raise MachineCodeError(
-                f"LLVM cannot load kernels ({_first_line(problem)})"
+                f"LLVM cannot load the machine code ({_first_line(problem)})"
             ) from problem
         self.addresses = {name: int(library[name]) for name in names}
         # In this order the library is released before its engine.
@@ -206,7 +208,9 @@ def _engine() -> Any:
     except OSError as problem:
         raise MachineCodeError("this system forbids running code from memory") from problem
     except RuntimeError as problem:
-        raise MachineCodeError(f"LLVM cannot load kernels ({_first_line(problem)})") from problem
+        raise MachineCodeError(
+            f"LLVM cannot load the machine code ({_first_line(problem)})"
+        ) from problem
 
 
 def _first_line(problem: BaseException) -> str:

@@ -134,7 +134,9 @@ def _translate_errors(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as problem:
-        raise CacheError(f"{folder}: kernels cannot be cached: {problem.strerror}") from problem
+        raise CacheError(
+            f"{folder}: machine code cannot be cached: {problem.strerror}"
+        ) from problem
 
 
 def _read_private_file(file: Path) -> bytes | None:
@@ -181,6 +183,6 @@ def _require_private(folder: Path) -> None:
 
 def _untrusted_folder_error(folder: Path, reason: str) -> CacheError:
     return CacheError(
-        f"{folder}: kernels are neither stored nor loaded because {reason}; set "
+        f"{folder}: machine code is neither stored nor loaded because {reason}; set "
         "XDG_CACHE_HOME to a private folder"
     )

@@ -22,7 +22,7 @@ _issued_messages: set[str] = set()
 
 
 def is_native_enabled() -> bool:
-    """Return True unless machine code is switched off by BEAMDAE_NATIVE=off."""
+    """Return True unless the environment variable BEAMDAE_NATIVE is "off"."""
     return os.environ.get("BEAMDAE_NATIVE", "on") != "off"
 
 

@@ -105,15 +105,15 @@ def test_objects_with_equal_symbols_have_independent_lifetimes():
 
 @pytest.mark.parametrize("ir", ["nonsense", "define double @f(double %x) {\n ret float 0.0\n}"])
 def test_invalid_ir_is_rejected(ir):
-    with pytest.raises(MachineCodeError, match=r"LLVM cannot compile kernels \(.+\)"):
+    with pytest.raises(MachineCodeError, match=r"LLVM cannot compile the module \(.+\)"):
         compile_module(ir, 1)
 
 
 def test_missing_symbols_are_rejected(capfd):
     content = compile_module(CALLS, 1)
-    with pytest.raises(MachineCodeError, match=r"LLVM cannot load kernels \(.*twice"):
+    with pytest.raises(MachineCodeError, match=r"LLVM cannot load the machine code \(.*twice"):
         LoadedObject(content, ["twice"])
-    with pytest.raises(MachineCodeError, match=r"LLVM cannot load kernels \(.*nothing"):
+    with pytest.raises(MachineCodeError, match=r"LLVM cannot load the machine code \(.*nothing"):
         LoadedObject(content, ["nothing"], {"imported": library_address("exp")})
     with pytest.raises(MachineCodeError, match="the C library has no function fourier"):
         library_address("fourier")
@@ -146,7 +146,7 @@ def test_optimization_levels_have_separate_objects(cache):
 
 
 def test_ir_that_cannot_be_compiled_falls_back(cache):
-    with pytest.warns(KernelWarning, match="LLVM cannot compile kernels"):
+    with pytest.warns(KernelWarning, match="LLVM cannot compile the module"):
         assert load_object(ObjectSource("none", "nonsense", ("f",)), lambda code: True) is None
     assert list(cache.iterdir()) == []
 

@@ -346,7 +346,7 @@ def test_user_without_home_works_without_cache(monkeypatch, builds):
 def test_read_only_home_works_without_cache(monkeypatch, builds):
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", "/proc/self")
-    assert_works_without_cache("kernels cannot be cached", builds)
+    assert_works_without_cache("machine code cannot be cached", builds)
 
 
 @pytest.mark.parametrize("what", ["root", "folder", "link"])
@@ -354,7 +354,7 @@ def test_cache_that_is_not_a_folder_works_without_cache(cache, builds, what):
     path = cache.parent if what == "root" else cache
     path.parent.mkdir(exist_ok=True)
     path.symlink_to("nowhere") if what == "link" else path.write_text("")
-    assert_works_without_cache("kernels cannot be cached", builds)
+    assert_works_without_cache("machine code cannot be cached", builds)
 
 
 @pytest.mark.parametrize("call", ["replace", "fsync"])
