@@ -118,7 +118,8 @@ class Beam(Part):
     quadrature
         Gauss points of the stiffness terms: "reduced" (default), nodes - 1, or "full", nodes.
         Reduced quadrature needs about half as many elements for the same error (measured, see
-        validation/). With full quadrature, 2-node elements and curved 3-node elements lock.
+        validation/). With full quadrature, 2-node elements and curved 3-node elements lock, and
+        curved 4-node elements lose accuracy on slender arcs.
     frame
         Position of the floating frame: "chord", from end to end (default if the distance between
         the ends is at least a tenth of the length), or "tangent", on the start section (as in the
@@ -306,6 +307,8 @@ class Beam(Part):
 
     def deformation(self, s: float, axes: str = "inertial") -> Quantity:
         """Return displacement and rotation at `s` relative to the undeformed beam in its frame.
+
+        The undeformed beam moves with the frame: the floating frame, or `frame` of an exact beam.
 
         Parameters
         ----------

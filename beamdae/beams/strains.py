@@ -24,7 +24,7 @@ STRAIN_SIZE = 3
 def elastic_work(
     points: Sequence[tuple[SX, SX]], data: ElementData, damped: bool, q: Any, v: Any
 ) -> tuple[SX, SX, SX]:
-    """Return the generalized force of elasticity and damping, strain energy and dissipated power.
+    """Return generalized force, strain energy and dissipated power of elasticity and damping.
 
     The section forces are D (eps + damping eps') with D = diag(EA, GA, EI), eq. (21) of Pan & Liu
     (2012). The energy [J] and the power [W] are those of one element.

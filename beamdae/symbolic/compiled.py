@@ -82,9 +82,9 @@ class RowFunction:
         return result
 
     def derivative(self, argument: int) -> RowFunction:
-        """Return the function of the dense Jacobian with respect to the argument of this index.
+        """Return the Jacobian with respect to argument number `argument`, as a row function.
 
-        Its rows contain the entries of the Jacobian column by column.
+        A row contains all entries of the Jacobian, column by column.
         """
         if argument not in self._derivatives:
             inputs = self._function.sx_in()

@@ -164,12 +164,12 @@ class ConstraintKernel:
 
     @property
     def gradient_pattern(self) -> ca.Sparsity:
-        """Sparsity pattern of dg/dq of one copy."""
+        """Sparsity pattern of the constraint Jacobian G of one copy."""
         return self._jacobian.sparsity()
 
     @cached_property
     def gradients(self) -> RowFunction:
-        """Function from rows of (time, q, data) to rows of the non-zeros of dg/dq."""
+        """Function from rows of (time, q, data) to rows of the non-zeros of G."""
         nonzeros = ca.densify(ca.vec(self._jacobian.nz[:]))
         x = self.local
         return RowFunction(ca.Function("gradients", [x.time, x.q, x.data], [nonzeros]))

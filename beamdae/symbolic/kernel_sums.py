@@ -56,7 +56,7 @@ class Kernel:
     outputs
         Patterns of the columns and matrices that `function` returns.
     rotated_kernels
-        The same kernel in other coordinates, see `rotations.rotate_kernel`.
+        Cache of `rotations.rotate_kernel`.
     """
 
     function: ca.Function

@@ -1,4 +1,4 @@
-"""Compiled functions."""
+"""Compiled CasADi functions: arguments, buffers and evaluation by rows."""
 
 import casadi as ca
 import numpy as np

@@ -67,7 +67,7 @@ def strain_error_coefficients(
     Returns
     -------
     tuple or None
-        None for exact strains, which have no such error.
+        a [1/rad] and b [1/rad^2]; None for exact strains, which have no such error.
     """
     if strain == "exact":
         return None
