@@ -175,7 +175,13 @@ def _field_names(integrator: Any) -> list[str]:
 
 
 def parse_assignments(settings: list[str] | None, option: str = "--set") -> dict[str, str]:
-    """Return the values of a repeated option NAME=VALUE by name."""
+    """Return the values of a repeated option NAME=VALUE by name.
+
+    Raises
+    ------
+    BeamdaeError
+        If an entry does not have this form.
+    """
     values = {}
     for setting in settings or []:
         key, equals, value = setting.partition("=")
@@ -186,7 +192,13 @@ def parse_assignments(settings: list[str] | None, option: str = "--set") -> dict
 
 
 def parse_start(options: list[str] | None) -> str | dict[str, float] | None:
-    """Return the start described by --start, or None for the start of the model."""
+    """Return the start described by --start, or None for the start of the model.
+
+    Raises
+    ------
+    BeamdaeError
+        If a value is not a number, or an entry of several does not have the form NAME=VALUE.
+    """
     if not options:
         return None
     if len(options) == 1 and "=" not in options[0]:

@@ -33,7 +33,7 @@ _RESUME_HINT = "run the same command again to resume"
 
 
 def results_folder_name(stem: str, settings: Mapping[str, Any]) -> str:
-    """Return the name of the results folder for these parameter values."""
+    """Return the name of the results folder; long names are shortened and end with a hash."""
     from beamdae.studies.store.fingerprints import digest
 
     parts = [re.sub(r"[^A-Za-z0-9.=-]+", "-", f"{key}={value}") for key, value in settings.items()]

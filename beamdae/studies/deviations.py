@@ -101,7 +101,7 @@ def _select_moving_columns(
 
 
 def compute_amplitudes(reference: pd.DataFrame, columns: Sequence[str]) -> np.ndarray:
-    """Return half the range of each column."""
+    """Return half the range of each column, (columns,)."""
     return 0.5 * np.ptp(reference[list(columns)].to_numpy(), axis=0)
 
 

@@ -428,8 +428,7 @@ def test_other_pictures_are_drawn_after_a_failure(here, monkeypatch):
     result = CliRunner().invoke(app, ["compare", "model.py"])
     assert result.exit_code == 1
     assert (
-        "failed: comparison: the file cannot be created: ValueError: [/b] odd data"
-        in result.stderr
+        "failed: comparison: the file cannot be created: ValueError: [/b] odd data" in result.stderr
     )
     written = [line for line in result.stdout.splitlines() if line.startswith("written")]
     names = [Path(line).name for line in written]

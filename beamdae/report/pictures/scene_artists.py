@@ -204,7 +204,7 @@ def add_caption(axis: Axes) -> Text:
 
 
 def padded_extent(scenes: Iterable[Scene], margin: float = 0.05) -> tuple[Array, Array]:
-    """Return the corners of the region that contains all scenes, with a margin.
+    """Return the lower left and upper right corner of all scenes, with a margin [m].
 
     The margin is relative to the larger of width and height.
     """

@@ -66,7 +66,7 @@ class BeamColors:
     factor: float
 
     def segment_values(self, part: str, frame: int) -> Array:
-        """Return the values of the segments between neighboring sections in a frame."""
+        """Return the values (sections - 1,) between neighboring sections in a frame."""
         along = self.values[part][frame]
         return 0.5 * (along[:-1] + along[1:])
 

@@ -31,7 +31,7 @@ class Poses(Protocol):
 
 
 def reference_poses(attachments: Sequence[Attachment]) -> Array:
-    """Return the poses in the reference configuration as a single frame."""
+    """Return the poses (1, attachments, 3) in the reference configuration."""
     poses = [[(*attachment.point, 0.0) for attachment in attachments]]
     return np.array(poses, float).reshape(1, -1, 3)
 

@@ -42,24 +42,24 @@ def align_points(points: Any, direction: Sequence[float] | Array) -> Array:
 
 
 def circle(radius: float, corners: int = _SYMBOL_CORNERS) -> Array:
-    """Return a closed regular polygon that approximates a circle."""
+    """Return a closed regular polygon (corners + 1, 2) that approximates a circle."""
     angle = np.linspace(0.0, 2.0 * math.pi, corners + 1)
     return radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def wheel(radius: float) -> Array:
-    """Return a circle with a spoke that makes its rotation visible."""
+    """Return a circle with a spoke, (k, 2), which makes its rotation visible."""
     return join_lines(circle(radius, _WHEEL_CORNERS), np.array([(0.0, 0.0), (radius, 0.0)]))
 
 
 def box(width: float, height: float) -> Array:
-    """Return a closed rectangle centered at the origin."""
+    """Return a closed rectangle (5, 2) centered at the origin."""
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)], float)
     return 0.5 * corners * (width, height)
 
 
 def hatched_line(low: float, high: float, size: float) -> Array:
-    """Return a line along the x axis with hatches below it."""
+    """Return a line (k, 2) along the x axis with hatches below it."""
     count = max(round((high - low) / (_HATCH_DISTANCE * size)), 2)
     feet = np.linspace(low, high, count + 1)[1:]
     length = _HATCH_LENGTH * size
@@ -68,5 +68,5 @@ def hatched_line(low: float, high: float, size: float) -> Array:
 
 
 def arrow_head(size: float) -> Array:
-    """Return a closed triangle that points in the x direction, with its tip at the origin."""
+    """Return a closed triangle (4, 2) pointing in the x direction, with its tip at the origin."""
     return 0.5 * size * np.array([(-1.0, -0.4), (0.0, 0.0), (-1.0, 0.4), (-1.0, -0.4)])
