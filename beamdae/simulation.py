@@ -174,8 +174,8 @@ def load(path: str | Path, model: Any = None) -> Solution | SavedRun:
     Returns
     -------
     Solution or SavedRun
-        With `model`, the `Solution` including all steps. Without it, a `SavedRun` with the tables,
-        status and statistics of the run.
+        With `model`, the `Solution` including all steps. Without `model`, a `SavedRun` with the
+        tables, status and statistics of the run.
 
     Raises
     ------

@@ -115,7 +115,7 @@ def estimate_errors(solution: Solution, progress: Progress | None = None) -> Err
     other = _run_again(solution, refined, progress)
     if other is not None:
         steps = solution.trajectory.steps, other.trajectory.steps
-        # The steps are not limited by the tolerance.
+        # If the numbers of steps are nearly equal, the tolerance does not determine the steps.
         if min(steps) > _MAX_STEP_COUNT_RATIO * max(steps):
             other = None
     return _compare(solution, other, fraction)

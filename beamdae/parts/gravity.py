@@ -71,7 +71,7 @@ class GravityLaws:
 
     @property
     def _formulas(self) -> list[tuple[Callable[[SX], SX], tuple[float, ...]]]:
-        """Function and numbers of each law; the numbers are empty unless it is a `Formula`."""
+        """Function and numbers of each law; no numbers unless the law is a `Formula`."""
         formulas = [law.formula for law in self.laws]
         return [(x, tuple(x.numbers) if isinstance(x, Formula) else ()) for x in formulas]
 

@@ -60,8 +60,7 @@ def select_columns(
         A header with or without its unit, or the name of an observable or a part, which selects
         all its columns.
     of
-        Class name of the result, used in the error message; in lowercase, it is the name of the
-        result in the call that the message recommends.
+        Name of the class of the result, for the error message.
     observed
         Headers that take precedence if `name` also selects other headers.
 

@@ -266,7 +266,7 @@ class Solution(RunData, TimeSeries):
     def save(self, path: str | Path) -> Path:
         """Write all data of the run to one file and return the path; `load` reads the file.
 
-        The file is a zip archive of NumPy arrays and JSON. Loading it does not execute code.
+        The file is a zip archive of NumPy arrays and JSON. Loading the file does not execute code.
 
         Raises
         ------

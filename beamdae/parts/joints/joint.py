@@ -122,7 +122,7 @@ class Joint(KinematicConstraint):
     def slide_direction(self) -> tuple[float, float] | None:
         """Direction (x, y) in which `b` slides on the body of `a` in the reference configuration.
 
-        Required by `Friction`; None for joints that are not guides.
+        `Friction` in a guide requires this direction. None for joints that are not guides.
         """
         return None
 

@@ -100,7 +100,7 @@ def _evaluate_gravity(mechanism: Mechanism, times: Array) -> Array:
 
 
 class _PartStatement(NamedTuple):
-    """A statement of a part, with the slice of the multipliers on which it depends."""
+    """A statement of a part, and the slice of the multipliers on which the statement depends."""
 
     part: Part
     statement: ForceStatement | ConstraintStatement
@@ -208,7 +208,7 @@ class _LoadCollector:
         return [SectionFunction(point.operator, point.motion) for point in points]
 
     def _evaluate_motion(self, at: list[SectionFunction]) -> Array:
-        """Return (x, y, angle) of sections and the second derivatives, (rows, sections, 6)."""
+        """Return (x, y, rotation) of sections and the second derivatives, (rows, sections, 6)."""
         return evaluate_sections(section_motion, at, *self._beam_state)
 
     def _move_to_start(self, position: Array, force: Array, moment: Array) -> Array:

@@ -246,8 +246,8 @@ class _BeamSections:
         points = [self._beam.kinematics.material_point(x) for x in s.tolist()]
         at = [SectionFunction(point.operator, point.motion) for point in points]
         motion = evaluate_sections(position_and_angle, at, *self._beam_state)
-        # A material point has the angle of its element. Elements meet at small angles, whereas
-        # sections are normal to the curve.
+        # Sections are normal to the curve. The inclination of a material point is not used, because
+        # it is the angle of an element, and elements meet at small angles.
         return motion[..., :2], motion[..., 2] + self._beam.curve.tangent_angle(s)
 
     def resolve_wrenches(self, s: Array, wrenches: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Motion of beam sections at several states: positions, angles, accelerations and strains."""
+"""Motion of beam sections at several states: positions, rotations, accelerations and strains."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ class SectionFunction(NamedTuple):
 
 
 def position_and_angle(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> SX:
-    """Return (x, y, angle) of a section as a symbolic expression."""
+    """Return (x, y, rotation from the reference configuration) of a section as an expression."""
     return ca.vertcat(*motion(local.q))
 
 
 def section_motion(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> SX:
-    """Return (x, y, angle) of a section and the second time derivatives, as an expression."""
+    """Return (x, y, rotation) of a section and the second time derivatives, as an expression."""
     position = position_and_angle(local, motion)
     return ca.vertcat(position, local.ddot(position))
 
 
 def section_jacobian(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> SX:
-    """Return the Jacobian of (x, y, angle) with respect to the local coordinates, by columns."""
+    """Return the Jacobian of (x, y, rotation) with respect to local coordinates, by columns."""
     return ca.vec(ca.densify(ca.jacobian(position_and_angle(local, motion), local.q)))
 
 
