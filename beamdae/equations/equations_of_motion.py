@@ -127,7 +127,10 @@ class EventTerm:
     side: int = 0
 
     def evaluate_difference(self, p: Array, times: Array, q: Array, v: Array, lam: Array) -> Array:
-        """Return the monitored column minus `crosses`, (rows,), for rows of (t, branch), states."""
+        """Return the monitored column minus `crosses`, (rows,), at rows of times and states.
+
+        Times are (t, branch).
+        """
         o = self.observable
         local = (np.asarray(o.operator @ x.T).T for x in (q, v))
         return o.function(times, *local, p[o.data], lam[:, o.rows])[:, self.column] - self.crosses

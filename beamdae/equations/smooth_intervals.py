@@ -14,7 +14,7 @@ _DEFAULT_DURATION = 1.0
 
 
 def interval_ends(breakpoints: Sequence[float], start: float, end: float) -> tuple[float, ...]:
-    """Return the ends of the smooth intervals between `start` and `end` [s]."""
+    """Return the ends [s] of the smooth intervals from `start` to `end`, in ascending order."""
     tolerance = SAME_TIME * max(abs(start), abs(end))
     inner: list[float] = []
     for breakpoint_time in breakpoints:

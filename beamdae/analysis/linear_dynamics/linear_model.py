@@ -218,7 +218,6 @@ class ModelInput(NamedTuple):
 def _resolve_inputs(
     mechanism: Any, lin: Linearization, part_names: Sequence[str] | None
 ) -> list[ModelInput]:
-    """Return the inputs of the named parts, or of all parts if `part_names` is None."""
     parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
     candidates = {name: part for name, part in parts.items() if part.inputs}
     if part_names is None:
@@ -286,7 +285,6 @@ def _part_residual(
 def _resolve_outputs(
     lin: Linearization, observable_names: Sequence[str] | None
 ) -> list[Observable]:
-    """Return the named observables, or all observables if `observable_names` is None."""
     observables = {o.name: o for o in lin.full_equations.observables}
     if observable_names is None:
         observable_names = list(observables)
@@ -341,7 +339,6 @@ class _StateReduction:
         self.solve = solve
 
     def linear_model(self, observables: Sequence[Observable]) -> LinearModel:
-        """Return the state-space model with these outputs."""
         e, lin, tangent = self.e, self.lin, self.lin.tangent
         nx, nw = len(self.x_indices), len(self.w_indices)
         # Derivatives with respect to (x, w, u), by columns.
@@ -381,7 +378,7 @@ class _StateReduction:
     def _differentiate_outputs(
         self, observables: Sequence[Observable], dq: Array, dv: Array, dlam: Array
     ) -> tuple[Array, Array, tuple[Variable, ...]]:
-        """Return the derivatives of the outputs by (x, w, u), their values, and their names."""
+        """Return the derivatives of the outputs with respect to (x, w, u), values and names."""
         lin, full = self.lin, self.lin.full_equations
         # Multipliers of inactive or redundant constraints are zero; row -1 refers to the appended
         # zero.
@@ -410,10 +407,9 @@ class _StateReduction:
 
 
 def _independent_coordinates(rows: Array, scales: Array) -> tuple[Array, Array]:
-    """Return independent coordinates for rows @ dq = 0, and Z with dq = Z dq[independent].
+    """Return indices of independent coordinates for rows @ dq = 0, and Z: dq = Z dq[independent].
 
-    The independent coordinates are chosen by QR factorization with column pivoting of the rows
-    scaled by natural sizes.
+    They are chosen by QR factorization with column pivoting of the scaled rows.
     """
     n = rows.shape[1]
     matrix = rows * scales

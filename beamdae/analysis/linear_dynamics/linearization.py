@@ -173,8 +173,8 @@ def _linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Li
     """Linearize about an instant of a run; position and velocity are frozen."""
     if len(instant.state.q) != full_equations.n:
         raise BeamdaeError(
-            f"about: the solution has {len(instant.state.q)} coordinates, but this "
-            f"model has {full_equations.n}; pass a solution of this model."
+            f"about: the number of coordinates is {len(instant.state.q)} in the solution but "
+            f"{full_equations.n} in this model; pass a solution of this model."
         )
     equations, time = _active_equations(full_equations, instant, instant.t)
     state = ConsistencySolver(equations).state(time, instant.state.q, instant.state.v)
@@ -190,7 +190,6 @@ def _linearize_rest(full_equations: EquationsOfMotion, description: str, t: floa
 
 
 def _linearize_path_end(name: str, model: Any, path: Equilibrium) -> Linearization:
-    """Linearize about the last equilibrium of a path, under the loads at that point."""
     full_equations = path.to_checkpoint().start_equations(as_equations(name, model, AS_DRAWN))
     stages = [list(stage) for stage in path.loads] or None
     loading = build_loading(model, full_equations, stages, path.t)
@@ -254,7 +253,7 @@ def massless_error(e: EquationsOfMotion, tangent: Tangent) -> BeamdaeError:
 
 
 def _release(e: EquationsOfMotion, tangent_at: TangentFunction, rest: State) -> State:
-    """Return the state released from rest, with M a + F + G^T lam = 0 and J a = 0."""
+    """Return the state released from rest: a and lam balance the forces at zero velocity."""
     tangent = tangent_at(rest)
     solve = factorize_saddle_point(
         tangent.mass, tangent.reactions, tangent.acceleration_jacobian(e)

@@ -90,7 +90,7 @@ class Modes:
 
     @property
     def damping_ratios(self) -> Array:
-        """-Re l / |l|, (k,): 1 for decays, negative for growing modes, 0 for free motions."""
+        """Damping ratios -Re l / |l|, (k,): 1 for decays, negative for growth, 0 for free motions."""
         size = np.abs(self.eigenvalues)
         return -self.eigenvalues.real / np.where(size > 0.0, size, 1.0) + 0.0
 
@@ -101,7 +101,7 @@ class Modes:
 
     @cached_property
     def shares(self) -> dict[str, Array]:
-        """Fractions of the kinetic energy of each mode, (k,) by name of the part; the sum is 1."""
+        """Fractions of the kinetic energy of each mode, (k,) by part name; they add up to 1."""
         e = self._linearization.equations
         momentum = self._linearization.tangent.mass @ self.shapes.T
         energy = np.real(self.shapes.conj().T * momentum)
@@ -141,8 +141,9 @@ class Modes:
     def mac(self, other: Modes) -> Array:
         """Return the modal assurance criterion (MAC) with other modes of the same mechanism.
 
-        |x^H M y|^2 / (x^H M x y^H M y): one for equal shapes (Allemang & Brown 1982, here in the
-        metric of the mass matrix), zero for different modes of one undamped state.
+        The MAC |x^H M y|^2 / (x^H M x y^H M y) of shapes x and y is one for equal shapes and zero
+        for different modes of one undamped state (Allemang & Brown 1982, here in the metric of the
+        mass matrix of these modes).
 
         Parameters
         ----------

@@ -49,13 +49,13 @@ _TINY = 1e-300
 class QuadraticProblem:
     """Quadratic eigenvalue problem (l^2 M + l C + K) x + H mu = 0, (J + l V) x = 0.
 
-    With y = (x, l x), the problem becomes l E y = A y; for a shift s, the eigenvalues of
-    (A - s E)^-1 E are 1 / (l - s).
+    With y = (x, l x), the problem becomes l E y = A y with constant matrices E and A. For a shift
+    s, the eigenvalues of (A - s E)^-1 E are 1 / (l - s).
 
     Parameters
     ----------
     lin
-        The linearized equations.
+        Linearized equations with the matrices M, C, K, H, J and V.
     squares
         Squared frequencies of the undamped problem [1/s^2], which determine the shift.
     count

@@ -103,8 +103,8 @@ def rotation(speed: float, center: tuple[float, float] = (0.0, 0.0)) -> Rotation
 class RotatingCoordinates:
     """Transformation of coordinates under a rigid rotation: q = c + D (z - c) + angle * e.
 
-    D rotates the pairs (x, y), inertial angles increase by the angle, and coordinates relative to a
-    body do not change. z are the coordinates in the rotating frame.
+    D rotates the pairs (x, y) about the center c, e increases inertial angles by the angle, and
+    coordinates relative to a body do not change. z are the coordinates in the rotating frame.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ class RotatingCoordinates:
 
     @property
     def can_rotate(self) -> bool:
-        """True if a rotation changes any coordinate."""
+        """True if there are coordinates that change in a rotation: points or inertial angles."""
         return bool(len(self.x) or len(self.angles))
 
     def rotation_matrix(self, angle: float) -> sp.csr_array:
@@ -260,7 +260,6 @@ def _solve_steady_state(
     q: Array,
     lam: Array,
 ) -> tuple[Array, Array] | None:
-    """Return (q, lam) at a speed by Newton's method, or None if it does not converge."""
     last_size = np.inf
     for _ in range(_MAX_ITERATIONS):
         state = _rotating_state(frame, rotation, speed, q, lam)
@@ -295,7 +294,6 @@ def _require_rotating_forces(
     rotation: Rotation,
     state: State,
 ) -> None:
-    """Reject forces that do not rotate with the mechanism."""
     d, c = frame.rotation_matrix(_TEST_ANGLE), frame.center_vector(rotation.center)
     q = c + d @ (state.q - c) + _TEST_ANGLE * frame.angle_vector
     rotated = State(q, d @ state.v, d @ state.a, np.zeros(e.m))

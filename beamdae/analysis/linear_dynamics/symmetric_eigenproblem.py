@@ -108,7 +108,7 @@ class SymmetricProblem:
         return UndampedModes(squares[order], shapes[:, order])
 
     def _solve_dense(self) -> tuple[Array, float]:
-        """Return all shapes and the shift by the inverse of K + s M in the null space of G.
+        """Return all shapes and the shift s, from the inverse of K + s M in the null space of G.
 
         With the inverse, the lowest modes are the most accurate.
         """
@@ -126,7 +126,6 @@ class SymmetricProblem:
         return basis @ (inverse @ vectors), s
 
     def _solve_sparse(self, count: int) -> tuple[Array, float]:
-        """Return `count` shapes and the shift by shift-and-invert Lanczos iteration."""
         n, m = self.e.n, self.e.m
         inertia = self.mass.diagonal()
         has_inertia = inertia > 0.0

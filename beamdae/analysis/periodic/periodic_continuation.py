@@ -156,7 +156,6 @@ def frequency_response(
 def _follow_curve(
     curve: ResponseCurve, settle: int, first_step: float, max_step: float, max_points: int
 ) -> tuple[tuple[ResponsePoint, ...], Status]:
-    """Return the points of the curve and the final status."""
     step, (first, last) = first_step, curve.ends
     sign = 1.0 if last > first else -1.0
     point, reason = curve.first_point(settle)
@@ -259,7 +258,6 @@ class ResponseCurve:
         return self.ends[1] - self.ends[0]
 
     def _period_map(self, value: float) -> PeriodMap:
-        """Return the period map of the model for a value of the parameter."""
         try:
             period = self.period(value)
         except Exception as error:
@@ -272,7 +270,7 @@ class ResponseCurve:
         return PeriodMap.from_equations(equations, self.integrator, self.begin, period)
 
     def first_point(self, settle: int) -> tuple[CurvePoint | None, str]:
-        """Return the first point of the curve, or None and the reason for its failure."""
+        """Return the first point of the curve and "", or None and the reason for the failure."""
         value = self.ends[0]
         period_map = self._period_map(value)
         try:
@@ -290,7 +288,10 @@ class ResponseCurve:
             return None, f"{self.describe(value)}: {_failure_reason(error)}"
 
     def next_point(self, point: CurvePoint, step: float) -> tuple[CurvePoint | None, str]:
-        """Return the point one step further along the curve, or None and the reason for failure."""
+        """Return the next point on the curve and "", or None and the reason for the failure.
+
+        `step` is the length of the step along the tangent at `point`.
+        """
         value = point.value + step * point.direction[-1] * self._range
         state = point.state + step * point.direction[:-1]
         by_parameter: Array | None = None
@@ -326,7 +327,7 @@ class ResponseCurve:
         return None, _NOT_CONVERGED
 
     def _differentiate_by_parameter(self, point: CurvePoint) -> Array:
-        """Return the derivative (k,) of the deviation by the parameter relative to its range."""
+        """Return the derivative (k,) of the deviation by the parameter, times its range."""
         result = point.result
         period_map = self._period_map(point.value + _DIFFERENCE_STEP * self._range)
         n = period_map.equations.n
@@ -358,17 +359,16 @@ def _orient_curve(point: CurvePoint, by_parameter: Array) -> CurvePoint:
 
 
 def _cosine(point: CurvePoint, next_point: CurvePoint) -> float:
-    """Return the cosine of the angle between the tangents at two points."""
     tangents = [_reduce_direction(next_point.result, x.direction) for x in (point, next_point)]
     return float(tangents[0] @ tangents[1] / np.prod(np.linalg.norm(tangents, axis=1)))
 
 
 def _extended_jacobian(result: ShootingResult, by_parameter: Array) -> Array:
-    """Return the derivative (k, k + 1) of the deviation by the basis and the parameter."""
+    """Return the derivative (k, k + 1) of the deviation by basis components and parameter."""
     by_state = result.monodromy - np.eye(len(result.deviation))
     return np.column_stack([by_state, by_parameter])
 
 
 def _reduce_direction(result: ShootingResult, direction: Array) -> Array:
-    """Return the components (k + 1,) of a direction in the basis and the parameter."""
+    """Return a direction in terms of basis components and the parameter, (k + 1,)."""
     return np.append(result.projection @ direction[:-1], direction[-1])

@@ -44,7 +44,7 @@ class EquilibriumPoint:
     mu
         Load factor.
     iterations
-        Number of Newton iterations.
+        Number of Newton iterations; 0 for points found in another way.
     """
 
     system: LoadedEquations = field(repr=False)

@@ -76,7 +76,7 @@ class Stability:
         return max(self.negative_count - int(np.sum(is_rounding)), -1)
 
     def eigenvalue(self, index: int) -> float:
-        """Return eigenvalue `index`, counted from 0 in ascending order [J]; nan if not computed."""
+        """Return eigenvalue `index` [J] of all, ascending from 0; nan if it was not computed."""
         position = self._array_index(index)
         return (
             float(self.eigenvalues[position])

@@ -231,7 +231,6 @@ class ConstrainedSystem(HasOrigin):
 
     @cached_property
     def _observed(self) -> dict[Variable, Any]:
-        """Expressions of the additional columns, by `Variable` (name, unit)."""
         if not isinstance(self.observe, dict):
             raise BeamdaeError(
                 f"{KIND}: observe must be a dict of expressions by header, got "

@@ -179,7 +179,6 @@ def _require_symbol(name: str, symbol: Any) -> None:
 
 
 def _parse_parameters(kind: Any, parameters: Any) -> dict[Any, float | Law]:
-    """Validate the parameters; return numbers and laws by symbol."""
     if not isinstance(parameters, Mapping) or not all(
         isinstance(symbol, kind) and symbol.is_scalar() and symbol.is_valid_input()
         for symbol in parameters

@@ -132,7 +132,7 @@ def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[l
 
 
 def call_part(part: str, what: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a method of a part; re-raise any exception as `BeamdaeError` that names the part."""
+    """Return the result of a method; convert unexpected exceptions to errors naming the part."""
     try:
         return function(*arguments)
     except BeamdaeError:

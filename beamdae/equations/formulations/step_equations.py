@@ -108,7 +108,7 @@ class StepEquations:
 
     @property
     def _velocity_rows(self) -> Array:
-        """Rows in which g_dot replaces g."""
+        """Rows in which g_dot / c_v replaces g."""
         rows = self.equations.n + self.equations.nonholonomic_rows
         return rows[:0] if self.stabilized else rows
 

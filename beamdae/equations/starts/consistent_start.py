@@ -76,7 +76,7 @@ class ConsistencySolver(StateEvaluator):
     def acceleration(
         self, time: Array, q: Array, v: Array, stiff_time: float = 0.0
     ) -> tuple[Array, Array]:
-        """Return accelerations (n,) and multipliers (m,) of a consistent (q, v).
+        """Return accelerations (n,) and multipliers (m,) for consistent q and v, (n,) each.
 
         With a `stiff_time` T [s], M + T^2 K replaces M, which multiplies the acceleration of modes
         of angular frequency w by 1 / (1 + (w T)^2).

@@ -76,7 +76,7 @@ class ReducedEquations:
                 )
 
     def restore_reactions(self, times: Array, q: Array, lam: Array) -> Array:
-        """Return the minimum-norm multipliers of all constraints with the same forces, (rows, m).
+        """Return multipliers of all constraints, (rows, m), with equal forces and minimum norm.
 
         The norm weights each multiplier by the length of the scaled gradient of its constraint, so
         that forces and moments are comparable.
