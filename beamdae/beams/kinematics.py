@@ -44,14 +44,14 @@ class InertiaPoint(NamedTuple):
     weight
         Length of axis that the point represents [m].
     density
-        (rhoA, rhoA, rhoI) [kg/m, kg/m, kg m], which multiply the velocity and the angular
-        velocity.
+        Inertia per length for the components of (velocity, angular velocity):
+        (rhoA [kg/m], rhoA [kg/m], rhoI [kg m]).
     velocity
         Velocity of the axis (2,) [m/s], resolved in any orthogonal axes.
     angular_velocity
         Angular velocity of the section [rad/s].
     rotation
-        Angle of the section relative to these axes [rad]; (-sin, cos) lies in the section.
+        Angle of the section relative to the axes of `velocity` [rad].
     """
 
     weight: SX

@@ -390,8 +390,7 @@ def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) 
     material
         The material.
     dimensions
-        Arguments of `shape`: each a number, or a pair (at the start, at the end) between which it
-        varies linearly.
+        Arguments of `shape`: each a number, or a pair of numbers (at the start, at the end).
 
     Returns
     -------

@@ -209,7 +209,7 @@ class Segment:
     Raises
     ------
     BeamdaeError
-        If `curve` is not a curve, or unless 0 <= start < end <= length of the curve.
+        If `curve` is not a plane curve, or 0 <= start < end <= length of the curve does not hold.
 
     Examples
     --------

@@ -300,9 +300,9 @@ def floating_frame_kernel(element: FloatingFrameElement) -> ForceKernel:
     """Return the virtual work of one element: inertia, weight, elasticity and material damping.
 
     Eqs. (10), (11), (15) and (21) of Pan & Liu (2012). The inertial forces are the density times
-    the acceleration of material points. Unlike in
-    the paper, the rotary inertia is consistent: the kinetic energy of rotation is
-    1/2 rho I (theta' + phi')^2, while eq. (8) leads to 1/2 rho I (phi'^2 + phi^2 theta'^2).
+    the acceleration of material points. Unlike in the paper, the rotary inertia is consistent: the
+    kinetic energy of rotation is 1/2 rho I (theta' + phi')^2, while eq. (8) leads to
+    1/2 rho I (phi'^2 + phi^2 theta'^2).
     """
     local = Local(element.size, element.n_data)
     data = element.layout.split(local.data)
