@@ -38,15 +38,16 @@ _CRITICAL_MARKERS = {"limit point": "o", "branch point": "s", "flutter point": "
 
 
 def save_path_figure(path: Path, equilibrium: Equilibrium, title: str) -> Path:
-    """Plot the load factor over observed positions, deformations and forces, and write a PNG file.
+    """Plot the load factor over observed positions, deformations and forces, and write the figure.
 
-    Lines are dashed where the equilibrium is unstable under constant loads, and limit, branch and
-    flutter points are marked. The load factors of several stages are added.
+    The suffix of `path` selects the image format. Lines are dashed where the equilibrium is
+    unstable under constant loads, and limit, branch and flutter points are marked. The load factors
+    of several stages are added.
 
     Returns
     -------
     Path
-        Path of the PNG file.
+        Path of the image file.
     """
     columns = mask_huge_values(equilibrium.columns)
     return save_figure(_create_path_figure(equilibrium, columns, title), path)

@@ -111,7 +111,7 @@ def _draw_clamp(fixed: Attachment, clamped: Attachment, builder: SceneBuilder) -
 
 
 def draw_point_on_line(part: PointOnLine, builder: SceneBuilder) -> None:
-    """Draw a pin in a slot that covers its travel."""
+    """Draw a pin in a slot that covers the travel of the pin."""
     _draw_slot(part, builder, 0.0)
     row = builder.add_attachment(part.b)
     _draw_pin(builder, row)
@@ -119,7 +119,7 @@ def draw_point_on_line(part: PointOnLine, builder: SceneBuilder) -> None:
 
 
 def draw_prismatic(part: Prismatic, builder: SceneBuilder) -> None:
-    """Draw a block in a slot that covers its travel."""
+    """Draw a block in a slot that covers the travel of the block."""
     a, b = np.array(part.a.point), np.array(part.b.point)
     _draw_slot(part, builder, float(rotate_left(unit_vector(part.direction)) @ (b - a)))
     row = builder.add_attachment(part.b)
@@ -215,7 +215,7 @@ def draw_rack_and_pinion(part: RackAndPinion, builder: SceneBuilder) -> None:
     a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
     builder.add_rigid("wheel", a, wheel(abs(part.radius)))
     direction = unit_vector(part.direction)
-    # The rack lies to the left of the pinion, seen along its direction.
+    # Seen along its direction, the rack is on the right of the pinion if the radius is positive.
     touch = np.subtract(part.a.point, part.b.point) - part.radius * rotate_left(direction)
     low, high = find_travel(part.b, part.a, part.direction, builder, abs(part.radius))
     line = align_points([(low, 0.0), (high, 0.0)], direction)
@@ -224,7 +224,7 @@ def draw_rack_and_pinion(part: RackAndPinion, builder: SceneBuilder) -> None:
 
 
 def draw_rolling_on_line(part: RollingOnLine, builder: SceneBuilder) -> None:
-    """Draw a wheel on a hatched line that covers its travel."""
+    """Draw a wheel on a hatched line that covers the travel of the wheel."""
     low, high = find_travel(part.a, part.b, part.direction, builder, part.radius)
     side = np.subtract(part.b.point, part.a.point) @ rotate_left(unit_vector(part.direction))
     line = hatched_line(low, high, builder.size) * (1.0, 1.0 if side > 0.0 else -1.0)

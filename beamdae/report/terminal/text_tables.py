@@ -119,7 +119,7 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
 
 
 def validity_table(beams: Iterable[BeamRange]) -> ResponsiveTable:
-    """Return a table of the largest deflection, rotation, strain and error of each beam."""
+    """Return a table of each beam's largest deflection, rotation, strain and estimated error."""
     columns = [
         Column("deflection\nof length", 2),
         Column("rotation\n[rad]", 3),

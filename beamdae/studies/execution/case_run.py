@@ -71,7 +71,7 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
     begin = clock.perf_counter()
     reset_peak_memory()
     with limit_memory(task.limits.memory), warnings.catch_warnings(record=True) as caught:
-        # The case table contains the warnings of the run.
+        # Not printed, because the case table contains the warnings of the run.
         warnings.simplefilter("ignore", BeamdaeWarning)
         built = _build_equations(task)
         reads |= built.reads

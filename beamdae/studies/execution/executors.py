@@ -80,7 +80,7 @@ class SerialPool:
             clear_module_reads()
             outcome = run_task(task.serialize(models))
             yield TaskResult(task, outcome, storable=True)
-            # The integrator only ends its run after an interrupt, which must end the whole study.
+            # After an interrupt, the integrator only ends its run, but the whole study must end.
             if outcome.status.kind == "interrupted":
                 raise KeyboardInterrupt
 

@@ -141,7 +141,7 @@ class StudyResults:
         return self.outcomes.get(self._find_task(case).key, NOT_RUN)
 
     def frames_of(self, case: Case) -> dict[str, Any] | None:
-        """Return the shapes of the bodies over time, recorded by any run of the same mechanism."""
+        """Return the shapes of the bodies over time from any run of the same mechanism, or None."""
         return self.frames.get(self._find_task(case).mechanism_fingerprint)
 
     def _find_task(self, case: Case) -> Task:

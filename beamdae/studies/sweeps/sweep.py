@@ -241,7 +241,8 @@ def sweep(
 
     Returns
     -------
-    SweepResults, or a decorator that returns a Sweep
+    SweepResults or callable
+        Results of the sweep or, without `over`, a decorator that returns a `Sweep`.
 
     Raises
     ------
