@@ -214,10 +214,12 @@ def load(path: str | Path, model: Any = None) -> Solution | SavedRun:
 
 
 def as_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
-    """Return the equations of motion of a model; `name` is the calling function, for messages.
+    """Return the equations of motion of a model.
 
     Parameters
     ----------
+    name
+        Name of the calling function, for messages.
     model
         A model function, mechanism, constrained system or equations of motion.
     start

@@ -103,6 +103,11 @@ def estimate_errors(solution: Solution, progress: Progress | None = None) -> Err
         The run.
     progress
         Progress function of the second run; see `simulate`.
+
+    Raises
+    ------
+    BeamdaeError, KeyboardInterrupt
+        See `error_estimate`.
     """
     integrator = _require_own_integrator("error_estimate", solution)
     name, value = integrator.accuracy
@@ -131,6 +136,11 @@ def accuracy_warning(solution: Solution, errors: Mapping[str, Any]) -> str:
         the limit refers to the range of the whole motion.
     errors
         The result of `estimate_errors` or `error_estimate`.
+
+    Raises
+    ------
+    BeamdaeError
+        If `solution` is not a solution or does not contain its integrator.
     """
     name, value = _require_own_integrator("accuracy_warning", solution).accuracy
     if not solution.status.success or name != "rtol":
@@ -196,6 +206,11 @@ def compare_methods(
         As for `verify`.
     progress
         Progress function of the second run; see `simulate`.
+
+    Raises
+    ------
+    BeamdaeError, KeyboardInterrupt
+        See `verify`.
     """
     name, value = _require_own_integrator("verify", solution).accuracy
     has_rtol = name == "rtol"

@@ -26,6 +26,8 @@ class GravityLaws:
     ----------
     laws
         Laws of the components (gx, gy) [m/s^2].
+    name
+        Name of gravity among the loads.
     """
 
     laws: tuple[Law, Law]

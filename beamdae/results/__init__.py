@@ -1,4 +1,4 @@
-"""Results of runs: trajectory, solution, diagnostics, section forces and saved files.
+"""Results of runs and analyses: solution, diagnostics, section forces, equilibria, saved files.
 
 May import: equations, beams, parts, symbolic; drawing code only through `displays.load_views`.
 To extend: add quantities of a run as methods of `Solution`, and checks as modules in `diagnostics`.

@@ -58,7 +58,13 @@ class Ground(Part):
     name: str = "ground"
 
     def at(self, x: float, y: float) -> Attachment:
-        """Return the fixed point (x, y) [m]."""
+        """Return the fixed point (x, y) [m].
+
+        Raises
+        ------
+        BeamdaeError
+            If x or y is not a finite number.
+        """
         point = require_point(self.name, "point", (x, y))
         return Attachment(self, point, 0.0, _NO_ROWS, Formula(_fixed_point, point))
 
@@ -149,6 +155,12 @@ class RigidBody(Part):
             Area of the cross-section [m^2].
         **start
             Initial `velocity` [m/s] and `angular_velocity` [rad/s].
+
+        Raises
+        ------
+        BeamdaeError
+            If the points coincide, a value is invalid, or not exactly one of mass and density is
+            given.
         """
         name = require_name("RigidBody.rod", name)
         return cls._from_shape(name, plane_shapes.rod(name, a, b, mass, density, area), start)
@@ -182,6 +194,11 @@ class RigidBody(Part):
             Thickness [m].
         **start
             Initial `velocity` [m/s] and `angular_velocity` [rad/s].
+
+        Raises
+        ------
+        BeamdaeError
+            If a value is invalid, or not exactly one of mass and density is given.
         """
         name = require_name("RigidBody.disk", name)
         shape = plane_shapes.disk(name, center, radius, mass, density, thickness)
@@ -220,6 +237,11 @@ class RigidBody(Part):
             Thickness [m].
         **start
             Initial `velocity` [m/s] and `angular_velocity` [rad/s].
+
+        Raises
+        ------
+        BeamdaeError
+            If a value is invalid, or not exactly one of mass and density is given.
         """
         name = require_name("RigidBody.plate", name)
         angle = require_finite(name, "angle", angle)
@@ -252,6 +274,12 @@ class RigidBody(Part):
             Thickness [m].
         **start
             Initial `velocity` [m/s] and `angular_velocity` [rad/s].
+
+        Raises
+        ------
+        BeamdaeError
+            If the corners enclose no area or are not in order around the polygon, a value is
+            invalid, or not exactly one of mass and density is given.
 
         Examples
         --------
@@ -298,7 +326,13 @@ class RigidBody(Part):
         return np.array(self.shape or [self.center])
 
     def at(self, x: float, y: float) -> Attachment:
-        """Return the material point at (x, y) of the reference configuration [m]."""
+        """Return the material point at (x, y) in the reference configuration [m].
+
+        Raises
+        ------
+        BeamdaeError
+            If x or y is not a finite number.
+        """
         point = require_point(self.name, "point", (x, y))
         arm = (point[0] - self.center[0], point[1] - self.center[1])
         return Attachment(self, point, 0.0, _ALL_ROWS, Formula(_body_point, arm))

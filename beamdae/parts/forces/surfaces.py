@@ -68,7 +68,13 @@ class _Surface:
         raise NotImplementedError
 
     def gap(self, point: Attachment) -> Quantity:
-        """Return the distance of a point from the surface [m], negative during penetration."""
+        """Return the distance of a point from the surface [m], negative during penetration.
+
+        Raises
+        ------
+        BeamdaeError
+            If `point` is not an attachment.
+        """
         require_attachment("gap", "point", point)
         functions = (
             point.checked_kinematics,

@@ -51,6 +51,13 @@ class PointOnLine(Joint):
 
     The line is fixed to the body of `a` and rotates with it; n is its left normal, and r_a and r_b
     are the positions of the points. The reaction F is the force on the body of `b` along n.
+
+    Parameters
+    ----------
+    name, a, b
+        As in `Joint`; the body of `a` must have an angle.
+    direction
+        Direction of the line in the reference configuration.
     """
 
     direction: tuple[float, float] = (1.0, 0.0)
@@ -95,6 +102,13 @@ class Prismatic(Joint):
     n is its left normal. The offset of `b` from the axis keeps its value in the reference
     configuration. The reaction F is the force on the body of `b` along n, at point `b`, and M the
     moment on this body.
+
+    Parameters
+    ----------
+    name, a, b
+        As in `Joint`; both bodies must have an angle.
+    direction
+        Direction of the axis in the reference configuration.
 
     Examples
     --------

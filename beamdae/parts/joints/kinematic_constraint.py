@@ -238,7 +238,13 @@ class KinematicConstraint(Part):
 
     @property
     def reaction(self) -> Quantity:
-        """Reaction of each constraint [N] or [N m]; a positive reaction opens the gap."""
+        """Reaction of each constraint [N] or [N m]; a positive reaction opens the gap.
+
+        Raises
+        ------
+        BeamdaeError
+            If the joint does not define one column in `reactions` for each multiplier.
+        """
         if len(self.reactions) != len(self.multipliers):
             raise BeamdaeError(
                 f"{self.name}: reactions must have one name per multiplier, got "

@@ -19,7 +19,8 @@ Array = np.ndarray
 
 # A position is singular if the smallest singular value of G, relative to its largest value over
 # the run, is below this ratio. For parallelogram linkages, runs through a singular position reach
-# at most 2e-3; motions that miss the position by a ten-thousandth of a bar stay above 7e-3.
+# at most 2e-3; motions that miss the position by a ten-thousandth of the bar length stay above
+# 7e-3.
 _SINGULAR_RATIO = 4e-3
 
 # The velocity jumps if its change between two samples exceeds this multiple of the median change

@@ -197,7 +197,6 @@ class _LoadCollector:
 
     @cached_property
     def _inertia_sections(self) -> list[SectionFunction]:
-        """Sections at the inertia points."""
         mesh = self._beam.mesh
         s = mesh.gauss_arc_lengths(mesh.nodes).tolist()
         points = (self._beam.kinematics.axis_point(x) for x in s)

@@ -126,14 +126,16 @@ def recover_section_forces_at_state(
     ----------
     equations
         Equations of motion of the mechanism.
-    beam, s
-        See `recover_section_forces`.
+    beam
+        The beam, or its name.
     t
         Time at which the loads are evaluated [s].
     state
         The state as arrays with one row: q (1, n), v (1, n), a (1, n) and lam (1, m).
     factors
         Load factors by part name, and of gravity by the name "gravity". Missing factors are 1.
+    s
+        An arc length or several arc lengths [m]; see `recover_section_forces`.
 
     Returns
     -------

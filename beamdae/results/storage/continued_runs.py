@@ -174,7 +174,6 @@ def _join_columns(
 
 
 def _join_status(metadata: Sequence[dict[str, Any]]) -> Status:
-    """Return the combined status of consecutive runs."""
     status, has_pending_event = REACHED_END, False
     for part in metadata:
         status = status.followed_by(Status(part["status"], part["reason"]), has_pending_event)
