@@ -91,7 +91,7 @@ def test_invalid_arguments_are_rejected():
     ):
         bd.periodic(oscillation, 3.0)
     oscillation.when("mass.x", crosses=1.0, do="stop")
-    with pytest.raises(bd.BeamdaeError, match="events must not stop a run"):
+    with pytest.raises(bd.BeamdaeError, match="inactive parts, impacts and events that stop a run"):
         bd.periodic(oscillation, 2.0)
     with pytest.raises(bd.BeamdaeError, match="model must be a model function"):
         bd.frequency_response(oscillation, "omega", (1.0, 2.0))

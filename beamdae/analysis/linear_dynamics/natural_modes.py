@@ -90,7 +90,7 @@ class Modes:
 
     @property
     def damping_ratios(self) -> Array:
-        """Damping ratios -Re l / |l|, (k,): 1 for decays, negative for growth, 0 for free motions."""
+        """Damping ratios -Re l / |l|, (k,): 1 for decay, negative for growth, 0 if free."""
         size = np.abs(self.eigenvalues)
         return -self.eigenvalues.real / np.where(size > 0.0, size, 1.0) + 0.0
 

@@ -55,12 +55,18 @@ class IncompleteRunError(BeamdaeError):
 
 
 def build_periodic_equations(function: str, model: Any, start: Any = None) -> EquationsOfMotion:
-    """Return the equations of a model; reject events that stop a run or switch parts."""
+    """Return the equations of a model.
+
+    Raises
+    ------
+    BeamdaeError
+        If parts are inactive, or events stop a run, switch parts or cause impacts.
+    """
     equations = as_equations(function, model, start)
     if equations.configurations is not None or any(x.do != "record" for x in equations.events):
         raise BeamdaeError(
-            f"{function}: events must not stop a run or switch parts; remove such events, "
-            "for example by modeling contacts with smooth forces such as Contact."
+            f"{function}: inactive parts, impacts and events that stop a run or switch parts "
+            "are not supported; remove them, or model contacts by smooth forces such as Contact."
         )
     return equations
 
@@ -242,7 +248,7 @@ class ShootingResult(NamedTuple):
 
     @classmethod
     def from_state(cls, period_map: PeriodMap, q: Array, v: Array) -> ShootingResult:
-        """Run one period from a consistent state; see `PeriodMap.run` for errors."""
+        """Return the result of one period from a consistent (q, v); raises like `PeriodMap.run`."""
         solution = period_map.run(q, v)
         scales = period_map.state_scales(solution)
         variational = VariationalEquations(period_map.equations)
