@@ -195,7 +195,7 @@ def require_free_curve(part: str, free: Any, curve: PlaneCurve) -> None:
     free = require_curve(f"{part}, free_curve", free)
     if not abs(curve.length - free.length) <= _MAX_INITIAL_STRAIN * free.length:
         raise BeamdaeError(
-            f"{part}: the length of free_curve must be within "
-            f"{_MAX_INITIAL_STRAIN:.0%} of the length of the curve, {curve.length:.6g} "
-            f"m, got {free.length:.6g} m."
+            f"{part}: the length of free_curve, {free.length:.6g} m, must differ by at most "
+            f"{_MAX_INITIAL_STRAIN:.0%} from the length of the curve, {curve.length:.6g} m; "
+            "change free_curve."
         )

@@ -212,9 +212,9 @@ class Curve(_SplineCurve):
         length joins them.
     noise
         Standard deviation of x and of y of measured points [m]. If given, the curve is a smoothing
-        spline whose deviations from the points, in x and y together, have the RMS `noise` (Dierckx
-        1993). Without `noise`, the curvature of a curve through measured points is often mostly
-        noise.
+        spline whose deviations from the points, in x and y together, have the RMS `noise`, or less
+        if a single cubic is closer (Dierckx 1993). Without `noise`, the curvature of a curve
+        through measured points is often mostly noise.
 
     Raises
     ------
@@ -364,7 +364,8 @@ def _interpolating_spline(parameter: Array, points: Array, degree: int) -> Any:
 def fit_smoothing_spline(parameter: Array, points: Array, noise: float) -> Any:
     """Return the smoothing spline whose deviations from the points have the RMS `noise` [m].
 
-    The RMS is taken over both coordinates of all points.
+    The RMS is taken over both coordinates of all points. It is less if a single cubic is closer to
+    the points, and larger if the fit does not converge for a very small `noise`.
 
     Parameters
     ----------
