@@ -287,7 +287,7 @@ class _RunInProgress:
             causes = diagnose_failure(equations, time, state, ahead, problem.residual)
             return self._failure("; ".join(filter(None, (str(problem), causes))))
         except BeamdaeError as problem:
-            # Before the first step there is nothing to return; later, the steps are returned.
+            # Before the first step there is nothing to return; later, the steps taken are kept.
             if self.steps == 0:
                 raise
             return self._failure(problem)

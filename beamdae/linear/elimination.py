@@ -226,7 +226,7 @@ def _update_residual(
     residual: Array,
     terms: Array,
 ) -> bool:
-    """Set `residual` to right - matrix x, and `terms` to its scale; return True if small."""
+    """Set `residual` to right - matrix x and `terms` to its scale; return True if x is accurate."""
     for k in range(len(x)):
         residual[k] = right[k]
         terms[k] = _estimate_modulus(right[k])

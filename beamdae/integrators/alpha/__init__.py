@@ -1,5 +1,5 @@
 """Generalized-alpha, HHT and Newmark methods: settings, starting values and step loops.
 
-May import: equations, native, and plan, driver and compiled loops of integrators.
+May import: equations, symbolic, native, results, and the shared modules of integrators.
 To extend: add a member of the family to `family`; change the steps of all members in `step_loop`.
 """

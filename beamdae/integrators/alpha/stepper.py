@@ -174,7 +174,11 @@ class AlphaStepper:
         set_step(run, h)
 
     def _describe_failure(self, code: int) -> str:
-        advice = "check laws and start values" if code == NOT_FINITE else "use a smaller step"
+        advice = (
+            "check laws and start values"
+            if code == NOT_FINITE
+            else "use a smaller step, or check the model"
+        )
         return f"{_FAILURES[code]}; {advice}"
 
 

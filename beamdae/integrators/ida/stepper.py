@@ -36,7 +36,7 @@ from beamdae.sundials.solver import describe_status
 
 Array = np.ndarray
 
-# IDA's return codes for a failure at the smallest step.
+# IDA's return codes after repeated failures of a step.
 _ERROR_TEST_FAILED = -3
 _NEWTON_FAILED = -4
 # Fraction of each Newton correction that is applied if forces depend on multipliers or there are
@@ -173,13 +173,13 @@ class IdaStepper:
             unknown = next(iter(self._ida.step_report.get("limited_by", {})), "")
             cause = f" (the step is limited most often by {unknown})" if unknown else ""
             return (
-                "the error test failed at the smallest step; loosen rtol or test only "
-                f"positions{cause}"
+                "the error test failed even after repeated step reductions; loosen rtol or "
+                f"test only positions{cause}"
             )
         if code == _NEWTON_FAILED:
             return (
-                "Newton's iteration did not converge at the smallest step; check the model near "
-                "this time, or use another formulation"
+                "Newton's iteration did not converge even after repeated step reductions; check "
+                "the model near this time, or use another formulation"
             )
         return describe_status(code)
 
