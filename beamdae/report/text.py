@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 def make_printable(text: str) -> str:
-    """Return the text on one line, with spaces for white space and escapes for control codes."""
+    """Return the text on one line: white space becomes spaces, other unprintables escapes."""
     return "".join(map(_escape, text))
 
 
