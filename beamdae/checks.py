@@ -333,7 +333,7 @@ def _assess_meshes(mechanism: Mechanism | None) -> tuple[MeshAssessment, ...]:
 def _predict_run(equations: EquationsOfMotion, end: float) -> RunPrediction | None:
     """Extrapolate from a pilot run, or return None if the pilot run fails.
 
-    A pilot run that does not reach the end is repeated, because step loops are compiled only once.
+    A pilot run that does not reach the end is repeated, because only the first run compiles loops.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BeamdaeWarning)

@@ -57,10 +57,10 @@ def format_exception(exception: BaseException) -> str:
 
 
 def format_message(exception: BaseException) -> str:
-    """Return the message of an exception raised by user code, on one line without final period.
+    """Return the message of an exception raised by user code, on one line.
 
-    The line has at most 200 characters. If CasADi raised the exception, a clearer message is
-    returned. If the message cannot be formatted, an empty string is returned.
+    The line has at most 200 characters and no final period. If CasADi raised the exception, a
+    clearer message is returned. If the message cannot be formatted, an empty string is returned.
     """
     trace = exception.__traceback__
     while trace is not None and trace.tb_next is not None:

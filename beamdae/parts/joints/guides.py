@@ -33,7 +33,7 @@ def left_normal(part: str, direction: Any) -> tuple[float, float]:
 def project_along(
     direction: tuple[float, float], a: Attachment, b: Attachment
 ) -> tuple[float, float, float]:
-    """Return the unit vector (ex, ey) of `direction`, and the distance e . (r_b - r_a) [m]."""
+    """Return ex, ey of the unit vector e of `direction`, and the distance e . (r_b - r_a) [m]."""
     ex, ey = (float(x) for x in np.divide(direction, np.hypot(*direction)))
     return ex, ey, ex * (b.point[0] - a.point[0]) + ey * (b.point[1] - a.point[1])
 
