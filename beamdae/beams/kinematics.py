@@ -225,7 +225,7 @@ class Kinematics(ABC):
 
     @abstractmethod
     def strains(self, s: float) -> PointValues:
-        """Return axial strain, shear strain and kappa11 [1/m] at arc length s [m], shape (3,)."""
+        """Return the function for (axial strain, shear strain, kappa11 [1/m]) at s [m]."""
 
     @property
     def curvature_error(self) -> float:
@@ -252,7 +252,9 @@ class Kinematics(ABC):
         raise self._missing_frame_error()
 
     def deformation(self, s: float, axes: str) -> PointValues:
-        """Return (u, v, phi) [m, m, rad] at s [m] relative to the undeformed beam in its frame.
+        """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame.
+
+        Displacement and rotation are relative to the undeformed beam that moves with the frame.
 
         `axes` selects the axes of (u, v): "inertial", "frame" or "local" (tangent frame at s).
 

@@ -156,7 +156,7 @@ class GeometricallyExact(FormulationKinematics):
         return MaterialPoint(start.reference_position, self.frame_angle, ends, motion)
 
     def deformation(self, s: float, axes: str) -> PointValues:
-        """Return (u, v, phi) [m, m, rad] at s [m]; `axes` are "inertial", "frame" or "local"."""
+        """Return the function for (u, v, phi) [m, m, rad] at s [m]; see `Kinematics.deformation`."""
         frame, section = self.floating_frame, self.material_point(s)
         frame_motion, section_motion = (cast("Formula", x.motion) for x in (frame, section))
         offset = np.subtract(section.reference_position, frame.reference_position)
@@ -178,7 +178,7 @@ class GeometricallyExact(FormulationKinematics):
         return PointValues(operator, Formula(kind, numbers))
 
     def strains(self, s: float) -> PointValues:
-        """Return the strains at arc length s [m], interpolated between stiffness points."""
+        """Return the function for the strains at s [m], interpolated between stiffness points."""
         element, xi = self.mesh.locate(s)
         points = self.stiffness_points
         element_points = slice(element * points, (element + 1) * points)

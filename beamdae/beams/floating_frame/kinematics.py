@@ -47,7 +47,8 @@ class FloatingFrame(FormulationKinematics):
 
     Coordinates: (x0, y0, theta) of the frame and the free components of (u, v, phi) at the nodes,
     where (u, v) is the displacement in the local tangent frame and phi the rotation of the section
-    relative to the undeformed section. `Beam` documents the settings.
+    relative to the undeformed section. In a chord frame, the displacement of the end along the
+    chord replaces (u, v) of the last node. `Beam` documents the settings.
     """
 
     strain: str = "green"
@@ -245,7 +246,7 @@ class FloatingFrame(FormulationKinematics):
         return MaterialPoint(self.origin, self.frame_angle, rows, motion)
 
     def strains(self, s: float) -> PointValues:
-        """Return the strains at arc length s [m].
+        """Return the function for the strains at arc length s [m].
 
         The strains are interpolated between the stiffness quadrature points, where the strains of
         an element are most accurate.
@@ -262,7 +263,7 @@ class FloatingFrame(FormulationKinematics):
         return PointValues(self._element_operator(element), values)
 
     def deformation(self, s: float, axes: str) -> PointValues:
-        """Return (u, v, phi) [m, m, rad] at s [m]; `axes` are "inertial", "frame" or "local"."""
+        """Return the function for (u, v, phi) [m, m, rad] at s [m]; see `Kinematics.deformation`."""
         element, row, angle = self._locate_section(s)
         formula = Formula(
             FloatingFrameDeformation(self.mesh.nodes, axes), tuple(map(float, (angle, *row)))
