@@ -52,7 +52,7 @@ def write_map(path):
 
 MAP_HEADER = """# Map of the package
 
-Every folder and module of `beamdae/`, from its own docstring.
+This page lists every folder and module of `beamdae/` with the summary of its docstring.
 [Architecture](architecture.md) shows how the folders depend on each other.
 """
 

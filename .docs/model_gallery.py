@@ -14,8 +14,9 @@ MODELS = Path(__file__).parents[1] / "models"
 HEADER = """Gallery
 =======
 
-The models of ``models/``, which are installed with the package: ``beamdae examples`` lists them,
-``beamdae run example:NAME`` runs one, ``beamdae new my_model.py --like NAME`` copies it.
+The gallery shows the models in ``models/``, which are installed with the package. ``beamdae
+examples`` lists them, ``beamdae run example:NAME`` runs a model, and ``beamdae new my_model.py
+--like NAME`` copies a model.
 """
 SCRIPT = '''"""
 {title}

@@ -82,21 +82,21 @@ def _potential(point: Any) -> Any:
 PAGES = {
     "mechanism": (
         "Mechanism and model",
-        "A mechanism of parts, or equations given as expressions, and the function that builds it.",
+        "Mechanisms of parts, systems of equations given as expressions, and model functions.",
     ),
-    "parts": ("Parts", "Everything that can be added to a mechanism, except beams."),
+    "parts": ("Parts", "All parts of a mechanism except beams: bodies, joints, drivers, loads and forces."),
     "beams": ("Beams and curves", "Beams, the curves of their axes, and frames of several beams."),
     "sections": ("Sections and materials", "Cross-sections and materials of beams."),
-    "integrators": ("Integrators", "Simulation of a mechanism, and the methods available for it."),
-    "results": ("Results", "Solutions of a run: tables, section forces, files and pictures."),
+    "integrators": ("Integrators", "Simulation of a mechanism, and the available integrators."),
+    "results": ("Results", "Results of a run: tables, section forces, files and pictures."),
     "analysis": (
         "Analysis",
         "Equilibria, natural modes, linear models and periodic motions of a mechanism.",
     ),
-    "studies": ("Studies and sweeps", "Many runs: compared with references, swept and resumed."),
+    "studies": ("Studies and sweeps", "Studies and sweeps: many runs, with errors measured against references."),
     "checks": (
         "Checks and verification",
-        "Checks of a mechanism before a run, and error estimates after it.",
+        "Checks of a mechanism before a run, and error estimates after a run.",
     ),
     "errors": ("Errors and warnings", "Exceptions and warnings raised by beamdae."),
 }
