@@ -84,7 +84,7 @@ PAGES = {
         "Mechanism and model",
         "Mechanisms of parts, systems of equations given as expressions, and model functions.",
     ),
-    "parts": ("Parts", "All parts of a mechanism except beams: bodies, joints, drivers, loads and forces."),
+    "parts": ("Parts", "Bodies, joints, drivers, forces, time laws, observables and events."),
     "beams": ("Beams and curves", "Beams, the curves of their axes, and frames of several beams."),
     "sections": ("Sections and materials", "Cross-sections and materials of beams."),
     "integrators": ("Integrators", "Simulation of a mechanism, and the available integrators."),
@@ -93,7 +93,10 @@ PAGES = {
         "Analysis",
         "Equilibria, natural modes, linear models and periodic motions of a mechanism.",
     ),
-    "studies": ("Studies and sweeps", "Studies and sweeps: many runs, with errors measured against references."),
+    "studies": (
+        "Studies and sweeps",
+        "Studies, sweeps, and the comparison of runs with references.",
+    ),
     "checks": (
         "Checks and verification",
         "Checks of a mechanism before a run, and error estimates after a run.",
