@@ -254,9 +254,9 @@ class Kinematics(ABC):
     def deformation(self, s: float, axes: str) -> PointValues:
         """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame.
 
-        Displacement and rotation are relative to the undeformed beam that moves with the frame.
-
-        `axes` selects the axes of (u, v): "inertial", "frame" or "local" (tangent frame at s).
+        Displacement (u, v) and rotation phi are relative to the undeformed beam that moves with the
+        frame. `axes` selects the axes of (u, v): "inertial", "frame" or "local" (tangent frame at
+        s).
 
         Raises
         ------

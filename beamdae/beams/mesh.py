@@ -77,7 +77,7 @@ class Mesh:
 
     @property
     def element_nodes(self) -> Array:
-        """Node numbers of each element, shape (elements, nodes)."""
+        """Indices of the nodes of each element, shape (elements, nodes)."""
         step = self.nodes - 1
         return step * np.arange(self.elements)[:, None] + np.arange(self.nodes)
 
@@ -122,7 +122,7 @@ class Mesh:
     def axis(self, element: Array, xi: Array) -> AxisPoints:
         """Return points on the interpolated axes (eqs. 2, 13, 14).
 
-        `element` (numbers of the elements) and the local coordinates `xi` have the shape (n,).
+        `element` (indices of the elements) and the local coordinates `xi` have the shape (n,).
         Angles are continuous along the curve.
         """
         nodes = self.node_points[element]
@@ -154,7 +154,7 @@ class Mesh:
         return elements_passed * (self.curve.length / self.elements)
 
     def locate(self, s: float) -> tuple[int, float]:
-        """Return the element and the local coordinate xi of the arc length s [m]."""
+        """Return the index of the element and the local coordinate xi at arc length s [m]."""
         elements_passed = s / self.curve.length * self.elements
         element = min(int(elements_passed), self.elements - 1)
         xi = 2.0 * (elements_passed - element) - 1.0

@@ -156,7 +156,7 @@ class GeometricallyExact(FormulationKinematics):
         return MaterialPoint(start.reference_position, self.frame_angle, ends, motion)
 
     def deformation(self, s: float, axes: str) -> PointValues:
-        """Return the function for (u, v, phi) [m, m, rad] at s [m]; see `Kinematics.deformation`."""
+        """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame."""
         frame, section = self.floating_frame, self.material_point(s)
         frame_motion, section_motion = (cast("Formula", x.motion) for x in (frame, section))
         offset = np.subtract(section.reference_position, frame.reference_position)

@@ -263,7 +263,7 @@ class FloatingFrame(FormulationKinematics):
         return PointValues(self._element_operator(element), values)
 
     def deformation(self, s: float, axes: str) -> PointValues:
-        """Return the function for (u, v, phi) [m, m, rad] at s [m]; see `Kinematics.deformation`."""
+        """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame."""
         element, row, angle = self._locate_section(s)
         formula = Formula(
             FloatingFrameDeformation(self.mesh.nodes, axes), tuple(map(float, (angle, *row)))
