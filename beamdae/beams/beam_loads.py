@@ -44,7 +44,7 @@ _MAX_PASSAGE_TIME = 1e30
 
 @dataclass(frozen=True)
 class _LineLoad:
-    """Line load at a quadrature point, with components in `axes` given by laws of time.
+    """Line load at a quadrature point, with components in `axes` given by time laws.
 
     `numbers` are the quadrature weight [m], the inclination of the section [rad] and the arc
     length [m].
@@ -97,7 +97,7 @@ class DistributedForce(Part):
     beam
         The beam.
     law
-        Components of the load [N/m]: a pair of laws of time (numbers, functions of t or `Law`s), or
+        Components of the load [N/m]: a pair of time laws (numbers, functions of t or `Law`s), or
         a formula `law(s, x, y, t)` that returns the two components, where s [m] is the arc length,
         (x, y) [m] the position of the deformed axis in the inertial frame and t [s] the time.
     axes
@@ -141,7 +141,7 @@ class DistributedForce(Part):
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
-        """Laws of time of both components; empty for a formula of (s, x, y, t)."""
+        """Time laws of both components; empty for a formula of (s, x, y, t)."""
         if callable(self.law):
             return ()
         return tuple(as_law(self.name, component) for component in self.law)
