@@ -168,7 +168,7 @@ def test_campbell_diagram_follows_modes_through_crossings():
     # Between the two frequencies a vibration splits into growth and decay; growth is followed.
     unstable = bd.campbell(mech, [0.0, 3.0, 5.6], n=2)
     assert_allclose(np.max(unstable.eigenvalues[-1].real), np.max(roots(5.6).real), rtol=1e-8)
-    assert "at 5.6 rad/s the state is unstable" in unstable.warnings[0]
+    assert "at 5.6 rad/s, the state is unstable" in unstable.warnings[0]
     table = diagram.table()
     assert list(table)[:3] == ["speed [rad/s]", "mode 1 [Hz]", "mode 2 [Hz]"]
     assert_allclose(table["mode 1 [Hz]"], diagram.frequencies[:, 0])

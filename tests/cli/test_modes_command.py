@@ -55,7 +55,7 @@ def test_several_speeds_make_a_campbell_diagram(modes, tmp_path):
     assert list(table["speed [rad/s]"]) == [0.0, 5.5]
     # Between the roots of 50 / 2 and 80 / 2.
     assert max(table["growth rate 1 [1/s]"][1], table["growth rate 2 [1/s]"][1]) > 0.1
-    assert "warning: at 5.5 rad/s the state is unstable" in result.stdout
+    assert "warning: at 5.5 rad/s, the state is unstable" in result.stdout
     assert (tmp_path / "results/cross_modes.png").exists()
 
 

@@ -61,7 +61,7 @@ class Campbell:
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the modes at each speed."""
         return tuple(
-            f"at {speed:g} rad/s {sentence}"
+            f"at {speed:g} rad/s, {sentence}"
             for speed, at_speed in zip(self.speeds, self.modes, strict=True)
             for sentence in at_speed.warnings
         )

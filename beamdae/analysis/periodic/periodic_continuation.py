@@ -57,8 +57,8 @@ _GROWTH_FACTOR = 1.5
 _CUT_FACTOR = 0.5
 # Least step, relative to the first step.
 _MIN_STEP_RATIO = 1e-3
-_NOT_CONVERGED = "Newton's method does not converge"
-_SHARP_TURN = "the curve turns too sharply for the steps"
+_NOT_CONVERGED = "Newton's method does not converge; reduce step="
+_SHARP_TURN = "the curve turns too sharply for the steps; reduce step="
 
 
 def frequency_response(

@@ -31,7 +31,7 @@ _NAME = "periodic"
 # at most this amount.
 _MULTIPLIER_TOLERANCE = 1e-5
 _MAX_REFINEMENTS = 6
-# Below this relative deviation, the accuracy of the integrator may limit Newton's method.
+# Below this relative deviation, the accuracy of the integrator may limit the convergence.
 _INTEGRATOR_LIMITED_DEVIATION = 1e-4
 
 
@@ -122,10 +122,10 @@ def periodic(
         if deviation > tolerance:
             sentence = (
                 f"after {iterations} iterations the end of the period differs from the "
-                f"start by {deviation:.3g} times the amplitude"
+                f"start by {deviation:.3g} times the amplitude; change start= or increase settle="
             )
             if deviation < _INTEGRATOR_LIMITED_DEVIATION:
-                sentence += ", possibly limited by the integrator; use a tighter rtol"
+                sentence += ", or use a more accurate integrator"
             status = Status("failed", sentence)
         multipliers, error_estimate = _refine_multipliers(period_map, result)
         motion = PeriodicMotion(

@@ -341,8 +341,8 @@ def _crossing_direction(
     """
     if not len(point.stability.eigenvalues):
         raise CorrectorError(
-            "crossing paths cannot be separated without eigenvalues of the stiffness, for "
-            "example because the loads have no potential, so switch= is not supported"
+            "crossing paths cannot be separated because the eigenvalues of the stiffness are "
+            "unknown or the loads have no potential; omit switch="
         )
     x = np.zeros_like(point.x)
     x[: len(norm.scale)] = point.stability.mode(index)

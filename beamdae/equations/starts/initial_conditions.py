@@ -116,8 +116,8 @@ def _close_with_positions(
             worst = int(np.argmax(joint_gaps))
             remaining = f" (gap of {joint_gaps[worst]:.3g} m or rad at {e.lam_names[worst]})"
         raise BeamdaeError(
-            f"start: the joints cannot be closed with {values}{remaining}; give fewer "
-            "or other positions."
+            f"start: the joints cannot be closed with {values}{remaining}; specify "
+            "fewer or different positions."
         )
     q[list(prescribed)] = end
     return q

@@ -46,7 +46,7 @@ class ReducedEquations:
         """Phrase for the results that names the removed constraints."""
         names = ", ".join(self.full.lam_names[k] for k in self.redundant)
         follow = "follows" if len(self.redundant) == 1 else "follow"
-        return f"minimum norm: {names} {follow} from the others, reactions have minimum norm"
+        return f"minimum norm: {names} {follow} from the others, and reactions have minimum norm"
 
     def require_agreement(self, time: Array) -> None:
         """Reject redundant constraints that contradict others or are independent nearby.
