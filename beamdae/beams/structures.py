@@ -146,7 +146,8 @@ def _parse_member(
         if not isinstance(key, str) or key not in positions:
             raise BeamdaeError(
                 f"{name}: the member {short_repr(member)} names an unknown point "
-                f"{short_repr(key)}{suggest(key, positions)}; add this point to points or correct the member."
+                f"{short_repr(key)}{suggest(key, positions)}; add this point to points "
+                "or correct the member."
             )
     member_section = own_section[0] if own_section else section
     if member_section is None:
