@@ -45,7 +45,7 @@ Array = np.ndarray
 
 PARTS_SWITCHED = Status("ok", "an event switched parts")
 
-_NO_MEMORY = "out of memory; use larger steps or an earlier end time"
+_NO_MEMORY = "out of memory; use longer steps, fewer elements or an earlier end time"
 _NOT_FINITE = "the state is not finite; check laws, masses and start values"
 _PAST_END = "past the end of the interval; a method must stop at this end"
 _UNORDERED_STAGES = (

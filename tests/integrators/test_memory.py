@@ -144,7 +144,7 @@ def test_regression_ida_without_sparse_solver_checks_memory(monkeypatch):
     monkeypatch.setattr("beamdae.memory._free_physical_memory", lambda: 1e6)
     with pytest.raises(
         bd.BeamdaeError,
-        match=r"^Ida: scikit-sundae without SuperLU_MT, for 726 unknowns, needs about 0\.0042 GB",
+        match=r"^Ida: the band solver of scikit-sundae for 726 unknowns needs about 0\.0042 GB",
     ):
         bd.simulate(equations, bd.Ida(), 1e-3, output_step=1e-3)
 

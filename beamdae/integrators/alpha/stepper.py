@@ -37,7 +37,7 @@ _FAILURES = {
     NOT_FINITE: "the residual is not finite",
     SINGULAR: "the matrix is singular or not finite",
     ERROR_TOO_LARGE: "the error test failed",
-    STEP_NOT_CHANGED: "the constraints of the joints have become dependent",
+    STEP_NOT_CHANGED: "constraints have become dependent",
 }
 
 
@@ -271,5 +271,5 @@ class AdaptiveAlphaStepper(AlphaStepper):
                 return str(problem)
         return (
             f"{_FAILURES[code]} even with a step of {run.next_step:.2g} s; "
-            "check laws and start values, or loosen rtol"
+            "check laws, masses, joints and start values, or loosen rtol"
         )

@@ -226,8 +226,8 @@ def _make_ida(callbacks: SksundaeCallbacks, size: int, **options: Any) -> IDA:
             warnings.filterwarnings("ignore", message="Custom sparse Jacobian")
             pattern = sp.eye_array(size, format="csc")
             return IDA(callbacks.residual, linsolver="sparse", sparsity=pattern, **options)
-    what = f"scikit-sundae without SuperLU_MT, for {size} unknowns,"
-    remedy = "install a build with SuperLU_MT, or use fewer elements or another integrator"
+    what = f"the band solver of scikit-sundae for {size} unknowns"
+    remedy = "use a build with SuperLU_MT, fewer elements or another integrator"
     require_memory("Ida", what, _BAND_BYTES_PER_ENTRY * size**2, remedy)
     return IDA(callbacks.residual, linsolver="band", lband=0, uband=0, **options)
 
