@@ -42,7 +42,7 @@ class RangeTerm:
     operator: sp.csr_array
 
     def largest_deformation(self, q: Array) -> Array:
-        """Return (deflection / length, rotation [rad], strain), (3,).
+        """Return the largest deflection / length [-], rotation [rad] and strain [-], (3,).
 
         Each entry is the maximum over the rows of q and the copies of the kernel.
         """

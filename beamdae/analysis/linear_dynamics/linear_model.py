@@ -407,7 +407,7 @@ class _StateReduction:
 
 
 def _independent_coordinates(rows: Array, scales: Array) -> tuple[Array, Array]:
-    """Return indices of independent coordinates for rows @ dq = 0, and Z: dq = Z dq[independent].
+    """Return indices of independent coordinates with rows @ dq = 0, and Z: dq = Z dq[indices].
 
     They are chosen by QR factorization with column pivoting of the scaled rows.
     """

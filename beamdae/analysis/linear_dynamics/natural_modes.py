@@ -41,7 +41,7 @@ _DIFFERENCE_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, repr=False)
 class Modes:
-    """Natural modes of a mechanism about a state, by ascending eigenvalue magnitude; see `modes`.
+    """Natural modes of a mechanism about a state, by magnitude of the eigenvalue; see `modes`.
 
     Small motions about the state are sums of Re(shape exp(eigenvalue t)).
 
@@ -293,7 +293,7 @@ class EigenSolution(NamedTuple):
 
 @single_threaded
 def solve_eigenproblem(lin: Linearization, count: int | None, damped: bool = True) -> EigenSolution:
-    """Return the `count` modes of smallest eigenvalue magnitude, or all modes if `count` is None.
+    """Return the `count` modes with the smallest |eigenvalue|, or all modes if `count` is None.
 
     The damping matrix is ignored if `damped` is False.
     """

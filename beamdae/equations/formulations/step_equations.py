@@ -214,7 +214,7 @@ def evaluate_step_matrix(
 
 @cache_on_owner
 def formulate_step(equations: EquationsOfMotion, stabilized: bool) -> StepEquations:
-    """Return the step equations in the index-3 form or, if `stabilized`, in the index-2 form."""
+    """Return the step equations of the index-3 form or of the stabilized index-2 form."""
     return StepEquations(equations, stabilized, *_plan_step_sums(equations.structure, stabilized))
 
 

@@ -174,7 +174,7 @@ class StateEvaluator:
         return self._evaluate(self._gradients, time, (q, None, None), size)
 
     def constraint_matrix(self, time: Array, q: Array) -> sp.csc_array:
-        """Return G = dg/dq, sparse (m, n)."""
+        """Return G = dg/dq, sparse (m, n), with rows of A for nonholonomic constraints."""
         pattern, nonzeros = self.sums.gradient_pattern, self.gradients(time, q)
         return sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
 
