@@ -158,7 +158,7 @@ def _require_private(folder: Path) -> None:
     Raises
     ------
     CacheError
-        If another user owns the folder, or can write to it or to a parent folder.
+        If others own, could change or could replace the folder.
     """
     user = os.geteuid()
     if folder.stat().st_uid != user:

@@ -159,7 +159,7 @@ def test_regression_extreme_inputs_end_with_a_reason(integrator, what, monkeypat
     assert solution.status.kind in ("limited", "failed")
     reasons = (
         "steps have shrunk to",
-        "parts were switched",
+        "events acted",
         "the step is too small",
         "even with a step of",
         "did not converge",

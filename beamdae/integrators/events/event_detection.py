@@ -61,7 +61,7 @@ class EventSide:
     near: float = 0.0
 
     def signs(self, differences: Array) -> Array:
-        """Return the signs of further differences from the threshold, with 0 at it and for NaN."""
+        """Return the sign of each further difference from the threshold, 0 if near it or NaN."""
         finite = np.nan_to_num(differences, nan=0.0)
         self.largest = max(self.largest, float(np.max(np.abs(finite), initial=0.0)))
         away = np.abs(finite) > max(_VALUE_ROUNDING * self.largest, self.near)

@@ -30,7 +30,7 @@ Array = np.ndarray
 # longer mechanisms. Gaps are not exactly zero because events are located to the accuracy of the
 # run.
 _MAX_GAP = 1e-3
-# A run stalls if this many switches occur ...
+# A run stalls if events act this many times ...
 _MAX_SWITCHES = 200
 # ... within this fraction of its duration.
 _SWITCH_WINDOW = 1e-4
@@ -219,6 +219,6 @@ class MethodCache:
         if len(self._switch_times) < _MAX_SWITCHES or window > _SWITCH_WINDOW * duration:
             return None
         return (
-            f"parts were switched {_MAX_SWITCHES} times within {window:.2g} s, last by event "
+            f"events acted {_MAX_SWITCHES} times within {window:.2g} s, the last one is "
             f"{event.name}; separate the thresholds of the events"
         )
