@@ -47,7 +47,7 @@ _EXTRA_POINTS = 2
 # Maximum number of nodes used for the extrapolation.
 _MAX_EXTRAPOLATION_NODES = 5
 
-# Search for the arc length nearest to a point.
+# Samples and iterations of the search for the arc length nearest to a point.
 _SEARCH_SAMPLES = 257
 _SEARCH_ITERATIONS = 10
 

@@ -100,7 +100,7 @@ def factor_operator(operator: sp.csr_array, count: int) -> RotatedOperator:
     cells, cell = np.unique(row * len(kinds) + slot[column], return_inverse=True)
     values = np.ones((len(cells), count))
     # An entry is 1 in the pattern if it is 1 in every copy that has the column; copies without
-    # the column select zero there, so their entry does not matter.
+    # the column select zero there, so the value of the entry is irrelevant.
     one_count = np.bincount(cell, data == 1.0, len(cells))
     is_one = one_count == np.bincount(slot)[cells % len(kinds)]
     values[~is_one] = 0.0

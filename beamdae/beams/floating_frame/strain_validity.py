@@ -44,8 +44,8 @@ class _ErrorCoefficients(NamedTuple):
 
 
 # Fitted to cantilevers with exact solutions, the hub beam and the slider-crank
-# (validation/strain_validity/run.py). The error of a single beam is up to three times as large; in
-# pure bending, it is as small as a thirtieth; for several welded beams, it is smaller.
+# (validation/strain_validity/run.py). Actual errors are up to three times the estimate for single
+# beams, as small as a thirtieth of it in pure bending, and smaller for several welded beams.
 _ERROR_COEFFICIENTS = {
     "tangent": _ErrorCoefficients(1.0, 0.05, 1.0),
     "chord": _ErrorCoefficients(0.15, 0.1, 0.3),
