@@ -45,8 +45,8 @@ def run_pilot(
 ) -> tuple[RunPlan, R, Trajectory, Status]:
     """Measure the amplitudes of the motion by up to four pilot runs.
 
-    A pilot run is repeated while the motion is much smaller than the scales that it used. The
-    callback `limits.progress` receives the start time in all calls.
+    A pilot run is repeated while the motion is much smaller than the scales that it used. All calls
+    of `limits.progress` receive the start time.
 
     Parameters
     ----------
