@@ -37,8 +37,8 @@ _SHIFT_RATIO = 0.4
 # Initial and smallest shift, relative to the largest ratio of stiffness to mass.
 _INITIAL_SHIFT_RATIO = 1e-8
 _MIN_SHIFT_RATIO = 1e-22
-# Maximum number of attempts to find a shift. The shift is lowered if all modes are below this ratio
-# to it, because they cannot be separated.
+# Maximum number of attempts to find a shift. The shift is lowered if all squared frequencies are
+# below this fraction of it, because the modes cannot then be separated.
 _MAX_SHIFT_ATTEMPTS = 6
 _MIN_MODE_TO_SHIFT_RATIO = 1e-4
 # Factor applied to the shift if the matrix is singular.

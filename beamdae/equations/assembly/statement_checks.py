@@ -47,7 +47,7 @@ def require_body_fits(part: Part) -> None:
             )
     try:
         outline = np.asarray(part.outline, dtype=float)
-    except Exception:  # As above.
+    except Exception:  # Foreign array types may raise anything.
         outline = np.empty(0)
     if outline.ndim != 2 or outline.shape[1] != 2 or not np.isfinite(outline).all():
         raise BeamdaeError(

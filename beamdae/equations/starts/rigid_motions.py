@@ -12,7 +12,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 
 Array = np.ndarray
 
-_MAX_CENTER_DISTANCE = 100.0  # [lengths of the mechanism]; rotations beyond are translations
+_MAX_CENTER_DISTANCE = 100.0  # [lengths of the mechanism]; a farther center means translation
 _ROUNDING = 1e-9  # rounding error in a motion of size one
 _EQUAL_SIZE_TOLERANCE = 1e-6  # of bodies that move equally far, the first is named
 _MAX_NAMES = 9  # names or phrases in a sentence
