@@ -1,4 +1,4 @@
-"""Jerk prescribed by the constraints, which corrects velocities when an adaptive step changes.
+"""Jerk prescribed by the constraints, which corrects velocities after a change of the step.
 
 The functions are plain Python over arrays; `native.loops` compiles them if possible. The equivalent
 for the start of an interval is `ConsistencySolver.evaluate_normal_jerk`.
