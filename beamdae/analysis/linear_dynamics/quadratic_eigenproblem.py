@@ -23,9 +23,9 @@ from beamdae.linear.saddle_point import factorize_saddle_point
 
 Array = np.ndarray
 
-# Eigenvalues up to this fraction of the shift may be zero, because a double zero has an error of the
-# square root of rounding. They are zero if their strain energy does not exceed this factor times
-# its rounding error.
+# Eigenvalues up to this fraction of the shift may be zero, because the error of a double zero is
+# the square root of rounding. They are zero if their strain energy does not exceed this factor
+# times its rounding error.
 _ZERO_RATIO = 1e-5
 _ZERO_ENERGY_FACTOR = 1e4
 # Shift relative to the geometric mean of the lowest and highest frequency of interest; a factor of
