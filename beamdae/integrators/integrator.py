@@ -56,7 +56,7 @@ class Integrator(ABC):
 
     @property
     def label(self) -> str:
-        """Short name with settings, for tables."""
+        """Name of the method with its step or rtol, for tables."""
         return f"{self.method}({self.accuracy.name}={self.accuracy.value:g})"
 
     @abstractmethod
