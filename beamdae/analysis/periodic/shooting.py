@@ -55,7 +55,7 @@ class IncompleteRunError(BeamdaeError):
 
 
 def build_periodic_equations(function: str, model: Any, start: Any = None) -> EquationsOfMotion:
-    """Return the equations of a model.
+    """Return the equations of a model, for shooting.
 
     Raises
     ------

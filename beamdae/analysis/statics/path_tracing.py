@@ -371,7 +371,10 @@ def _dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
 
 
 def _end_status(path: StagePath, system: LoadedEquations, control: str) -> Status:
-    """Return the status of a path; if it ended early, add the last load factor and a remedy."""
+    """Return the status of a path; if it ended early, with the last load factor.
+
+    A remedy is added if no step converges.
+    """
     if path.status.success:
         return path.status
     sentence = f"{path.status.sentence} (last converged load factor: {path.end.mu:.6g})"
