@@ -16,7 +16,7 @@ from beamdae.equations.equations_of_motion import (
     FrozenGaps,
     ImpactEquations,
 )
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.events import Impact, select_impacts, select_switches
 from beamdae.parts.joints.event_constraints import (
     ClosedGap,
@@ -180,9 +180,9 @@ class MechanismConfigurations:
             gap = frozen_gaps[name]
             if not isinstance(part, KinematicConstraint) or part.n_gap_rows != len(gap.offsets):
                 raise BeamdaeError(
-                    f"{name}: an earlier event froze this joint with offsets that do not "
-                    f"fit this model (count: {len(gap.offsets)}); use the model of the "
-                    "earlier run."
+                    f"{name}: an earlier event froze this joint with offsets "
+                    f"{short_repr(gap.offsets)}, which do not fit the part of this name; use "
+                    "the model of the earlier run."
                 )
             parts[name] = FrozenConstraint(part, gap.offsets, self._event_law(name, gap))
         mechanism = copy(self.mechanism)

@@ -66,7 +66,7 @@ class ConsistencySolver(StateEvaluator):
         ------
         BeamdaeError
             If constraints depend on each other or cannot be closed, or no accelerations exist (see
-        `acceleration`).
+            `acceleration`).
         """
         q = self._close_positions(time, np.array(q, float))
         require_independent_constraints(self, time, q)

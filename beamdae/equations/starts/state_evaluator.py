@@ -72,7 +72,7 @@ class ForceBlock:
 
 @dataclass(frozen=True)
 class StateSums:
-    """Sums over (q, v, a, lam) with the patterns of their matrices, see `StateEvaluator`."""
+    """Plans of the sums in `StateEvaluator`, with inputs (q, v, a, lam), and matrix patterns."""
 
     motion: SumPlan
     gradients: SumPlan

@@ -57,7 +57,7 @@ _DISPLAYED_PERIOD = 2.0  # duration of one period in an animation [s]
 
 
 class _ModeScenes:
-    """Scenes of modes about a state, scaled to equal largest displacements."""
+    """Scenes of modes about a state, all scaled to the same largest displacement."""
 
     def __init__(self, name: str, modes: Modes) -> None:
         self._modes, self._mechanism = modes, _require_drawable(name, modes)

@@ -280,7 +280,7 @@ class _LoadCollector:
 
 
 def _center_of_force(s: Array, wrenches: Array) -> Array:
-    """Return the arc length of the center of forces; the first one if the forces cancel."""
+    """Return the arc length [m] of the center of the forces, or `s[0]` if the forces cancel."""
     force = wrenches[..., :2]
     along = np.einsum("rkc,rc->rk", force, force.sum(axis=1))
     total = along.sum(axis=1)
