@@ -24,6 +24,34 @@ def test_pendulum_hangs_down_under_its_weight():
     assert_allclose(path.lam[-1], [0.0, -2.0 * 9.81], atol=1e-8)
 
 
+def hanging_mass(force, counterforce=None):
+    """Return a mass on a rigid rod of length 1 that hangs straight down, without gravity."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("bob", 1.0, at=(0.0, -1.0)))
+    mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), mass.point))
+    mech.add(bd.Force("pull", mass.point, force))
+    if counterforce is not None:
+        mech.add(bd.Force("counter", mass.point, counterforce))
+    return mech
+
+
+def test_reactions_balance_the_loads_where_the_drawing_is_an_equilibrium():
+    # Only the reaction of 5 N makes the rod resist sideways motion.
+    path = bd.equilibrium(hanging_mass((0.0, -5.0)))
+    assert path.lam[-1] == pytest.approx([-5.0])
+    assert path.stable
+    assert not path.free
+
+
+def test_path_begins_in_equilibrium_where_only_the_full_load_balances():
+    # Without "counter", the rod takes the direction of (5, -5) N; with it, that of (0, -5) N.
+    path = bd.equilibrium(hanging_mass((5.0, -5.0), (-5.0, 0.0)), loads=["counter"])
+    assert path.status.success
+    assert_allclose(path.q[0], [np.sqrt(0.5), -np.sqrt(0.5)], atol=1e-9)
+    assert_allclose(path.q[-1], [0.0, -1.0], atol=1e-9)
+    assert path.lam[-1] == pytest.approx([-5.0])
+
+
 def test_motion_without_stiffness_is_named():
     with pytest.warns(
         bd.BeamdaeWarning, match=r"bob\.angle: this coordinate can move without stiff"

@@ -113,6 +113,21 @@ class GradientFlow:
         signs = np.random.default_rng(0).choice([-1.0, 1.0], len(self.begin))
         return _PERTURBATION * self.measure.scale * signs
 
+    def initial_acceleration(self) -> tuple[Array, Array]:
+        """Return the acceleration (n,) and the multipliers (m,) at rest in `begin`.
+
+        They belong to the forces of `static`, which may be a fraction of the forces in its
+        equations. If the acceleration is zero, `begin` is an equilibrium with these multipliers.
+        """
+        time, q, n = self.static.time, self.begin, len(self.begin)
+        mass = self.solver.linearize_forces(time, self.solver.rest_state(q))[2]
+        gradient = self.solver.constraint_matrix(time, q)
+        no_reactions = np.zeros(gradient.shape[0])
+        force = self.static.residual(q, no_reactions)[:n]
+        saddle = sp.block_array([[mass, gradient.T], [gradient, None]], format="csc")
+        solution = splu(saddle).solve(np.concatenate([-force, no_reactions]))
+        return solution[:n], solution[n:]
+
     def try_step(self, q: Array, lam: Array, square: float) -> FlowStep | None:
         """Return a trial step of pseudo-time T with T^2 = `square`.
 
@@ -167,12 +182,12 @@ def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
         coordinate that moved farthest.
     """
     e, solver = static.equations, ConsistencySolver(static.equations)
-    begin = solver.state(static.time, q, np.zeros(e.n))
-    flow = GradientFlow(static, begin.q, solver, DisplacementMeasure.of(e))
-    q, lam = begin.q, begin.lam
-    acceleration = flow.measure.farthest(begin.a)
-    if _is_unloaded(static, q) or acceleration == 0.0:
-        return q, np.zeros(e.m)
+    q = begin = solver.state(static.time, q, np.zeros(e.n)).q
+    flow = GradientFlow(static, begin, solver, DisplacementMeasure.of(e))
+    a, lam = flow.initial_acceleration()
+    acceleration = flow.measure.farthest(a)
+    if acceleration == 0.0:
+        return q, lam
     square = first = _FIRST_STEP / acceleration
     for _ in range(_MAX_STEPS):
         step = flow.try_step(q, lam, square)
@@ -189,7 +204,7 @@ def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
             square = min(square * _SQUARE_GROWTH, _LAST_SQUARE_RATIO * first)
         elif step.rounding > _MAX_ROUNDING_RATIO * _RELIABLE_ROUNDING:
             square /= _SQUARE_GROWTH
-    displacement = np.abs(q - begin.q)
+    displacement = np.abs(q - begin)
     worst = int(np.argmax(displacement / e.position_scales))
     raise BeamdaeError(
         f"{e.q_names[worst]}: no equilibrium was found under the loads at t = "
