@@ -44,6 +44,12 @@ class Gear(Joint):
         Any point of the body that carries the bearings, as in a planetary gear. Defaults to the
         ground.
 
+    Raises
+    ------
+    BeamdaeError
+        If `a`, `b` and `carrier` do not belong to different bodies, one of them is a particle, or
+        `ratio` is zero or not finite.
+
     Examples
     --------
     >>> import beamdae as bd
@@ -112,7 +118,13 @@ class RackAndPinion(Joint):
     radius
         Radius of the pinion [m]; negative if the pinion is on the right of the rack's direction.
     direction
-        Direction of the rack in the reference configuration.
+        Direction (x, y) of the rack in the reference configuration.
+
+    Raises
+    ------
+    BeamdaeError
+        If `a` and `b` belong to the same body, `a` is a particle, `radius` is zero or not finite,
+        or `direction` is not a nonzero vector.
     """
 
     radius: float = 1.0
