@@ -161,7 +161,7 @@ class StepPrediction:
 
 
 def evaluate_step_position(form: StepBuffers, at: StepPrediction, x: Array) -> Array:
-    """Return the positions q (n,) of the unknowns x, as a view of `form.motion`."""
+    """Return the positions q (n,) at the unknowns x, as a view of `form.motion`."""
     n, m = form.n, form.m
     q = form.motion[:n]
     if form.stabilized == 1:

@@ -1,4 +1,4 @@
-"""Smooth functions of numbers, arrays and symbols for force formulas."""
+"""Positive part and smooth sign of numbers, arrays and symbols, for force formulas."""
 
 from __future__ import annotations
 
