@@ -10,8 +10,13 @@ from typing import Any
 
 import numpy as np
 from benchmarks import systems
+from four_bar import four_bar as example_four_bar
+from governor import governor
 from hub_beam import hub_beam
+from leaf_spring_vehicle import leaf_spring_vehicle
 from pendulum import pendulum
+from quick_return import quick_return
+from shallow_arch import shallow_arch
 from slider_crank import slider_crank
 from spin_up import spin_up
 
@@ -197,21 +202,28 @@ def _new_case(
     rates: str = "",
     reactions: str = "",
     damped: bool = False,
+    beams: tuple[str, ...] = (),
     **parameters: Any,
 ) -> ToleranceCase:
     """Return a case of the newer set; columns are separated by commas."""
     kinds = (tuple(filter(None, x.split(", "))) for x in (columns, deflections, rates, reactions))
-    compared = dict(zip(("columns", "deflections", "rates", "reactions"), kinds, strict=True))
-    bound = DAMPED if damped else UNDAMPED
-    return ToleranceCase(
-        name, model, parameters=parameters, bound=bound, t_end=t_end, rows=151, **compared
+    compared: dict[str, Any] = dict(
+        zip(("columns", "deflections", "rates", "reactions"), kinds, strict=True)
     )
+    bound = DAMPED if damped else UNDAMPED
+    settings = {"parameters": parameters, "bound": bound, "t_end": t_end, "beams": beams}
+    return ToleranceCase(name, model, rows=151, **settings, **compared)
 
 
 _PIN = "pin.x [m], pin.y [m], pin.angle [rad]"
 _TIP = "tip.x [m], tip.y [m], tip.angle [rad]"
 _FREE_ENDS = "start.x [m], start.y [m], end.x [m], end.y [m], end.angle [rad]"
-_SWING = ("coupler bend.v [m]", "pin.x_dot [m/s]", "rocker pin.Fx [N], rocker pin.Fy [N]", True)
+_TUTORIAL = (
+    _PIN,
+    "coupler bend.v [m]",
+    "pin.x_dot [m/s]",
+    "rocker pin.Fx [N], rocker pin.Fy [N]",
+)
 _HANGING = (
     "pin.x [m], pin.y [m], knee.x [m], knee.y [m]",
     "left bend.v [m], coupler bend.v [m]",
@@ -224,9 +236,11 @@ _WATT = (
     "e.x_dot [m/s]",
     "left.Fx [N], left.Fy [N]",
 )
+# Undamped axial vibrations after a sudden start would leave no second method for deflections.
+_SMOOTH = {"damping": 0.0, "onset": 0.2}
 _SPIN = (_FREE_ENDS, "beam bend.v [m]", "middle.y_dot [m/s]")
 FLEXIBLE = (
-    _new_case("tutorial_four_bar", flexible.tutorial_four_bar, 5.0, _PIN, *_SWING),
+    _new_case("tutorial_four_bar", flexible.tutorial_four_bar, 5.0, *_TUTORIAL, damped=True),
     _new_case("hanging_four_bar", flexible.hanging_four_bar, 5.0, *_HANGING, damped=True),
     _new_case("watt_six_bar", flexible.watt_six_bar, 3.0, *_WATT, damped=True),
     _new_case(
@@ -312,6 +326,220 @@ FLEXIBLE = (
         "hinge.Fx [N], hinge.Fy [N]",
     ),
 )
+FLEXIBLE += (
+    _new_case("watt_six_bar_undamped", flexible.watt_six_bar, 1.0, *_WATT, **_SMOOTH),
+    _new_case("tutorial_four_bar_undamped", flexible.tutorial_four_bar, 3.0, *_TUTORIAL, **_SMOOTH),
+    _new_case(
+        "bow",
+        flexible.bow,
+        0.4,
+        "arrow.x [m], nock.x [m]",
+        "upper bend.v [m]",
+        "arrow.x_dot [m/s]",
+        damped=True,
+    ),
+    _new_case(
+        "magnet_strip",
+        flexible.magnet_strip,
+        2.0,
+        _TIP,
+        "strip bend.v [m]",
+        "tip.x_dot [m/s]",
+        "clamp.M [N m]",
+        damped=True,
+    ),
+    _new_case(
+        "micro_resonator",
+        flexible.micro_resonator,
+        1e-3,
+        "tip.y [m], tip.angle [rad]",
+        "bend.v [m]",
+        "tip.y_dot [m/s]",
+        "clamp.M [N m]",
+        damped=True,
+    ),
+    _new_case(
+        "tuning_fork",
+        flexible.tuning_fork,
+        0.03,
+        "left tip.x [m], right tip.x [m], foot.x [m]",
+        "left shift.u [m], right shift.u [m], left bend.v [m]",
+        "left tip.x_dot [m/s]",
+        damped=True,
+    ),
+    _new_case(
+        "clock_pendulum",
+        flexible.clock_pendulum,
+        20.0,
+        "bob.x [m], bob.y [m], bob.angle [rad]",
+        "suspension bend.v [m]",
+        "bob.x_dot [m/s]",
+        "cheeks.M [N m]",
+        damped=True,
+    ),
+    _new_case(
+        "hammered_cantilever",
+        flexible.hammered_cantilever,
+        0.6,
+        "ball.y [m], tip.y [m]",
+        "shift.v [m], shift.phi [rad], strip bend.v [m]",
+        "ball.y_dot [m/s]",
+        damped=True,
+    ),
+    _new_case(
+        "crossed_bridge",
+        flexible.crossed_bridge,
+        1.0,
+        "quarter.y [m], end.angle [rad]",
+        "girder bend.v [m]",
+        "quarter.y_dot [m/s]",
+        "left.Fy [N]",
+        damped=True,
+    ),
+    _new_case(
+        "drag_flag",
+        flexible.drag_flag,
+        3.0,
+        _TIP,
+        "bend.v [m]",
+        "tip.x_dot [m/s]",
+        "hinge.Fx [N], hinge.Fy [N]",
+        damped=True,
+    ),
+    _new_case(
+        "bead_in_bowl",
+        flexible.bead_in_bowl,
+        2.0,
+        "bead.x [m], bead.y [m]",
+        "bend.u [m], bend.phi [rad]",
+        "bead.x_dot [m/s]",
+        "slide.Fy [N]",
+        damped=True,
+    ),
+    _new_case(
+        "blade_in_gusts",
+        flexible.blade_in_gusts,
+        3.0,
+        _TIP,
+        "bend.v [m]",
+        "tip.x_dot [m/s]",
+        "motor.M [N m]",
+        damped=True,
+    ),
+    _new_case(
+        "tethered_satellites",
+        flexible.tethered_satellites,
+        12.0,
+        "inner.x [m], inner.y [m], outer.x [m], outer.y [m], outer.angle [rad]",
+        "bend.v [m]",
+        "outer.x_dot [m/s]",
+        damped=True,
+    ),
+    _new_case(
+        "falling_mast",
+        flexible.falling_mast,
+        2.0,
+        _TIP,
+        "bend.v [m]",
+        "tip.x_dot [m/s]",
+        "foot.Fx [N], foot.Fy [N]",
+        damped=True,
+    ),
+    _new_case(
+        "five_bar",
+        flexible.five_bar,
+        2.0,
+        "tool.x [m], tool.y [m], tool.angle [rad]",
+        "left link bend.v [m], right link bend.v [m]",
+        "tool.x_dot [m/s]",
+        "left motor.M [N m]",
+        damped=True,
+    ),
+    _new_case(
+        "running_blade",
+        flexible.running_blade,
+        1.5,
+        "trunk.y [m], toe.x [m], toe.y [m]",
+        "shift.u [m], shift.v [m]",
+        "trunk.y_dot [m/s]",
+        damped=True,
+    ),
+    _new_case(
+        "jib_crane",
+        flexible.jib_crane,
+        6.0,
+        "load.x [m], load.y [m], tip.y [m]",
+        "jib bend.v [m]",
+        "load.x_dot [m/s]",
+        "mast.M [N m]",
+        damped=True,
+    ),
+    _new_case(
+        "gas_engine",
+        flexible.gas_engine,
+        1.0,
+        "piston.x [m], crank.x [m]",
+        "rod bend.v [m]",
+        "piston.x_dot [m/s]",
+        "wrist.Fx [N], wrist.Fy [N]",
+        damped=True,
+    ),
+    _new_case(
+        "exact_chain",
+        flexible.exact_chain,
+        2.0,
+        "knee.x [m], knee.y [m], tip.x [m], tip.y [m]",
+        "upper bend.v [m], lower bend.v [m]",
+        "tip.x_dot [m/s]",
+        "top.Fx [N], top.Fy [N]",
+        damped=True,
+    ),
+    _new_case(
+        "rolling_arm",
+        flexible.rolling_arm,
+        4.0,
+        "wheel.x [m], tip.x [m], tip.y [m]",
+        "arm bend.v [m]",
+        "tip.x_dot [m/s]",
+        "axle.Fx [N], axle.Fy [N]",
+        damped=True,
+    ),
+    _new_case(
+        "shallow_arch",
+        shallow_arch,
+        0.1,
+        "crown.y [m], quarter.y [m], quarter.angle [rad]",
+        "arch bend.v [m]",
+        "crown.y_dot [m/s]",
+        "right.Fx [N]",
+        damped=True,
+        beams=("arch",),
+        elements=4,
+    ),
+    _new_case(
+        "leaf_spring_vehicle",
+        leaf_spring_vehicle,
+        1.0,
+        "chassis.y [m], axle.y [m]",
+        "leaf 1 bend.v [m]",
+        "axle.y_dot [m/s]",
+        "bump stop.N [N]",
+        damped=True,
+        beams=("leaf 1",),
+        elements=2,
+    ),
+    _new_case(
+        "example_four_bar",
+        example_four_bar,
+        2.0,
+        "rocker.x [m], rocker.y [m], rocker.angle [rad]",
+        "coupler.v [m]",
+        "rocker.x_dot [m/s]",
+        "rocker pin.Fx [N], motor.M [N m]",
+        damped=True,
+        elements=4,
+    ),
+)
 LUMPED = (
     replace(
         _new_case(
@@ -352,6 +580,59 @@ LUMPED = (
         "ball.x [m], ball.y [m]",
         rates="ball.x_dot [m/s]",
         reactions="thread.F [N]",
+    ),
+    _new_case(
+        "bouncing_ball",
+        lumped.bouncing_ball,
+        3.0,
+        "ball.x [m], ball.y [m]",
+        rates="ball.y_dot [m/s]",
+        damped=True,
+    ),
+    _new_case(
+        "figure_eight",
+        lumped.figure_eight,
+        12.0,
+        "star 0.x [m], star 0.y [m], star 1.x [m], star 1.y [m]",
+        rates="star 0.x_dot [m/s]",
+    ),
+    _new_case(
+        "geared_rotors",
+        lumped.geared_rotors,
+        2.0,
+        "motor.angle [rad], rotor.angle [rad]",
+        "twist.phi [rad]",
+        "motor.angle_dot [rad/s]",
+        "gear.M [N m]",
+        damped=True,
+    ),
+    _new_case(
+        "driven_pendulum",
+        lumped.driven_pendulum,
+        10.0,
+        _TIP,
+        rates="tip.x_dot [m/s]",
+        reactions="hinge.Fx [N], hinge.Fy [N]",
+        damped=True,
+    ),
+    _new_case(
+        "governor",
+        governor,
+        1.0,
+        "rotor.angle [rad]",
+        "right weight.phi [rad]",
+        "rotor.angle_dot [rad/s]",
+        "gear.M [N m]",
+        damped=True,
+    ),
+    _new_case(
+        "quick_return",
+        quick_return,
+        3.0,
+        "ram.x [m], lever.x [m], lever.angle [rad]",
+        rates="ram.x_dot [m/s]",
+        reactions="motor.M [N m]",
+        damped=True,
     ),
     replace(
         _new_case("double_four_bar_long", mechanisms.double_four_bar, 10.0, ", ".join(TOPS)),

@@ -1,14 +1,17 @@
-"""Mechanisms with flexible beams that no default setting was chosen on.
+"""Mechanisms with flexible beams that were not used to choose default settings.
 
-Each function builds one mechanism in the geometry and size in which it is usually met.
+Each function builds one mechanism with typical geometry and size.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 import beamdae as bd
-from tolerances.mechanisms import GRAVITY, STEEL, triangle_apex
+from tolerances.mechanisms import ALLOY, GRAVITY, STEEL, triangle_apex
 
 SILICON = bd.Material(E=169e9, nu=0.22, rho=2330.0)
 LEATHER = bd.Material(E=5e7, nu=0.4, rho=1000.0)
@@ -36,27 +39,32 @@ def _hinge(mech: bd.Mechanism, name: str, *points: bd.Attachment) -> bd.Revolute
     return joints[-1]
 
 
+def _rise(height: float, duration: float) -> Callable[[Any], Any]:
+    """Return a smooth rise from 0 to `height` as a function of time."""
+    return lambda t: 0.5 * height * (1.0 - np.cos(np.pi * t / duration))
+
+
+def _gravity(onset: float) -> tuple[float, Any]:
+    """Return gravity that rises within `onset` [s], which hardly excites axial vibrations."""
+    return (0.0, bd.piecewise((onset, _rise(GRAVITY[1], onset)), GRAVITY[1])) if onset else GRAVITY
+
+
 def _add_rod(mech: bd.Mechanism, name: str, start, end, area=2e-4) -> bd.RigidBody:
     return mech.add(bd.RigidBody.rod(name, start, end, density=STEEL.rho, area=area))
 
 
 @bd.model(t_end=5.0)
-def tutorial_four_bar(stiffness=0.0, damping=1e-4, elements=4, formulation="floating frame"):
-    """Four-bar of the tutorial; without the spring of `stiffness` [N/m] it swings freely."""
-    mech = bd.Mechanism(gravity=GRAVITY)
+def tutorial_four_bar(damping=1e-4, elements=4, onset=0.0):
+    """Four-bar of the tutorial without its spring, which swings freely."""
+    mech = bd.Mechanism(gravity=_gravity(onset))
     shaft, foot, pin = (0.0, 0.0), (0.9, 0.0), (0.0, 0.25)
     knee = triangle_apex(pin, foot, 0.8, 0.6)
     crank, rocker = _add_rod(mech, "crank", shaft, pin), _add_rod(mech, "rocker", foot, knee)
-    mesh = {"elements": elements, "formulation": formulation}
-    coupler = _add_strip(mech, "coupler", pin, knee, 0.004, damping, **mesh)
+    coupler = _add_strip(mech, "coupler", pin, knee, 0.004, damping, elements=elements)
     _hinge(mech, "shaft", mech.ground.at(*shaft), crank.at(*shaft))
     _hinge(mech, "crank pin", crank.at(*pin), coupler.start)
     joint = _hinge(mech, "rocker pin", coupler.end, rocker.at(*knee))
     _hinge(mech, "foot", mech.ground.at(*foot), rocker.at(*foot))
-    if stiffness:
-        middle = rocker.at(*(np.add(foot, knee) / 2.0))
-        anchor = mech.ground.at(1.4, 0.3)
-        mech.add(bd.Spring("spring", anchor, middle, stiffness, free_length=0.3))
     mech.observe("pin", rocker.at(*knee))
     mech.observe("rocker pin", joint.reaction)
     return mech
@@ -83,9 +91,9 @@ def hanging_four_bar(damping=1e-4, height=0.004, formulation="floating frame"):
 
 
 @bd.model(t_end=3.0)
-def watt_six_bar(damping=1e-4, height=0.005, elements=2):
+def watt_six_bar(damping=1e-4, height=0.005, elements=2, onset=0.0):
     """Hanging Watt linkage of the first kind with a flexible crank and dyad, released at rest."""
-    mech = bd.Mechanism(gravity=GRAVITY)
+    mech = bd.Mechanism(gravity=_gravity(onset))
     left, right, a = (0.0, 0.0), (0.5, 0.0), (-0.12, -0.27)
     b = triangle_apex(right, a, 0.35, 0.5)
     c = triangle_apex(b, a, 0.3, 0.3)
@@ -287,4 +295,362 @@ def exact_pendulum(damping=0.0, height=0.001, formulation="exact", elements=1):
     joint = _hinge(mech, "hinge", mech.ground.at(0.0, 0.0), strip.start)
     mech.observe("tip", strip.end)
     mech.observe("hinge", joint.reaction)
+    return mech
+
+
+@bd.model(t_end=0.4)
+def bow(damping=1e-4, draw=150.0, hold=0.3):
+    """Bow of glass fiber, drawn with up to `draw` [N] for `hold` [s]; then it shoots an arrow.
+
+    The string pushes the arrow of 25 g, which leaves it.
+    """
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(GLASS_FIBER, width=0.03, height=0.01, damping=damping)
+    nock = mech.add(bd.PointMass("nock", 5e-3, at=(-0.15, 0.0)))
+    arrow = mech.add(bd.PointMass("arrow", 0.025, at=(-0.15, 0.0)))
+    ground, string = mech.ground, {"stiffness": 2e4, "damping": 2.0}
+    for side, name in ((1.0, "upper"), (-1.0, "lower")):
+        line = bd.Line((0.0, 0.1 * side), (-0.05, 0.7 * side))
+        limb = mech.add(bd.Beam(f"{name} limb", line, strip, elements=2))
+        mech.add(bd.Weld(f"{name} grip", ground.at(0.0, 0.1 * side), limb.start))
+        mech.add(bd.SpringDamper(f"{name} string", limb.end, nock.point, **string))
+        _observe_bend(mech, limb, f"{name} bend")
+        mech.observe(f"{name} tip", limb.end)
+    for body in (nock, arrow):
+        mech.add(bd.PointOnLine(f"{body.name} line", ground.at(-0.15, 0.0), body.point))
+
+    def push(nock, arrow, t):
+        force = 1e6 * bd.positive_part(nock.position[0] - arrow.position[0]) ** 1.5
+        return [(-force, 0.0), (force, 0.0)]
+
+    mech.add(bd.ForceLaw("contact", (nock.point, arrow.point), push))
+    for body, force in ((nock, draw), (arrow, 2.0)):
+        rise = _rise(-force, hold)
+        mech.add(bd.Force(f"{body.name} hand", body.point, (bd.piecewise((hold, rise), 0.0), 0.0)))
+    mech.observe("arrow", arrow.point)
+    mech.observe("nock", nock.point)
+    return mech
+
+
+@bd.model(t_end=2.0)
+def magnet_strip(damping=1e-4, gap=0.02):
+    """Hanging strip with a magnet at its tip, above a pole beside which it is released."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    strip = _add_strip(mech, "strip", (0.0, 0.0), (0.0, -0.4), 8e-4, damping)
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), strip.start))
+    mech.add(bd.PointMass("magnet", 0.05, on=strip.end))
+    pole = np.array([0.03, -0.4 - gap])
+
+    def pull(tip, t):
+        away = pole - tip.position
+        return 2e-4 * away / (away @ away + 1e-4) ** 1.5
+
+    def potential(tip):
+        away = pole - tip.position
+        return -2e-4 / np.sqrt(away @ away + 1e-4)
+
+    mech.add(bd.ForceLaw("pole", (strip.end,), pull, energy=potential))
+    mech.observe("tip", strip.end)
+    mech.observe("clamp", strip.section_forces(0.0))
+    return mech
+
+
+@bd.model(t_end=1e-3)
+def micro_resonator(damping=1e-8, force=2e-9, frequency=1.6e4):
+    """Clamped silicon strip of 300 um x 1 um, driven at its tip near its first resonance."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(SILICON, width=2e-5, height=1e-6, damping=damping)
+    strip = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (3e-4, 0.0)), section, elements=2))
+    clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), strip.start))
+    mech.add(bd.Force("drive", strip.end, (0.0, bd.sine(force, frequency))))
+    mech.observe("tip", strip.end)
+    _observe_bend(mech, strip)
+    mech.observe("clamp", clamp.reaction)
+    return mech
+
+
+@bd.model(t_end=0.06)
+def tuning_fork(damping=1e-7, force=0.01):
+    """Steel fork of 440 Hz on a soft stem; one prong is struck and moves by micrometers."""
+    mech = bd.Mechanism()
+    foot = mech.add(bd.RigidBody.plate("foot", (0.0, -0.01), width=0.03, height=0.02, mass=0.03))
+    stem = {"kx": 1e4, "ky": 1e4, "ktheta": 1.0, "cx": 1.0, "cy": 1.0, "ctheta": 1e-4}
+    mech.add(bd.Bushing("stem", mech.ground.at(0.0, -0.02), foot.at(0.0, -0.02), **stem))
+    for x, name in ((-0.01, "left"), (0.01, "right")):
+        settings = {"width": 0.006, "height": 0.0045}
+        prong = _add_strip(mech, name, (x, 0.0), (x, 0.0925), damping=damping, **settings)
+        mech.add(bd.Weld(f"{name} root", foot.at(x, 0.0), prong.start))
+        mech.observe(f"{name} tip", prong.end)
+        mech.observe(f"{name} shift", bd.relative_displacement(prong.end, foot.at(x, 0.0)))
+    rate = 2.0 * np.pi / 1e-3
+    strike = bd.piecewise((1e-3, lambda t: 0.5 * force * (1.0 - np.cos(rate * t))), 0.0)
+    mech.add(bd.Force("strike", prong.end, (strike, 0.0)))
+    mech.observe("foot", foot.at(0.0, -0.02))
+    return mech
+
+
+@bd.model(t_end=20.0)
+def clock_pendulum(damping=1e-4, start=0.1):
+    """Pendulum of 1 m and 2 s on a suspension spring of 20 mm x 0.1 mm, ten periods."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    strip = _add_strip(mech, "suspension", (0.0, 0.02), (0.0, 0.0), 1e-4, damping, 0.005)
+    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (0.0, -1.0), mass=0.3))
+    mech.add(bd.Weld("cheeks", mech.ground.at(0.0, 0.02), strip.start))
+    mech.add(bd.Weld("top", strip.end, rod.at(0.0, 0.0)))
+    mech.add(bd.PointMass("bob", 4.0, on=rod.at(0.0, -0.98)))
+    force = bd.piecewise((1.0, lambda t: 0.5 * start * 40.0 * np.sin(np.pi * t) ** 2), 0.0)
+    mech.add(bd.Force("start", rod.at(0.0, -0.98), (force, 0.0)))
+    mech.observe("bob", rod.at(0.0, -0.98))
+    mech.observe("cheeks", strip.section_forces(0.0))
+    return mech
+
+
+@bd.model(t_end=0.6)
+def hammered_cantilever(damping=1e-4, speed=1.5):
+    """Clamped strip of 0.5 m, hit at its tip by a falling ball that bounces on it."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    strip = _add_strip(mech, "strip", (0.0, 0.0), (0.5, 0.0), 0.01, damping)
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), strip.start))
+    ball = mech.add(bd.PointMass("ball", 0.2, at=(0.48, 0.05), velocity=(0.0, -speed)))
+    surface = bd.LineSurface(strip.end, direction=(1.0, 0.0))
+    law = {"stiffness": 1e6, "restitution": 0.6, "impact_speed": speed}
+    contact = mech.add(bd.Contact("impact", ball.point, surface, **law))
+    mech.observe("ball", ball.point)
+    mech.observe("tip", strip.end)
+    mech.observe("shift", bd.relative_displacement(strip.end, strip.start))
+    mech.observe("impact", contact.force)
+    return mech
+
+
+@bd.model(t_end=1.0)
+def crossed_bridge(damping=1e-4, speed=8.0, load=150.0):
+    """Pinned girder of 3 m, crossed by a load of 150 N in 0.4 s; free vibration follows."""
+    mech = bd.Mechanism()
+    girder = _add_strip(mech, "girder", (0.0, 0.0), (3.0, 0.0), 0.03, damping, elements=4)
+    joint = _hinge(mech, "left", mech.ground.at(0.0, 0.0), girder.start)
+    mech.add(bd.PointOnLine("right", mech.ground.at(3.0, 0.0), girder.end))
+    mech.add(bd.MovingForce("wheel", girder, (0.0, -load), speed, start=-0.2))
+    mech.observe("quarter", girder.at(0.75))
+    mech.observe("end", girder.end)
+    mech.observe("left", joint.reaction)
+    return mech
+
+
+@bd.model(t_end=3.0)
+def drag_flag(drag=0.3, damping=1e-4):
+    """Thin strip of 0.4 m released from the horizontal in air, which brakes its swing."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    section = bd.Section.rectangle(ALLOY, width=0.03, height=5e-4, damping=damping)
+    line = bd.Line((0.0, 0.0), (0.4, 0.0))
+    strip = mech.add(bd.Beam("flag", line, section, elements=2, formulation="exact"))
+    joint = _hinge(mech, "hinge", mech.ground.at(0.0, 0.0), strip.start)
+    mech.add(bd.AirDrag("air", strip, drag))
+    mech.observe("tip", strip.end)
+    _observe_bend(mech, strip)
+    mech.observe("hinge", joint.reaction)
+    return mech
+
+
+@bd.model(t_end=4.0)
+def bead_in_bowl(damping=1e-4, height=0.003):
+    """Bead of 0.1 kg that slides to and fro without friction in a bowl bent from a strip."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    section = bd.Section.rectangle(STEEL, width=0.02, height=height, damping=damping)
+    arc = bd.Arc(radius=0.5, length=1.0, start=(-0.5 * np.sin(1.0), 0.0), angle=-1.0)
+    bowl = mech.add(bd.Beam("bowl", arc, section, elements=3))
+    for name, end in (("left", bowl.start), ("right", bowl.end)):
+        mech.add(bd.Weld(name, mech.ground.at(*end.point), end))
+    bead = mech.add(bd.PointMass("bead", 0.1, at=tuple(arc.point(0.2))))
+    slide = mech.add(bd.SlidingOnBeam("slide", bead.point, bowl))
+    mech.observe("bead", bead.point)
+    mech.observe("bottom", bowl.at(0.5))
+    _observe_bend(mech, bowl)
+    mech.observe("slide", slide.reaction)
+    return mech
+
+
+@bd.model(t_end=3.0)
+def blade_in_gusts(damping=1e-4, speed=6.0, gust=0.8):
+    """Blade of 1 m on a hub at constant speed after 0.5 s, shaken by gusts of 3.3 Hz."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    section = bd.Section.rectangle(GLASS_FIBER, width=0.05, height=0.008, damping=damping)
+    blade = mech.add(bd.Beam("blade", bd.Line((0.1, 0.0), (1.1, 0.0)), section, elements=2))
+    hub = mech.add(bd.RigidBody.disk("hub", (0.0, 0.0), radius=0.1, mass=3.0))
+    ground = mech.ground.at(0.0, 0.0)
+    _hinge(mech, "bearing", ground, hub.at(0.0, 0.0))
+    motor = mech.add(bd.Driver("motor", ground, hub.at(0.0, 0.0), bd.run_up(speed, 0.5)))
+    mech.add(bd.Weld("root", hub.at(0.1, 0.0), blade.start))
+    wind = (0.0, bd.sine(gust, 3.3))
+    mech.add(bd.DistributedForce("wind", blade, wind, axes="section"))
+    mech.observe("tip", blade.end)
+    _observe_bend(mech, blade)
+    mech.observe("motor", motor.drive)
+    return mech
+
+
+@bd.model(t_end=12.0)
+def tethered_satellites(damping=1e-3, speed=0.55):
+    """Two masses on a flexible tether in the field of a star at the origin, about two orbits."""
+    mech = bd.Mechanism()
+    material = bd.Material(E=1e6, nu=0.3, rho=1000.0)
+    section = bd.Section.rectangle(material, width=0.01, height=0.01, damping=damping)
+    line, start = bd.Line((0.95, 0.0), (1.1, 0.0)), {"velocity": (0.0, speed)}
+    mesh = {"elements": 2, "formulation": "exact"}
+    tether = mech.add(bd.Beam("tether", line, section, **mesh, **start))
+    for name, end, mass in (("inner", tether.start, 0.1), ("outer", tether.end, 0.05)):
+        mech.add(bd.PointMass(name, mass, on=end))
+
+        def attract(at, t, mass=mass):
+            return -0.4 * mass * at.position / (at.position @ at.position) ** 1.5
+
+        def potential(at, mass=mass):
+            return -0.4 * mass / np.sqrt(at.position @ at.position)
+
+        mech.add(bd.ForceLaw(f"{name} gravity", (end,), attract, energy=potential))
+        mech.observe(name, end)
+    _observe_bend(mech, tether)
+    return mech
+
+
+@bd.model(t_end=2.0)
+def falling_mast(damping=1e-4, lean=0.05):
+    """Mast of 2 m with a heavy top that falls from almost upright onto a rubber block."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    top = (2.0 * float(np.sin(lean)), 2.0 * float(np.cos(lean)))
+    section = bd.Section.pipe(ALLOY, diameter=0.03, wall=0.002, damping=damping)
+    mast = mech.add(bd.Beam("mast", bd.Line((0.0, 0.0), top), section, elements=2))
+    joint = _hinge(mech, "foot", mech.ground.at(0.0, 0.0), mast.start)
+    mech.add(bd.PointMass("lamp", 0.5, on=mast.end))
+    block = bd.LineSurface(mech.ground.at(0.0, 0.1))
+    law = {"stiffness": 3e5, "restitution": 0.5, "impact_speed": 5.0}
+    mech.add(bd.Contact("block", mast.end, block, **law))
+    mech.observe("tip", mast.end)
+    _observe_bend(mech, mast)
+    mech.observe("foot", joint.reaction)
+    return mech
+
+
+@bd.model(t_end=2.0)
+def five_bar(damping=1e-4, height=0.003):
+    """Parallel robot of two driven cranks and two flexible links that carry a tool of 0.3 kg."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    tool, arms = (0.0, 0.6), []
+    for side, name, rate in ((-1.0, "left", 1.0), (1.0, "right", 1.5)):
+        shaft, elbow = (0.15 * side, 0.0), (0.35 * side, 0.22)
+        crank = _add_rod(mech, f"{name} crank", shaft, elbow)
+        link = _add_strip(mech, f"{name} link", elbow, tool, height, damping)
+        ground = mech.ground.at(*shaft)
+        _hinge(mech, f"{name} shaft", ground, crank.at(*shaft))
+        _hinge(mech, f"{name} elbow", crank.at(*elbow), link.start)
+
+        def angle(t, side=side, omega=2.0 * np.pi * rate):
+            return 0.2 * side * (1.0 - np.cos(omega * t))
+
+        law = bd.Law((angle,), (), 1.0 / rate)
+        motor = mech.add(bd.Driver(f"{name} motor", ground, crank.at(*shaft), law))
+        mech.observe(f"{name} motor", motor.drive)
+        arms.append(link)
+    _hinge(mech, "tool", arms[0].end, arms[1].end)
+    mech.add(bd.PointMass("gripper", 0.3, on=arms[0].end))
+    mech.observe("tool", arms[0].end)
+    return mech
+
+
+@bd.model(t_end=1.5)
+def running_blade(damping=1e-4, height=0.008):
+    """Mass of 10 kg on a curved blade that drops onto the floor and hops."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    section = bd.Section.rectangle(GLASS_FIBER, width=0.05, height=height, damping=damping)
+    arc = bd.Arc(radius=0.15, length=0.45, start=(0.0, 0.35), angle=np.pi)
+    blade = mech.add(bd.Beam("blade", arc, section, elements=2))
+    trunk = mech.add(bd.RigidBody.plate("trunk", (0.0, 0.4), width=0.2, height=0.1, mass=10.0))
+    mech.add(bd.Prismatic("guide", mech.ground.at(0.0, 0.4), trunk.at(0.0, 0.4), (0.0, 1.0)))
+    mech.add(bd.Weld("socket", trunk.at(0.0, 0.35), blade.start))
+    law = {"stiffness": 1e6, "friction": 0.3, "friction_speed": 0.02}
+    contact = bd.Contact("toe", blade.end, bd.LineSurface(mech.ground.at(0.0, 0.0)), **law)
+    mech.add(contact)
+    mech.observe("trunk", trunk.at(0.0, 0.4))
+    mech.observe("toe", blade.end)
+    mech.observe("shift", bd.relative_displacement(blade.end, blade.start))
+    mech.observe("contact", contact.force)
+    return mech
+
+
+@bd.model(t_end=6.0)
+def jib_crane(damping=1e-4, travel=0.8):
+    """Flexible jib of 2 m; the drive moves its trolley by `travel` [m], and the load swings."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    jib = _add_strip(mech, "jib", (0.0, 0.0), (2.0, 0.0), 0.05, damping, 0.03)
+    clamp = mech.add(bd.Weld("mast", mech.ground.at(0.0, 0.0), jib.start))
+    trolley = mech.add(bd.PointMass("trolley", 1.0, at=(0.0, -0.2)))
+    frame = mech.add(bd.RigidBody.rod("frame", (2.0, 0.0), (2.0, -0.2), mass=2.0))
+    mech.add(bd.Weld("hanger", jib.end, frame.at(2.0, 0.0)))
+    rail = frame.at(2.0, -0.2)
+    mech.add(bd.PointOnLine("rail", rail, trolley.point))
+    rise = bd.piecewise((2.0, _rise(travel, 2.0)), travel)
+    mech.add(bd.TranslationalDriver("winch", rail, trolley.point, rise))
+    load = mech.add(bd.PointMass("load", 10.0, at=(0.0, -1.2)))
+    mech.add(bd.Distance("rope", trolley.point, load.point))
+    mech.observe("load", load.point)
+    mech.observe("tip", jib.end)
+    mech.observe("mast", clamp.reaction)
+    return mech
+
+
+@bd.model(t_end=1.0)
+def gas_engine(damping=1e-5, speed=60.0, pressure=1500.0):
+    """Slider-crank with a flexible rod, a piston of 0.4 kg and a gas force in every turn."""
+    mech = bd.Mechanism()
+    pin, wrist = (0.04, 0.0), (0.2, 0.0)
+    crank = mech.add(bd.RigidBody.disk("crank", (0.0, 0.0), radius=0.08, mass=4.0))
+    rod = _add_strip(mech, "rod", pin, wrist, 0.008, damping)
+    piston = mech.add(bd.PointMass("piston", 0.4, at=wrist))
+    ground = mech.ground
+    _hinge(mech, "shaft", ground.at(0.0, 0.0), crank.at(0.0, 0.0))
+    _hinge(mech, "crank pin", crank.at(*pin), rod.start)
+    joint = mech.add(bd.Revolute("wrist pin", rod.end, piston.point))
+    mech.add(bd.PointOnLine("cylinder", ground.at(*wrist), piston.point))
+    motor = bd.Driver("motor", ground.at(0.0, 0.0), crank.at(0.0, 0.0), bd.run_up(speed, 0.4))
+    mech.add(motor)
+
+    def gas(head, t):
+        stroke = (0.21 - head.position[0]) / 0.01
+        return -pressure / stroke**1.3, 0.0
+
+    mech.add(bd.ForceLaw("gas", (piston.point,), gas))
+    mech.observe("piston", piston.point)
+    mech.observe("crank", crank.at(*pin))
+    mech.observe("wrist", joint.reaction)
+    return mech
+
+
+@bd.model(t_end=2.0)
+def exact_chain(damping=1e-4, height=0.002):
+    """Two straight exact strips of 0.4 m hinged to each other, released from a bent position."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    middle, tip = (0.32, -0.24), (0.32, -0.64)
+    mesh = {"formulation": "exact"}
+    upper = _add_strip(mech, "upper", (0.0, 0.0), middle, height, damping, **mesh)
+    lower = _add_strip(mech, "lower", middle, tip, height, damping, **mesh)
+    joint = _hinge(mech, "top", mech.ground.at(0.0, 0.0), upper.start)
+    _hinge(mech, "knee", upper.end, lower.start)
+    mech.observe("knee", upper.end)
+    mech.observe("tip", lower.end)
+    mech.observe("top", joint.reaction)
+    return mech
+
+
+@bd.model(t_end=4.0)
+def rolling_arm(damping=1e-4, height=0.002):
+    """Wheel that rolls to and fro below a hanging flexible arm, which is released sideways."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    wheel = mech.add(bd.RigidBody.disk("wheel", (0.0, 0.0), radius=0.15, mass=1.0))
+    rail = mech.ground.at(0.0, -0.15)
+    mech.add(bd.RollingOnLine("rail", rail, wheel.at(0.0, 0.0), radius=0.15))
+    arm = _add_strip(mech, "arm", (0.0, 0.0), (0.35, -0.35), height, damping)
+    joint = _hinge(mech, "axle", wheel.at(0.0, 0.0), arm.start)
+    mech.add(bd.PointMass("weight", 0.3, on=arm.end))
+    mech.observe("wheel", wheel.at(0.0, 0.0))
+    mech.observe("tip", arm.end)
+    mech.observe("axle", joint.reaction)
     return mech

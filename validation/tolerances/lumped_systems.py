@@ -1,4 +1,4 @@
-"""Systems of particles and rigid bodies that no default setting was chosen on."""
+"""Systems of particles and rigid bodies that were not used to choose default settings."""
 
 from __future__ import annotations
 
@@ -112,4 +112,92 @@ def magnet_ball(gap=0.05):
     mech.add(bd.ForceLaw("magnet", (ball.point,), pull, energy=potential))
     mech.observe("ball", ball.point)
     mech.observe("thread", rod.reaction)
+    return mech
+
+
+@bd.model(t_end=3.0)
+def bouncing_ball(restitution=0.9):
+    """Ball of 0.1 kg that falls 0.5 m and bounces five times while it drifts to the right."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    ball = mech.add(bd.PointMass("ball", 0.1, at=(0.0, 0.5), velocity=(0.3, 0.0)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    law = {"stiffness": 1e5, "restitution": restitution, "impact_speed": 3.0}
+    contact = mech.add(bd.Contact("floor", ball.point, floor, friction=0.2, **law))
+    mech.observe("ball", ball.point)
+    mech.observe("floor", contact.force)
+    return mech
+
+
+# Start of the figure eight: A. Chenciner, R. Montgomery, Annals of Mathematics 152 (2000) 881.
+_EIGHT_POSITION = np.array([0.97000436, -0.24308753])
+_EIGHT_VELOCITY = np.array([-0.93240737, -0.86473146])
+
+
+@bd.model(t_end=12.0)
+def figure_eight():
+    """Three equal masses that chase each other on a figure eight, two periods of 6.3 s."""
+    mech = bd.Mechanism()
+    starts = (
+        (_EIGHT_POSITION, -0.5 * _EIGHT_VELOCITY),
+        (-_EIGHT_POSITION, -0.5 * _EIGHT_VELOCITY),
+        (np.zeros(2), _EIGHT_VELOCITY),
+    )
+    stars = [
+        mech.add(bd.PointMass(f"star {k}", 1.0, at=tuple(x.tolist()), velocity=tuple(v.tolist())))
+        for k, (x, v) in enumerate(starts)
+    ]
+
+    def attract(a, b, t):
+        away = b.position - a.position
+        force = away / (away @ away) ** 1.5
+        return [force, -force]
+
+    def potential(a, b):
+        away = b.position - a.position
+        return -1.0 / np.sqrt(away @ away)
+
+    for j, k in ((0, 1), (1, 2), (2, 0)):
+        pair = (stars[j].point, stars[k].point)
+        mech.add(bd.ForceLaw(f"gravity {j} {k}", pair, attract, energy=potential))
+    for star in stars[:2]:
+        mech.observe(star.name, star.point)
+    return mech
+
+
+@bd.model(t_end=2.0)
+def geared_rotors(stiffness=200.0, damping=0.02):
+    """Motor and rotor with a gear and an elastic shaft, run up and loaded by a brake."""
+    mech = bd.Mechanism()
+    ground, left, right = mech.ground, (0.0, 0.0), (0.3, 0.0)
+    motor = mech.add(bd.RigidBody.disk("motor", left, radius=0.05, mass=1.0))
+    pinion = mech.add(bd.RigidBody.disk("pinion", left, radius=0.1, mass=0.8))
+    rotor = mech.add(bd.RigidBody.disk("rotor", right, radius=0.2, mass=5.0))
+    for body, center in ((motor, left), (pinion, left), (rotor, right)):
+        mech.add(bd.Revolute(f"{body.name} bearing", ground.at(*center), body.at(*center)))
+    mech.add(bd.TorsionSpring("shaft", motor.at(*left), pinion.at(*left), stiffness, damping))
+    gear = mech.add(bd.Gear("gear", pinion.at(*left), rotor.at(*right), ratio=-0.5))
+    mech.add(bd.Moment("torque", motor.at(*left), bd.piecewise((0.5, 4.0), 1.0)))
+
+    def brake(rotor, t):
+        return 0.0, 0.0, -2.0 * bd.smooth_sign(rotor.rate, 0.5)
+
+    mech.add(bd.ForceLaw("brake", (rotor.at(*right),), brake, dissipative=True))
+    for body, center in ((motor, left), (pinion, left), (rotor, right)):
+        mech.observe(body.name, body.at(*center))
+    mech.observe("twist", bd.relative_displacement(pinion.at(*left), motor.at(*left)))
+    mech.observe("gear", gear.reaction)
+    return mech
+
+
+@bd.model(t_end=10.0)
+def driven_pendulum(torque=0.6, frequency=0.55, damping=0.05):
+    """Damped rod of 1 m and 1 kg, shaken by a moment of 0.55 Hz."""
+    mech = bd.Mechanism(gravity=GRAVITY)
+    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (0.0, -1.0), mass=1.0))
+    ground = mech.ground.at(0.0, 0.0)
+    joint = mech.add(bd.Revolute("hinge", ground, rod.at(0.0, 0.0)))
+    mech.add(bd.TorsionDamper("bearing", ground, rod.at(0.0, 0.0), damping))
+    mech.add(bd.Moment("shaker", rod.at(0.0, 0.0), bd.sine(torque, frequency)))
+    mech.observe("tip", rod.at(0.0, -1.0))
+    mech.observe("hinge", joint.reaction)
     return mech

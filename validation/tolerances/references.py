@@ -169,7 +169,7 @@ def _radau_results(case: ToleranceCase, effort: Effort) -> Iterator[MethodResult
 
 def _bdf_results(case: ToleranceCase, effort: Effort) -> Iterator[MethodResult]:
     """Yield results of Ida where damping or the absence of fast modes permits order 5."""
-    first_step = bd.simulate(case.model(**case.parameters), bd.Ida(max_steps=1), case.duration)
+    first_step = bd.simulate(case.build(), bd.Ida(max_steps=1), case.duration)
     if first_step.integrator["max_order"] < 5:
         return
     last_time = 0.0
@@ -193,15 +193,13 @@ def _extrapolated_results(case: ToleranceCase, effort: Effort) -> Iterator[Metho
             return
         step = case.duration / steps
         fine, last_time = _run(case, bd.GeneralizedAlpha(step, 0.9, newton_tolerance=1e-9))
-        if fine is None:
-            return
-        if coarse is not None:
+        if coarse is not None and fine is not None:
             method = f"GeneralizedAlpha({step:.3g} s), extrapolated"
             yield MethodResult(method, fine + (fine - coarse) / 3.0)
         coarse = fine
 
 
 def _modal_result(case: ToleranceCase) -> MethodResult:
-    columns = solve_small_vibrations(case.model(**case.parameters), case.times)
+    columns = solve_small_vibrations(case.build(), case.times)
     rows = np.stack([columns[name] for name in case.compared], axis=-1)
     return MethodResult("modes of the linearized equations", rows)

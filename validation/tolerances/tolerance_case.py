@@ -32,6 +32,9 @@ class ToleranceCase:
         Guaranteed error over rtol: 30 for damped models, 100 for undamped ones.
     t_end
         End time [s]; None: the end time of the model.
+    beams
+        Beams whose deflection in the middle is observed as "<beam> bend", in addition to what the
+        model observes.
     deflections
         Observed displacements and rotations of beams relative to a body or to their undeformed
         shape; their errors are listed separately.
@@ -63,6 +66,7 @@ class ToleranceCase:
     published: dict[str, float] | None = None
     small: bool = False
     singular: bool = False
+    beams: tuple[str, ...] = ()
     deflections: tuple[str, ...] = ()
     rates: tuple[str, ...] = ()
 
@@ -81,11 +85,21 @@ class ToleranceCase:
         """Times of the rows [s]."""
         return np.linspace(0.0, self.duration, self.rows)
 
+    def build(self) -> Any:
+        """Build the mechanism with all compared columns."""
+        mechanism = self.model(**self.parameters)
+        for name in self.beams:
+            beam = mechanism.part(name)
+            bend = beam.deformation(0.5 * beam.length, axes="frame")
+            mechanism.observe(f"{name} bend", bend)
+        return mechanism
+
     def run(self, integrator: Any) -> bd.Solution:
         """Simulate the case with output at the times of the reference."""
         t_end = self.duration
-        mechanism = self.model(**self.parameters)
-        return bd.simulate(mechanism, integrator, t_end=t_end, output_step=t_end / (self.rows - 1))
+        return bd.simulate(
+            self.build(), integrator, t_end=t_end, output_step=t_end / (self.rows - 1)
+        )
 
     def select_columns(
         self, solution: bd.Solution, columns: tuple[str, ...] | None = None
