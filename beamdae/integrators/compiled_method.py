@@ -75,7 +75,7 @@ class ImplicitStage:
     offset
         Part of y' that does not depend on y, set by the step function.
     change
-        Residual of the Newton iteration, overwritten by the correction.
+        Correction of the Newton iteration.
     linear, nonzeros
         Linear solver, and non-zeros of dR/dy + c dR/dy'.
     prediction
@@ -112,6 +112,8 @@ class StepWorkspace:
         Bound on the error of Newton's iteration, relative to the scales.
     has_impulses
         1 if the unknowns are time integrals of multipliers; see `Formulation.impulses`.
+    residual
+        Residual in the last Newton iteration of any stage.
     rows, filled, most
         Rows (t, q, v, a, lam) of the steps taken, number of filled rows, and number of requested
         rows.
@@ -129,6 +131,7 @@ class StepWorkspace:
     weights: Array
     newton_tolerance: float
     has_impulses: int
+    residual: Array
     rows: Array
     filled: int = 0
     most: int = 0
@@ -182,8 +185,9 @@ def _iterate_newton(run: Any, stage: ImplicitStage, t: float, c: float, may_rene
     previous = math.inf
     for k in range(MAX_ITERATIONS):
         combine(stage.yp, (c, 1.0), (stage.y, stage.offset))
-        evaluate_residual(run.form, t, run.branch, stage.y, stage.yp, stage.change)
+        evaluate_residual(run.form, t, run.branch, stage.y, stage.yp, run.residual)
         run.residuals += 1
+        combine(stage.change, (1.0,), (run.residual,))
         solve(stage.linear, stage.change)
         combine(stage.y, (1.0, -1.0), (stage.y, stage.change))
         size = max_norm(stage.change[: run.weights.size], run.weights)
@@ -306,6 +310,7 @@ class FixedStepMethod:
                 weights=weights,
                 newton_tolerance=newton_tolerance,
                 has_impulses=int(form.formulation.impulses),
+                residual=np.zeros(form.size),
                 rows=np.zeros((STEPS_PER_CHECK, 1 + 3 * n + m)),
                 **{name: make_stage(matrix, native) for name, matrix in self._matrices.items()},
             )
@@ -357,6 +362,5 @@ class FixedStepMethod:
         # Steps before a failure are returned first; the next call fails again.
         code = self._step_loop()
         if run.filled == 0:
-            stage = getattr(run, self._stages[-1])
-            raise StepError(_FAILURES[code], stage.change)
+            raise StepError(_FAILURES[code], run.residual)
         return run.rows[: run.filled]

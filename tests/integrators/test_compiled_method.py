@@ -100,6 +100,22 @@ def test_nonfinite_residual_fails_the_run_and_keeps_the_steps():
     assert 0.098 < solution.trajectory.end <= 0.1
 
 
+@pytest.mark.parametrize("native", ["on", "off"])
+def test_failed_step_names_the_equation_with_the_largest_residual(native, monkeypatch):
+    """The moment of the stop jumps by 300 N m, so that Newton's iteration cannot balance it."""
+    monkeypatch.setenv("BEAMDAE_NATIVE", native)
+    mech = falling_pendulum()
+    points = mech.ground.at(0.0, 0.0), mech.parts["rod"].at(0.0, 0.0)
+
+    def law(angle, rate):
+        return 100.0 * np.arctan(1e6 * (angle + 0.5))
+
+    mech.add(bd.TorsionSpring("stop", *points, law=law))
+    solution = bd.simulate(mech, Euler(1e-2), 1.0)
+    assert "Newton's iteration did not converge" in solution.status.sentence
+    assert "largest residual is in the balance of forces on rod.angle" in solution.status.sentence
+
+
 def test_step_too_short_for_the_run_is_rejected():
     with pytest.raises(bd.BeamdaeError, match=r"^take_euler_step: step of 1e-12 s requires 1e"):
         bd.simulate(falling_pendulum(), Euler(1e-12), 1.0)
