@@ -574,6 +574,16 @@ def test_factors_are_reused_while_the_step_is_constant():
     assert s.factorizations < 0.1 * s.steps
 
 
+def test_factorizations_for_the_jerk_are_counted():
+    equations, _, t_end = SMOOTH["pendulum"]
+    solution = bd.simulate(equations, ADAPTIVE, t_end)
+    h, s = steps_of(solution), solution.statistics
+    changes = np.count_nonzero(np.abs(np.diff(h) / h[1:]) > 1e-6)
+    # Each change of the step requires one factorization and one solution for the jerk.
+    assert s.factorizations - s.jacobian_calls >= changes > 0
+    assert s.solves - s.residual_calls == s.factorizations - s.jacobian_calls
+
+
 def test_rejected_steps_are_counted_but_not_returned():
     equations, answer, t_end = SMOOTH["pendulum"]
     solution = bd.simulate(equations, replace(ADAPTIVE, step=1.0), t_end)

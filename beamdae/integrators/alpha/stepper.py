@@ -123,17 +123,15 @@ class AlphaStepper:
 
     @property
     def counts(self) -> Statistics:
-        """Numbers of calls, rejected steps, factorizations and Newton failures so far.
-
-        Factorizations and solutions for the jerk are not counted.
-        """
+        """Numbers of calls, rejected steps, factorizations and Newton failures so far."""
         run = self._run
+        solvers = [run.linear, *(linear for linear, _ in self._further_matrices(run))]
         return Statistics(
             rejected_steps=run.rejections,
             residual_calls=run.residuals,
             jacobian_calls=run.jacobians,
-            factorizations=run.linear.factorizations,
-            solves=run.linear.solves,
+            factorizations=sum(linear.factorizations for linear in solvers),
+            solves=sum(linear.solves for linear in solvers),
             newton_failures=run.failures,
         )
 
