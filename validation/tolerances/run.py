@@ -12,7 +12,8 @@ python validation/tolerances/run.py --random-references 200 210   add references
 
 --case, --integrator and --rtol select runs of --wide and --random (--case also of --references) and
 may be repeated; tables without a selection are written to results/.
---no-estimate leaves out the error estimates, which take half of the time.
+--no-estimate leaves out the error estimates, which take half of the time; --store NAME names the
+table.
 """
 
 from __future__ import annotations
@@ -119,10 +120,11 @@ def measure_cases(
 
 
 def store_table(options: argparse.Namespace, table: pd.DataFrame, name: str) -> None:
-    """Write a table unless it is restricted to some cases, integrators or tolerances."""
-    if not (options.case or options.integrator or options.rtol):
+    """Write a table to `--store`, or to its name if no option restricts it."""
+    if options.store or not (options.case or options.integrator or options.rtol):
         RESULTS.mkdir(exist_ok=True)
-        table.to_csv(RESULTS / f"{name}.csv", index=False, float_format="%.3g")
+        path = RESULTS / f"{options.store or name}.csv"
+        table.to_csv(path, index=False, float_format="%.3g")
 
 
 def tabulate_set(options: argparse.Namespace) -> pd.DataFrame:
@@ -173,6 +175,7 @@ def main() -> None:
     parser.add_argument(
         "--no-estimate", dest="estimate", action="store_false", help="skip the error estimates"
     )
+    parser.add_argument("--store", metavar="NAME", help="write the table to results/NAME.csv")
     parser.add_argument(
         "--patience",
         type=float,
