@@ -188,7 +188,7 @@ def test_labels_replace_the_names_of_runs(run):
 
 @pytest.mark.parametrize(("wrong", "words"), [([], "got none"), ([3], "got 3"), (3, "got 3")])
 def test_only_runs_can_be_plotted(wrong, words):
-    with pytest.raises(bd.BeamdaeError, match=rf"plot: solutions must .*{words}\."):
+    with pytest.raises(bd.BeamdaeError, match=rf"plot: .*{words}\."):
         bd.plot(wrong)
 
 
