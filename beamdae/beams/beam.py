@@ -240,6 +240,11 @@ class Beam(Part):
         return self.kinematics.coordinates
 
     @property
+    def rigid_coordinate_count(self) -> int:
+        """Number of leading coordinates that describe a rigid motion: those of the frame."""
+        return self.kinematics.rigid_coordinate_count
+
+    @property
     def initial_position(self) -> Array:
         """Coordinates [m, rad] in the reference configuration, shape (n,)."""
         return self.kinematics.initial_position

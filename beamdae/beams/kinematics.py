@@ -191,6 +191,11 @@ class Kinematics(ABC):
         """Name and unit of each coordinate of the beam."""
 
     @property
+    def rigid_coordinate_count(self) -> int:
+        """Number of leading coordinates that describe a rigid motion; none by default."""
+        return 0
+
+    @property
     @abstractmethod
     def initial_position(self) -> Array:
         """Coordinates in the reference configuration, shape (n,)."""

@@ -148,11 +148,25 @@ class PartCoordinates(NamedTuple):
     size
         Largest distance between points of the outline of the part [m], which converts rotations to
         displacements; the characteristic length for a single point or a free coordinate.
+    rigid_count
+        Number of leading coordinates that describe a rigid motion: all coordinates of a rigid body,
+        those of the floating frame of a beam, none for a beam in absolute coordinates.
     """
 
     name: str
     rows: slice
     size: float
+    rigid_count: int
+
+    @property
+    def rigid(self) -> slice:
+        """Slice of the coordinates that describe a rigid motion."""
+        return slice(self.rows.start, self.rows.start + self.rigid_count)
+
+    @property
+    def deformations(self) -> slice:
+        """Slice of the coordinates relative to a floating frame; empty without one."""
+        return slice(self.rigid.stop if self.rigid_count else self.rows.stop, self.rows.stop)
 
 
 class Start(NamedTuple):

@@ -13,6 +13,8 @@ Array = np.ndarray
 
 # Smallest amplitude of a part, relative to the largest amplitude of all parts, ...
 _MIN_PART_SHARE = 1e-3
+# ... of a deformation, relative to the amplitude of its part, ...
+_MIN_DEFORMATION_SHARE = 1e-2
 # ... and of a part with a single coordinate, as in constrained systems.
 _MIN_COORDINATE_SHARE = 1e-5
 # Largest amplitude of an angle [rad]: a quarter turn to either side separates points as far as any
@@ -36,7 +38,9 @@ class Amplitudes:
         a body of size L by up to L times the angle. Amplitudes of angles are at most pi/2.
     scales
         Scale of each coordinate [m or rad], (n,): the amplitude of its part, times the size of the
-        part for lengths.
+        part for lengths. Deformations relative to a floating frame have their own amplitudes, at
+        least 1e-2 of that of their part: a deflection is often a hundred times smaller than the
+        motion of its frame.
     rate
         Highest rate of the parts [1/s]: root mean square of the velocities divided by the standard
         deviation of the positions. The standard deviation of an angle is limited to its value over
@@ -74,6 +78,10 @@ class Amplitudes:
         scales = sizes.copy()
         for part in equations.parts:
             scales[part.rows] *= by_part[part.name]
+            if not is_at_rest:
+                least = _MIN_DEFORMATION_SHARE * by_part[part.name]
+                for row in range(part.deformations.start, part.deformations.stop):
+                    scales[row] = sizes[row] * max(_round_to_two_digits(half_ranges[row]), least)
         weights = _step_weights(trajectory)
         variance = np.average((q - np.average(q, axis=0, weights=weights)) ** 2, 0, weights)
         variance[angles] = np.minimum(variance[angles], _MAX_ANGLE_VARIANCE)

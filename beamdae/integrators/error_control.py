@@ -17,7 +17,7 @@ from beamdae.integrators.run_plan import RunPlan
 
 Array = np.ndarray
 
-ERROR_CONTROL = ("auto", "positions", "velocities", "all")
+ERROR_CONTROL = ("auto", "positions", "rigid velocities", "velocities", "all")
 # Absolute tolerance of unknowns outside the error test.
 _UNTESTED_ATOL = 1e10
 # Upper bound on the Newton error of untested multipliers, relative to the force scale. The bound is
@@ -36,8 +36,15 @@ STABLE_DAMPING_RATIO = 0.62
 # Second-order steps resolve modes up to this factor times (rate of the motion) / sqrt(rtol).
 # Lightly damped modes below this limit do not slow order 5 down (validation/tolerances, --damping).
 _RESOLVED_RATIO = 12.0
-# Below this rtol, BDF of order 2 costs more than Radau of order 5 (validation/tolerances).
-_ORDER_2_RTOL = 3e-6
+# The phase error of N undamped periods grows with N^2, that of damped ones with N. The local
+# tolerance falls with N to these powers (validation/tolerances).
+_PERIOD_EXPONENT = 1.0
+_PERIOD_EXPONENT_VELOCITIES = 2.0  # if all velocities are tested
+# Factor of the tolerance of second-order steps if no velocities of a beam in absolute coordinates
+# can be tested: the velocities of all its nodes contain fast vibrations.
+_ABSOLUTE_BEAM_FACTOR = 0.05
+_HIGHEST_ORDER = 5
+_LIMITED_ORDER = 2
 # Calibrated so that the largest error of a run stays below 100 rtol, or below 30 rtol with damping.
 _LINEAR_FACTOR = 0.045
 _ASYMPTOTIC_FACTORS = {1: 16.0, 2: 6.0, 3: 2.0, 4: 0.7, 5: 0.3}
@@ -58,12 +65,15 @@ class MotionScales:
         Characteristic rate of the motion [1/s]; the scale of velocities is position * rate.
     force
         Scale of the multipliers [N or N m].
+    periods
+        Number of periods of the motion during the run, at least 1.
     """
 
     position: Array
     size: Array
     rate: float
     force: float
+    periods: float = 1.0
 
     def tolerances(self, local: float) -> Array:
         """Return absolute tolerances of positions [m or rad], (n,), not below rounding errors."""
@@ -92,7 +102,10 @@ def motion_scales(plan: RunPlan) -> MotionScales:
     rate = max(rates)
     inertial = plan.starter.force(plan.time, state.q, state.v, position * rate**2)
     force = max(float(np.max(np.abs(inertial))), float(np.max(np.abs(state.lam), initial=0.0)))
-    return MotionScales(position, equations.position_scales, rate, force)
+    # A short time scale of a law does not repeat the motion.
+    motion_rate = 0.0 if plan.amplitudes is None else plan.amplitudes.rate
+    periods = max(1.0, motion_rate * plan.duration / (2.0 * np.pi))
+    return MotionScales(position, equations.position_scales, rate, force, periods)
 
 
 @dataclass(frozen=True)
@@ -102,33 +115,38 @@ class ErrorControl:
     Attributes
     ----------
     policy
-        Components in the error test: "positions", "velocities" (with positions) or "all" (with
-        multipliers).
+        Components in the error test: "positions"; also "rigid velocities" (of rigid bodies and
+        floating frames); also "velocities"; or "all" (with multipliers).
     max_order
         Highest BDF order.
     reason
         Reason for the choice made by "auto", or "as set".
-    radau_below
-        Value of rtol below which Radau is cheaper than BDF.
+    is_limited
+        True if lightly damped modes limit the order.
     """
 
     policy: str
     max_order: int
     reason: str
-    radau_below: float = 0.0
+    is_limited: bool = False
 
-    def tolerance(self, rtol: float, size: int) -> float:
+    def tolerance(self, rtol: float, scales: MotionScales, form: FirstOrderForm) -> float:
         """Return the tolerance of the local error that keeps the error of a run near `rtol`.
 
-        The error test uses the root mean square over `size` components, which may be as small as
+        The error test uses the root mean square over all components, which may be as small as
         1/sqrt(size) times the largest component; the tolerance is therefore divided by sqrt(size).
         The error of a run is proportional to the local tolerance to the power k / (k + 1), where k
         is the order. For small rtol, the local tolerance is therefore proportional to
-        rtol^((k + 1) / k).
+        rtol^((k + 1) / k). Errors accumulate over the periods of the motion.
         """
         k = self.max_order
         asymptotic = _ASYMPTOTIC_FACTORS[k] * rtol ** ((k + 1) / k)
-        return min(_LINEAR_FACTOR * rtol, asymptotic) / np.sqrt(size)
+        tests_velocities = self.policy in ("velocities", "all")
+        exponent = _PERIOD_EXPONENT_VELOCITIES if tests_velocities else _PERIOD_EXPONENT
+        factor = scales.periods**-exponent
+        if k == _LIMITED_ORDER and any(part.rigid_count == 0 for part in form.equations.parts):
+            factor *= _ABSOLUTE_BEAM_FACTOR
+        return float(factor * min(_LINEAR_FACTOR * rtol, asymptotic) / np.sqrt(form.size))
 
     def absolute_tolerances(
         self, tolerance: float, scales: MotionScales, form: FirstOrderForm, iterated: bool = False
@@ -144,8 +162,8 @@ class ErrorControl:
         rate = scales.rate if has_impulses else 1.0
         atol = np.full(form.size, _UNTESTED_ATOL)
         atol[:n] = positions = scales.tolerances(tolerance)
-        if self.policy in ("velocities", "all"):
-            atol[n : 2 * n] = positions * scales.rate
+        tested = self._tested_velocities(form)
+        atol[n : 2 * n][tested] = positions[tested] * scales.rate
         if self.policy == "all":
             atol[2 * n :] = tolerance * scales.force / rate
         elif iterated:
@@ -161,8 +179,24 @@ class ErrorControl:
     def untested(self, form: FirstOrderForm) -> Array | None:
         """Return the mask of untested (q, v, multipliers), or None if all are tested."""
         n = form.equations.n
-        begin = {"positions": n, "velocities": 2 * n, "all": form.size}[self.policy]
-        return np.arange(form.size) >= begin if begin < form.size else None
+        mask = np.full(form.size, self.policy != "all")
+        mask[:n] = False
+        mask[n : 2 * n] = ~self._tested_velocities(form)
+        return mask if mask.any() else None
+
+    def _tested_velocities(self, form: FirstOrderForm) -> Array:
+        """Return the mask of the velocities in the error test, (n,)."""
+        tested = np.full(form.equations.n, self.policy in ("velocities", "all"))
+        if self.policy == "rigid velocities":
+            for part in form.equations.parts:
+                tested[part.rigid] = True
+        return tested
+
+
+def has_stiff_modes(plan: RunPlan) -> bool:
+    """Return True if BDF cannot resolve the fastest modes at the rate of the motion."""
+    fastest = max((mode.frequency for mode in plan.fastest_modes()), default=0.0)
+    return fastest > STIFF_RATIO_BDF * motion_scales(plan).rate
 
 
 def resolve_error_control(
@@ -178,11 +212,11 @@ def resolve_error_control(
     """Return the error control of a run, with "auto" resolved as follows.
 
     - Without stiff modes, positions and velocities are tested and the order is at most 5.
-    - With stiff modes, only positions are tested: resolving axial vibrations would cost 20 to 1000
-      times as much. BDF of orders 3 to 5 is unstable near the imaginary axis, where undamped modes
-      lie. The order is therefore limited to 2, unless all stiff modes have damping ratios above
-      0.62 (for example by strong material damping) and second-order steps would resolve the modes
-      with smaller ratios.
+    - With stiff modes, the velocities of deformations and of beams in absolute coordinates are not
+      tested: resolving axial vibrations would cost 20 to 1000 times as much. BDF of orders 3 to 5
+      is unstable near the imaginary axis, where undamped modes lie. The order is therefore limited
+      to 2, unless all stiff modes have damping ratios above 0.62 (for example by strong material
+      damping) and second-order steps would resolve the modes with smaller ratios.
     - In the index-3 form, only positions are tested, because the error of velocities grows as the
       step shrinks.
     - Testing multipliers would make "ggl", "index2" and, once it drifts, "index1" stall. With
@@ -218,14 +252,16 @@ def resolve_error_control(
         mode.damping_ratio > STABLE_DAMPING_RATIO for mode in modes if mode.frequency > stiff
     )
     if fastest <= stiff:
-        choice, order, reason = "velocities", 5, "no mode is much faster than the motion"
-        radau_below = np.inf if fastest > STIFF_RATIO_RADAU * rate else 0.0
+        choice, order, reason = (
+            "velocities",
+            _HIGHEST_ORDER,
+            "no mode is much faster than the motion",
+        )
     elif overdamped and light <= _RESOLVED_RATIO * rate / np.sqrt(rtol):
-        choice, order, reason = "positions", 5, "fast modes have damping ratios above 0.62"
-        radau_below = 0.0
+        choice, order = "rigid velocities", _HIGHEST_ORDER
+        reason = "fast modes have damping ratios above 0.62"
     else:
-        choice, order, reason = "positions", 2, "fast modes are lightly damped"
-        radau_below = _ORDER_2_RTOL
+        choice, order, reason = "rigid velocities", _LIMITED_ORDER, "fast modes are lightly damped"
     if formulation.index == 3:
         choice = "positions"
     if multipliers_matter and formulation.impulses and choice == "velocities":
@@ -238,7 +274,7 @@ def resolve_error_control(
         choice if policy == "auto" else policy,
         order if max_order == "auto" else int(max_order),
         reason,
-        radau_below if max_order == "auto" else 0.0,
+        max_order == "auto" and order == _LIMITED_ORDER,
     )
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import time as clock
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol, TypeVar
-
-import numpy as np
 
 from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.limits import RunLimits, StallDetector
@@ -66,20 +65,26 @@ def run_pilot(
     time_limit = None if limits.time_limit is None else _PILOT_TIME_SHARE * limits.time_limit
     start, progress = plan.intervals[0][0], limits.progress
     pilot_progress = None if progress is None else lambda _: progress(start)
+    begin = limits.begin
     run: R | None = None
     try:
         for _ in range(_MAX_PILOT_RUNS):
             stall_detector = StallDetector(plan.intervals[-1][1])
             pilot_limits = RunLimits(
-                pilot_progress, time_limit, _MAX_PILOT_STEPS, limits.begin, stall_detector
+                pilot_progress, time_limit, _MAX_PILOT_STEPS, begin, stall_detector
             )
+            preparation_began = clock.perf_counter()
             run = prepare_run(plan, pilot_limits)
+            # Without the time to compile, or the amplitudes would depend on the state of the cache.
+            begin += clock.perf_counter() - preparation_began
+            pilot_limits.begin = begin
             trajectory, status = run.execute()
             ended_by_event = status.success and status is not REACHED_END
             if not ended_by_event and trajectory.end - start < _MIN_COVERAGE * plan.duration:
                 break
             amplitudes = Amplitudes.from_trajectory(plan.equations, trajectory)
-            ratio = float(np.min(amplitudes.scales / plan.scales))
+            previous = {} if plan.amplitudes is None else plan.amplitudes.by_part
+            ratio = min(x / previous.get(name, 1.0) for name, x in amplitudes.by_part.items())
             plan = replace(plan, amplitudes=amplitudes)
             if not (ratio < _REPEAT_RATIO and status.success):
                 break

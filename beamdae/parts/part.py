@@ -73,6 +73,11 @@ class Part:
         return ()
 
     @property
+    def rigid_coordinate_count(self) -> int:
+        """Number of leading coordinates that describe a rigid motion; by default all."""
+        return len(self.coordinates)
+
+    @property
     def initial_position(self) -> Array:
         """Values of the n coordinates in the reference configuration, shape (n,)."""
         return np.zeros(0)

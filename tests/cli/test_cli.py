@@ -216,7 +216,7 @@ def test_run_writes_table_settings_picture_and_page(command):
     assert sidecar["integrator"]["rtol"] == 1e-4
     assert Path("there/here/arm.png").read_bytes().startswith(b"\x89PNG")
     assert "tip.y [m]" in Path("there/here/arm.html").read_text()
-    for word in ("reached the end", "error_control", "max_order", "drift", "tip.y [m]", "arm.csv"):
+    for word in ("reached the end", "error_control", "method", "drift", "tip.y [m]", "arm.csv"):
         assert word in result.stdout
     assert "arm.html" in result.stdout
 
@@ -477,7 +477,7 @@ def test_the_error_of_an_interrupted_run_is_not_estimated(command, monkeypatch):
     def estimate(*_):
         raise AssertionError("the run was repeated")
 
-    monkeypatch.setattr("beamdae.integrators.ida.stepper.IdaStepper.advance", interrupt)
+    monkeypatch.setattr("beamdae.integrators.radau.stepper.RadauStepper.advance", interrupt)
     monkeypatch.setattr("beamdae.verification.estimate_errors", estimate)
     result = command("run", ARM, "--t-end", "0.1")
     assert isinstance(result.exception, SystemExit)

@@ -102,14 +102,14 @@ def test_page_and_pictures_of_a_study_without_a_reader(here):
 # Interrupts, which the process sends to itself at a chosen moment.
 
 AT_STEP = """
-from beamdae.integrators.ida.stepper import IdaStepper
-calls, advance = [], IdaStepper.advance
+from beamdae.integrators.radau.stepper import RadauStepper
+calls, advance = [], RadauStepper.advance
 def interrupt(self, most):
     calls.append(None)
     if len(calls) in {at}:
         send_signal()
     return advance(self, 1)
-IdaStepper.advance = interrupt
+RadauStepper.advance = interrupt
 """
 WHILE_WRITING = """
 from beamdae.results.storage import files

@@ -271,7 +271,7 @@ def test_undamped_fast_modes_are_not_resolved():
     assert solution.integrator["error_control"] == "positions"
     # Axial vibrations at 2.5e5 rad/s, in a run of 2 s.
     assert np.median(np.diff(solution.trajectory.intervals[0].t)) * 2.5e5 > 1000.0
-    assert solution.statistics.steps < 150
+    assert solution.statistics.steps < 500
 
 
 def test_fully_driven_motion_meets_the_tolerance():

@@ -102,6 +102,11 @@ class FloatingFrame(FormulationKinematics):
         return (*frame, *nodal[2:-3], Variable("chord", "m"), nodal[-1])
 
     @property
+    def rigid_coordinate_count(self) -> int:
+        """Number of leading coordinates that describe a rigid motion: those of the frame."""
+        return FRAME_SIZE
+
+    @property
     def initial_position(self) -> Array:
         """Coordinates in the reference configuration, shape (n,)."""
         return self._without_deformation([*self.origin, self.frame_angle])

@@ -152,6 +152,7 @@ def _part_coordinates(
             part.name,
             coordinate_map.slice_of(part),
             largest_distance(np.asarray(part.outline, float)) or length,
+            part.rigid_coordinate_count,
         )
         for part in parts
         if coordinate_map.sizes[id(part)]

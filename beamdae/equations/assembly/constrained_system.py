@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any
 
 import casadi as ca
@@ -77,7 +77,9 @@ class ConstrainedSystem(HasOrigin):
         Initial coordinates and velocities, (n,) each. A run changes both as little as possible to
         satisfy the constraints.
     names
-        Names of the coordinates. Defaults to q0, q1, ...
+        Names of the coordinates. Defaults to q0, q1, ... Successive coordinates with the same text
+        before the last dot, such as "bar.x", "bar.y" and "bar.angle", belong to one body: the error
+        of each is relative to the motion of the body, even if the coordinate itself hardly changes.
     units
         Units of the coordinates, such as "m" and "rad". Defaults to "-". The scale of angles
         ("rad") is 1. The common scale of all other coordinates is their largest absolute initial
@@ -209,9 +211,7 @@ class ConstrainedSystem(HasOrigin):
             q0=self.q0,
             v0=self.v0,
             length=length,
-            parts=tuple(
-                PartCoordinates(name, slice(k, k + 1), length) for k, name in enumerate(self.names)
-            ),
+            parts=_group_into_bodies(self.names, length),
             breakpoints=tuple(
                 sorted({*self.breakpoints, *(b for _, law in laws for b in law.breakpoints)})
             ),
@@ -368,3 +368,13 @@ def _stack_constraints(
     rows = ca.densify(ca.vertcat(SX(0, 1), *(ca.vec(x) for x in blocks)))
     (rows,) = ca.substitute([rows], old, new)
     return local, rows, multipliers
+
+
+def _group_into_bodies(names: Sequence[str], length: float) -> tuple[PartCoordinates, ...]:
+    """Return one part for successive names with the same text before the last dot."""
+    bodies, row = [], 0
+    for body, group in groupby(names, lambda name: name.rpartition(".")[0] or name):
+        count = len(list(group))
+        bodies.append(PartCoordinates(body, slice(row, row + count), length, count))
+        row += count
+    return tuple(bodies)

@@ -59,7 +59,7 @@ _RADAU_ADVICE = (
 
 
 class IdaStepper:
-    """Method of IDA: up to 64 steps per call, or 1 through scikit-sundae."""
+    """Stepper that calls IDA: up to 64 steps per call, or 1 through scikit-sundae."""
 
     rows_per_step: ClassVar[int] = 1
     steps_per_check: ClassVar[int] = STEPS_PER_CHECK
@@ -74,7 +74,6 @@ class IdaStepper:
         linear_solver: str,
         plan: RunPlan,
     ) -> None:
-        self._rtol = rtol
         self._form = formulate_first_order(plan.equations, formulation)
         self._scales = scales = motion_scales(plan)
         multipliers_matter = _multipliers_matter(plan.equations)
@@ -89,7 +88,7 @@ class IdaStepper:
             plan.fastest_modes,
             multipliers_matter,
         )
-        self._tolerance = self._control.tolerance(rtol, self._form.size)
+        self._tolerance = self._control.tolerance(rtol, scales, self._form)
         self._longest = plan.longest_step("Ida", max_step)
         atol = self._control.absolute_tolerances(self._tolerance, scales, self._form, iterated)
         options = {
@@ -108,22 +107,17 @@ class IdaStepper:
     @property
     def resolved_options(self) -> dict[str, Any]:
         """Error control, order, local tolerance and step report of the run."""
-        note = self._form.formulation.note or (_RADAU_ADVICE if self.prefers_radau else "")
+        note = self._form.formulation.note or (_RADAU_ADVICE if self._control.is_limited else "")
         return {
             "error_control": self._control.policy,
             "max_order": self._control.max_order,
             "auto": self._control.reason,
-            "local_tolerance": float(self._tolerance),
+            "local_tolerance": self._tolerance,
             "method": "Ida",
             "ida": self._ida.name,
             **self._ida.step_report,
             **({"note": note} if note else {}),
         }
-
-    @property
-    def prefers_radau(self) -> bool:
-        """True if Radau is expected to be cheaper at this tolerance."""
-        return self._rtol < self._control.radau_below
 
     @property
     def counts(self) -> Statistics:

@@ -45,6 +45,9 @@ FIRST_RATE = 0.99
 # correction stretches a rotating beam, and the second correction removes the stretch.
 _MAX_SECOND_GROWTH = 2.0
 
+# The iteration stagnates at its rounding errors if a correction shrinks by less than this factor.
+_STAGNATION_RATE = 0.5
+
 
 def solve_stages(run: RadauWorkspace, h: float, renew: bool) -> int:
     """Solve for the stages of a step `h` [s]; `renew` requests new factors. Return the code."""
@@ -148,6 +151,9 @@ def _iterate_newton(run: RadauWorkspace, h: float) -> int:
         size = max(real_size, complex_size)
         if k > 0:
             rate = size / previous if previous > 0.0 else 0.0
+            if rate > _STAGNATION_RATE and size <= run.stagnation_limit:
+                run.rate = rate
+                return DONE
             if rate > (_MAX_SECOND_GROWTH if k == 1 else 1.0):
                 break
         if rate < 1.0 and size * rate <= 1.0 - rate:

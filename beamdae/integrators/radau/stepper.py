@@ -51,11 +51,17 @@ _FAILURES = {
 # below 100 rtol, or below 30 rtol with damping.
 _TOLERANCE_FACTOR = 0.15
 _TOLERANCE_EXPONENT = 0.9
+# The local tolerance falls with the number of periods to this power; see `error_control`.
+_PERIOD_EXPONENT = 0.5
+_PERIOD_EXPONENT_VELOCITIES = 1.0  # if velocities are tested
 # Largest Newton error relative to the local tolerance, ...
 _MAX_ITERATION_FRACTION = 0.03
 # ... also limited to this factor times the square root of the local tolerance, because the true
 # error (order 6) decreases faster than its estimate (order 4).
 _ITERATION_FRACTION_OF_ROOT = 3.0
+# Newton error relative to the local tolerance that is accepted if the iteration stagnates: rounding
+# errors of the velocities of stiff beams are 10 to 30 times the bound at rtol 1e-8.
+_MAX_STAGNATION_FRACTION = 0.1
 
 
 @dataclass(frozen=True)
@@ -82,9 +88,11 @@ class StepTolerance:
 
         The estimate decreases with the fourth power of the step, the error of a run with the fifth.
         This suggests an exponent of 4/5, or less if fast modes are undamped. In the cases of
-        validation/tolerances, 0.9 suits both.
+        validation/tolerances, 0.9 suits both. Errors accumulate over the periods of the motion.
         """
-        return cls(_TOLERANCE_FACTOR * rtol**_TOLERANCE_EXPONENT, scales, velocities)
+        exponent = _PERIOD_EXPONENT_VELOCITIES if velocities else _PERIOD_EXPONENT
+        factor = _TOLERANCE_FACTOR * scales.periods**-exponent
+        return cls(float(factor * rtol**_TOLERANCE_EXPONENT), scales, velocities)
 
     @cached_property
     def weights(self) -> Array:
@@ -98,6 +106,12 @@ class StepTolerance:
         return self.weights if self.velocities else self.weights[: len(self.scales.size)]
 
     @property
+    def iteration_fraction(self) -> float:
+        """Largest Newton error relative to the local tolerance."""
+        root = float(np.sqrt(self.local))
+        return min(_MAX_ITERATION_FRACTION, _ITERATION_FRACTION_OF_ROOT * root)
+
+    @property
     def iteration_weights(self) -> tuple[Array, Array]:
         """Reciprocal tolerances of Newton's iteration for q, and for v in long steps, (n,) each.
 
@@ -105,8 +119,7 @@ class StepTolerance:
         error test excludes them: the next step starts from them, and in short steps positions do
         not reveal their errors.
         """
-        fraction = min(_MAX_ITERATION_FRACTION, _ITERATION_FRACTION_OF_ROOT * np.sqrt(self.local))
-        positions, velocities = np.split(self.weights / fraction, 2)
+        positions, velocities = np.split(self.weights / self.iteration_fraction, 2)
         return np.minimum(positions, self.rounding_weights), velocities
 
     @property
@@ -116,7 +129,7 @@ class StepTolerance:
 
 
 class RadauStepper:
-    """Method of Radau IIA: up to 8 steps per call, with one row per stage."""
+    """Stepper of Radau IIA: up to 8 steps per call, with one row per stage."""
 
     rows_per_step: ClassVar[int] = _STAGES
     steps_per_check: ClassVar[int] = _STEPS_PER_CHECK
@@ -141,6 +154,7 @@ class RadauStepper:
             plan.fastest_modes,
         )
         velocities = self._control.policy == "velocities"
+        self._policy = "velocities" if velocities else "positions"
         self._tolerance = tolerance = StepTolerance.from_rtol(rtol, scales, velocities)
         longest = plan.longest_step("Radau", max_step)
         real = plan.matrix("Radau", form.pattern)
@@ -166,7 +180,7 @@ class RadauStepper:
     def resolved_options(self) -> dict[str, Any]:
         """Error control and local tolerance of the run."""
         return {
-            "error_control": self._control.policy,
+            "error_control": self._policy,
             "auto": self._control.reason,
             "method": "Radau",
             "local_tolerance": self._tolerance.local,
@@ -259,4 +273,5 @@ def _make_workspace(
         velocity_weights=velocities,
         velocity_rounding_weights=tolerance.rounding_weights,
         rows=np.zeros((_STAGES * _STEPS_PER_CHECK, 1 + 3 * n + m)),
+        stagnation_limit=_MAX_STAGNATION_FRACTION / tolerance.iteration_fraction,
     )

@@ -87,6 +87,8 @@ class RadauWorkspace:
     velocity_weights, velocity_rounding_weights
         Weights of v in long steps; in short steps, weights of the step times v from the rounding
         error of q.
+    stagnation_limit
+        Largest weighted correction that is accepted if the iteration stagnates.
     rows, filled, most
         Rows (t, q, v, a, lam) of the stages, number of filled rows, and number of requested steps.
     t, branch, end
@@ -130,6 +132,7 @@ class RadauWorkspace:
     velocity_weights: Array
     velocity_rounding_weights: Array
     rows: Array
+    stagnation_limit: float
     filled: int = 0
     most: int = 0
     t: float = 0.0
