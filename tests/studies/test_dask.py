@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
+import threading
 
 import pandas as pd
 import pytest
@@ -11,6 +13,7 @@ import pytest
 import beamdae as bd
 from beamdae.studies.execution import study_run
 from beamdae.studies.execution.executors import DaskPool, SerialPool
+from beamdae.studies.tasks import Task
 
 
 @pytest.fixture
@@ -76,9 +79,53 @@ def test_study_survives_a_killed_worker_and_has_the_serial_table(tmp_path, distr
     )
 
 
+@pytest.mark.slow(reason="starts a scheduler")
+def test_task_that_cannot_be_serialized_fails_alone(distributed):
+    cases = tuple(
+        bd.Case(swing, {"mass": mass}, bd.GeneralizedAlpha(step=1e-2))
+        for mass in (1.0, threading.Lock())
+    )
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        pool = DaskPool(cluster.scheduler_address)
+        tasks = [Task(str(k), case, 0.1, 0.1) for k, case in enumerate(cases)]
+        results = {result.task.key: result for result in pool.run_tasks(tasks)}
+    assert results["0"].outcome.status.success
+    assert "the task cannot be serialized" in results["1"].outcome.status.sentence
+    assert not results["1"].storable
+
+
+@pytest.mark.parametrize(
+    "address", ["../a/b\\c", "nowhere", "", "tcp://:8786", "tcp://host:99999", "host name:8786"]
+)
+def test_address_without_host_and_port_is_rejected_before_dask_is_imported(address, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(
+        bd.BeamdaeError, match=r"^swing_sweep: scheduler '.*' is not the address of a D"
+    ):
+        bd.sweep(swing, {"mass": [1.0]}, scheduler=address)
+
+
+@pytest.mark.parametrize("address", ["host:8786", "tcp://10.0.0.1:8786", "tls://[fe80::1%eth0]:1"])
+def test_message_without_dask(address, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(bd.BeamdaeError, match=r"^--scheduler .* requires Dask, which is not inst"):
+        DaskPool(address, "--scheduler")
+
+
+@pytest.mark.slow(reason="imports Dask")
+def test_client_is_closed_if_the_connection_fails(distributed):
+    """Otherwise, the next connection or the end of the process waits for up to 20 s."""
+    with pytest.raises(bd.BeamdaeError, match=r"scheduler inproc://1/2 does not answer"):
+        DaskPool("inproc://1/2")
+    with pytest.raises(ValueError, match="No clients found"):
+        distributed.Client.current()
+
+
 @pytest.mark.slow(reason="waits for an answer")
 @pytest.mark.usefixtures("distributed")
 def test_missing_scheduler_is_an_error(monkeypatch):
     monkeypatch.setattr("beamdae.studies.execution.executors._CONNECT_TIMEOUT", 0.2)
-    with pytest.raises(bd.BeamdaeError, match=r"--scheduler tcp://127\.0\.0\.1:9: no Dask sched"):
+    with pytest.raises(bd.BeamdaeError, match=r"scheduler tcp://127\.0\.0\.1:9 does not answer"):
         DaskPool("tcp://127.0.0.1:9")

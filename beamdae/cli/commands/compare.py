@@ -61,7 +61,7 @@ def compare_command(
 
     run_and_write(
         StudyOutputs(study, out / study.name, _file_writers, parquet),
-        lambda: create_executor("compare", "--jobs", jobs, scheduler),
+        lambda: create_executor("compare", "--", jobs, scheduler),
         _print_results,
     )
 

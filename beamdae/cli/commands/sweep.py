@@ -102,7 +102,7 @@ def sweep_command(
     study = apply_limits("sweep", sweep, time_limit, t_end, output_step)
     run_and_write(
         StudyOutputs(study, out / study.name, _file_writers, parquet),
-        lambda: create_executor("sweep", "--jobs", jobs, scheduler),
+        lambda: create_executor("sweep", "--", jobs, scheduler),
         _print_results,
     )
 

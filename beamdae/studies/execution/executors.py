@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import CancelledError
@@ -23,6 +24,10 @@ _MAX_WORKERS_PER_CORE = 16  # more bring no benefit, even if some processes wait
 _POLL_INTERVAL = 0.1  # time between checks of interrupts and deadlines [s]
 _CONNECT_TIMEOUT = 10.0  # maximum time for a Dask scheduler to answer [s]
 _MAX_ADDRESS_LETTERS = 80
+_MAX_PORT = 65535
+# Schemes of addresses with host and port; Dask checks addresses of other schemes.
+_NETWORK_SCHEMES = ("tcp", "tls", "ucx", "ws", "wss")
+_HOST_AND_PORT = re.compile(r"(?:\[[\w:.%]+\]|[\w.-]+):(?P<port>\d{1,5})")
 
 
 class TaskResult(NamedTuple):
@@ -132,11 +137,9 @@ class LocalPool:
         while waiting and sum(worker.current is not None for worker in workers) < self.workers:
             attempt = waiting.popleft()
             task = attempt.task
-            try:
-                serialized = task.serialize(models)
-            except Exception as problem:  # Pickling objects of a model can raise any error.
-                reason = f"the task cannot be serialized: {describe_exception(problem)}"
-                yield TaskResult(task, Outcome.failed(reason), storable=False)
+            serialized = _serialize_task(task, models)
+            if isinstance(serialized, TaskResult):
+                yield serialized
                 continue
             idle = [worker for worker in workers if worker.current is None]
             if not idle:
@@ -145,6 +148,15 @@ class LocalPool:
             limit = task.limits.time
             time_limit = None if limit is None else task.repetitions * limit + _KILL_DELAY
             idle[0].start_task(attempt, serialized, time_limit)
+
+
+def _serialize_task(task: Task, models: SerializedModels) -> bytes | TaskResult:
+    """Return the serialized task, or a failed result if it cannot be serialized."""
+    try:
+        return task.serialize(models)
+    except Exception as problem:  # Pickling objects of a model can raise any error.
+        reason = f"the task cannot be serialized: {describe_exception(problem)}"
+        return TaskResult(task, Outcome.failed(reason), storable=False)
 
 
 def _collect_outcomes(
@@ -182,48 +194,63 @@ class DaskPool:
     Parameters
     ----------
     address
-        Address of the scheduler.
+        Address of the scheduler, such as "tcp://host:8786".
+    source
+        Argument or option that sets the address, to begin messages.
 
     Raises
     ------
     BeamdaeError
-        If Dask is not installed, no scheduler answers, or the scheduler has no workers.
+        If Dask is not installed, the address is invalid, no scheduler answers within 10 s, or the
+        scheduler has no workers.
     """
 
-    def __init__(self, address: str) -> None:
-        option = f"--scheduler {shorten_text(address, _MAX_ADDRESS_LETTERS)}"
+    def __init__(self, address: str, source: str = "scheduler") -> None:
+        _require_address(source, address)
+        label = f"{source} {shorten_text(address, _MAX_ADDRESS_LETTERS)}"
         try:
             from distributed import Client
         except ImportError:
             raise BeamdaeError(
-                f"{option}: Dask is not installed; run pip install 'beamdae[cluster]'."
+                f"{label} requires Dask, which is not installed; run pip install "
+                "'beamdae[cluster]'."
             ) from None
+        # The object exists before the connection, so that it can be closed if the connection fails.
+        # Otherwise, its garbage collection could block for 20 s.
+        self._client = Client.__new__(Client)
         try:
-            self._client = Client(address, timeout=_CONNECT_TIMEOUT)
-        except (OSError, ValueError) as problem:
+            Client.__init__(self._client, address, timeout=_CONNECT_TIMEOUT)
+        except BaseException as problem:
+            self._client.close()
+            # Dask raises OSError, ValueError, TypeError and others, depending on the scheme.
+            if not isinstance(problem, Exception):
+                raise
             raise BeamdaeError(
-                f"{option}: no Dask scheduler answers at this address "
-                f"({format_message(problem)}); start a scheduler or correct the address."
+                f"{label} does not answer ({format_message(problem)}); start a Dask scheduler or "
+                "correct the address."
             ) from problem
         self.workers = sum(self._client.nthreads().values())
         if not self.workers:
             self._client.close()
-            raise BeamdaeError(
-                f"{option}: the scheduler has no workers; start at least one worker."
-            )
+            raise BeamdaeError(f"{label} has no workers; start at least one worker.")
 
     def run_tasks(self, tasks: Sequence[Task]) -> TaskResults:
         """Yield the result of each task in the order of completion."""
         from distributed import KilledWorker, as_completed
 
         models: SerializedModels = {}
-        futures = {
-            self._client.submit(
-                run_task, task.serialize(models), key=f"beamdae-{task.key}", pure=False
-            ): task
-            for task in tasks
-        }
+        futures = {}
+        failures: list[TaskResult] = []
         try:
+            for task in tasks:
+                serialized = _serialize_task(task, models)
+                if isinstance(serialized, TaskResult):
+                    failures.append(serialized)
+                    continue
+                key = f"beamdae-{task.key}"
+                future = self._client.submit(run_task, serialized, key=key, pure=False)
+                futures[future] = task
+            yield from failures
             for future in as_completed(list(futures)):
                 task = futures[future]
                 try:
@@ -239,27 +266,45 @@ class DaskPool:
             self._client.close()
 
 
-def create_executor(part: str, option: str, workers: Any, scheduler: Any) -> Executor:
+def _require_address(source: str, address: str) -> None:
+    """Reject an address without a valid host and port, to which Dask might try to connect."""
+    scheme, separator, location = address.rpartition("://")
+    if separator and scheme not in _NETWORK_SCHEMES:
+        return
+    match = _HOST_AND_PORT.fullmatch(location)
+    if match is None or not 0 < int(match["port"]) <= _MAX_PORT:
+        raise BeamdaeError(
+            f"{source} {short_repr(address)} is not the address of a Dask scheduler; pass a host "
+            "and a port, for example tcp://host:8786."
+        )
+
+
+def create_executor(part: str, prefix: str, workers: Any, scheduler: Any) -> Executor:
     """Return a `DaskPool` if the address `scheduler` is given, otherwise a `LocalPool`.
+
+    Messages call the arguments `jobs` and `scheduler`, after `prefix`.
 
     Raises
     ------
     BeamdaeError
-        If `workers` (called `option` in the message) is not a count or too large, `scheduler` is
-        not a string, or the `DaskPool` cannot be created.
+        If `workers` is not a count or too large, `scheduler` is not a string, or the `DaskPool`
+        cannot be created.
     """
     if scheduler is not None and not isinstance(scheduler, str):
         raise BeamdaeError(
-            f"{part}: scheduler must be the address of a Dask scheduler, "
+            f"{part}: {prefix}scheduler must be the address of a Dask scheduler, "
             f"got {short_repr(scheduler)}."
         )
+    option = f"{prefix}jobs"
     limit = _MAX_WORKERS_PER_CORE * (os.cpu_count() or 1)
     if workers is not None and require_count(part, option, workers) > limit:
         raise BeamdaeError(
             f"{part}: {option} must be at most {limit} ({_MAX_WORKERS_PER_CORE} per core), "
             f"got {workers}."
         )
-    return DaskPool(scheduler) if scheduler else LocalPool(workers)
+    if scheduler is None:
+        return LocalPool(workers)
+    return DaskPool(scheduler, f"{part}: {prefix}scheduler")
 
 
 def _count_cores() -> int:

@@ -71,15 +71,16 @@ class Sweep(ParameterStudy):
     ) -> SweepResults:
         """Run all cases that are not yet stored in `folder`; see `bd.sweep`."""
         serial = scheduler is None and as_real(jobs) == 1.0
-        executor = SerialPool() if serial else create_executor(self.name, "jobs", jobs, scheduler)
         report_progress = _guard_progress(self.name, progress)
-        if folder is None:
+        path = None if folder is None else _require_folder(self.name, folder)
+        # A connection to a scheduler is closed by `run_study`.
+        executor = SerialPool() if serial else create_executor(self.name, "", jobs, scheduler)
+        if path is None:
             with TemporaryDirectory(prefix="beamdae-") as scratch:
                 results = run_study(self, Path(scratch), executor, report_progress)
             swept = create_sweep_results(results)
             swept = replace(swept, table=swept.table.drop(columns=TRAJECTORY))
         else:
-            path = _require_folder(self.name, folder)
             swept = create_sweep_results(run_study(self, path, executor, report_progress))
             swept.to_csv(path / TABLE_FILE)
         for sentence in list_warnings(swept):
