@@ -126,6 +126,9 @@ def test_summaries_of_a_table_with_known_errors():
     columns = ["case", "integrator", "r", "r of deflections", "processor [s]"]
     table = pd.DataFrame(rows, columns=columns).assign(rtol=1e-4, bound=30.0)
     table[["r of rates", "r of reactions"]] = np.nan
+    # The deflection of Auto misses the bound by less than the uncertainty of the reference.
+    table[["r of reference", "r of reference of deflections"]] = 0.1, 2.0
+    table.loc[3, "r of deflections"] = 31.0
     summary = error_tables.summarize_errors(table).xs(1e-4, level="rtol")
     # Ida misses the bound in positions, Radau in deflections.
     assert summary["outside"].to_dict() == {
