@@ -220,6 +220,16 @@ def test_study_without_references_runs_its_cases_only(swept):
     assert not swept.failed
 
 
+@pytest.mark.parametrize("masses", [(1.0, 1.0), (1.0, 2.0)], ids=["equal cases", "two groups"])
+def test_summary_is_written_only_with_errors(masses, tmp_path):
+    """A group with a single run has no reference and no errors."""
+    cases = tuple(bd.Case(swing, {"mass": mass}, ALPHA) for mass in masses)
+    results = study_run.run_study(bd.Study("pair", cases), tmp_path, SerialPool())
+    assert not results.references
+    assert list(results.tables) == ["cases.csv"]
+    assert not (tmp_path / "summary.csv").exists()
+
+
 def test_finished_study_runs_no_task_again(swept, tmp_path):
     def require_no_tasks(tasks):
         assert list(tasks) == []

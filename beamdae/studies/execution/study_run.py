@@ -151,8 +151,8 @@ class StudyResults:
     @property
     def tables(self) -> dict[str, pd.DataFrame]:
         """Tables by file name; the summary is omitted if no errors are computed."""
-        with_errors = self.study.computes_errors(len(self.study.cases))
-        return {"cases.csv": self.table} | ({"summary.csv": self.summary} if with_errors else {})
+        tables = {"cases.csv": self.table}
+        return {**tables, "summary.csv": self.summary} if self.references else tables
 
     @property
     def failed(self) -> bool:
