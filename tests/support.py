@@ -112,6 +112,8 @@ REPRESENTATIVE_VARIANTS = [
 # damping do not affect.
 MOTION_VARIANTS = list({(v.shape, v.frame, v.continuity, v.nodes): v for v in VARIANTS}.values())
 ARC = bd.Arc(radius=1.6, length=2.0, start=(0.3, -0.2), angle=0.4)
+# Two elements of different lengths that end at none of the points to which tests attach loads.
+UNEVEN_ELEMENTS = (0.0, 0.8, ARC.length)
 
 
 def parametrize_variants(variants, slow=_SLOW_VARIANTS):

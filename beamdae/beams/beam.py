@@ -12,27 +12,31 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from beamdae.beams.exact.kinematics import GeometricallyExact
 from beamdae.beams.floating_frame.kinematics import FloatingFrame
 from beamdae.beams.kinematics import Kinematics, MaterialPoint, create_custom_kinematics
-from beamdae.beams.mesh import Mesh
+from beamdae.beams.mesh import MIN_END_DISTANCE, Mesh
 from beamdae.beams.sections import Section, SectionLaw, Taper, VaryingSection, require_section
 from beamdae.beams.strains import fiber_strain, fiber_stress, identity, section_forces
 from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve, require_curve
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
+    as_real,
     require_choice,
     require_count,
     require_finite,
     require_name,
     require_point,
+    require_sequence,
+    set_fields,
     short_repr,
 )
 from beamdae.memory import available_memory, require_memory
 from beamdae.parts.attachments import Attachment
-from beamdae.parts.part import Drawing, Part
+from beamdae.parts.part import AttachedPart, Drawing, Part
 from beamdae.symbolic.formula import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import (
     SX,
@@ -41,6 +45,7 @@ from beamdae.symbolic.statements import (
     Quantity,
     RangeStatement,
     Variable,
+    rebuilt_for_mesh,
 )
 
 Array = np.ndarray
@@ -56,6 +61,16 @@ _KINEMATICS_BY_FORMULATION: dict[str, type[FloatingFrame] | type[GeometricallyEx
 # 2 nodes, of order 2; see tests/beams/test_castigliano.py).
 _MAX_TURN_PER_CURVED_ELEMENT = {4: 1.6, 3: 1.2, 2: 0.2}  # [rad]
 _MAX_TURN_PER_STRAIGHT_ELEMENT = 0.2  # [rad]
+
+# Relative errors of deflections and rotations by number of nodes, for a force or a moment in the
+# middle of an element: (p, c) of c (element length / length)^p for forces, and c of c (element
+# length / length) for moments. Measured on beams on two supports or a clamp, with 2 to 32 elements.
+# The shear deformation by a force adds EI / (GA length^2) (element length / length).
+_BENDING_ERROR_OF_FORCES = {4: (3, 0.036), 3: (3, 0.16), 2: (2, 1.6)}
+_BENDING_ERROR_OF_MOMENTS = {4: 0.6, 3: 0.6, 2: 2.0}
+# Close to an element end, the error by a moment is proportional to 1 - xi^2 with this factor.
+_SLOPE_OF_MOMENT_ERROR = 3.6
+_MAX_ATTACHMENT_ERROR = 2e-4  # of a given mesh, without a warning
 
 # Winkler & Bach: the bending stiffness of a curved rectangle is EI (1 + 0.15 (h/R)^2); the stress
 # at its inner surface differs from the stress of a straight beam by h / (3 R).
@@ -95,7 +110,12 @@ class Beam(Part):
         Cross-section. For a section that varies along the beam, a `taper` or a function of arc
         length s [m] that returns a `Section`.
     elements
-        Number of elements, of equal arc length.
+        Number of elements, or the arc lengths of the element ends [m], ascending from 0 to the
+        length of the curve. With a number, the elements have equal arc length, unless a joint, a
+        mass, a load or another part is attached between two element ends. The first assembly (run,
+        check or analysis) then divides the beam at its attachments into at least this number of
+        elements, none of which is longer than with equal lengths. Inside an element, the error of
+        deflections would be of order 3 for a force and of order 1 for a moment.
     strain
         Strain measure of the floating frame:
 
@@ -159,7 +179,9 @@ class Beam(Part):
     Warns
     -----
     BeamdaeWarning
-        If the elements are too long or the section is too high for the curvature of the axis.
+        If the elements are too long or the section is too high for the curvature of the axis. At
+        assembly, if an attachment inside an element of a given mesh changes deflections by more
+        than 2e-4.
 
     Examples
     --------
@@ -176,7 +198,7 @@ class Beam(Part):
         name: str,
         curve: PlaneCurve,
         section: Section | SectionLaw | Taper,
-        elements: int = 8,
+        elements: int | Sequence[float] = 8,
         strain: str | None = None,
         elements_shape: str = "curved",
         continuity: str | None = None,
@@ -194,11 +216,13 @@ class Beam(Part):
         self.section: Section | VaryingSection = require_section(name, section, curve.length)
         self.velocity = require_point(name, "velocity", velocity)
         self.angular_velocity = require_finite(name, "angular_velocity", angular_velocity)
-        self.mesh = Mesh(
+        count, bounds = _parse_elements(name, elements, curve.length)
+        self._requested_mesh = Mesh(
             curve,
-            require_count(name, "elements", elements),
+            count,
             require_choice(name, "nodes", require_count(name, "nodes", nodes), (2, 3, 4)),
             require_choice(name, "elements_shape", elements_shape, ("curved", "straight")),
+            bounds=bounds,
         )
         _require_mesh_memory(name, self.mesh)
         _require_valid_slenderness(name, self.section, self.length)
@@ -211,13 +235,51 @@ class Beam(Part):
             "frame": frame,
             "free_curve": free_curve,
         }
-        explicit = {setting: value for setting, value in settings.items() if value is not None}
-        self.kinematics: Kinematics = _create_kinematics(
-            name, formulation, kinematics, self.mesh, self.section, explicit
-        )
+        self._formulation, self._make_kinematics = formulation, kinematics
+        self._settings = {key: value for key, value in settings.items() if value is not None}
+        _ = self.kinematics
 
     def __repr__(self) -> str:
         return f"Beam(name={self.name!r}, {self.length:.6g} m in {self.mesh.elements} elements)"
+
+    # The first assembly replaces the values of the following three properties. They are cached
+    # properties because fingerprints of models omit these.
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """Mesh of the beam; final after the first assembly, see `elements`."""
+        return self._requested_mesh
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Motion and strains of the points of the beam on the present mesh."""
+        return _create_kinematics(
+            self.name,
+            self._formulation,
+            self._make_kinematics,
+            self.mesh,
+            self.section,
+            self._settings,
+        )
+
+    @cached_property
+    def _has_final_mesh(self) -> bool:
+        # The mesh of custom kinematics is not changed, because they may assume equal elements.
+        return self._requested_mesh.bounds is not None or self._make_kinematics is not None
+
+    def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> None:
+        """Place element ends at attachments, unless the mesh is final; warn if this is too late.
+
+        The first assembly makes the mesh final, because its equations refer to the coordinates.
+        """
+        sections = [x for x in attached if x.attachment.s is not None]
+        if not self._has_final_mesh and not has_fixed_coordinates:
+            mesh = self.mesh.with_ends_at(sorted({float(x.attachment.s or 0.0) for x in sections}))
+            if mesh is not self.mesh:
+                set_fields(self, mesh=mesh)
+                vars(self).pop("kinematics", None)
+        set_fields(self, _has_final_mesh=True)
+        _warn_about_attachments_inside_elements(self.name, self.mesh, self.section, sections)
 
     @property
     def length(self) -> float:
@@ -289,17 +351,12 @@ class Beam(Part):
     def at(self, s: float) -> Attachment:
         """Return the section at arc length `s` [m]."""
         s = self._require_arc_length(s)
-        return self._create_attachment(self.kinematics.material_point(s), s)
+        return BeamAttachment(self, s)
 
     @property
     def floating_frame(self) -> Attachment:
         """Floating frame, or reference frame of an exact beam, for `Mechanism.observe`."""
-        return self._create_attachment(self.kinematics.floating_frame)
-
-    def _create_attachment(self, point: MaterialPoint, s: float | None = None) -> Attachment:
-        return Attachment(
-            self, point.reference_position, point.inclination, point.operator, point.motion, s=s
-        )
+        return BeamAttachment(self, None)
 
     def _require_arc_length(self, s: float) -> float:
         s = require_finite(self.name, "arc length s", s)
@@ -310,6 +367,7 @@ class Beam(Part):
             )
         return s
 
+    @rebuilt_for_mesh
     def deformation(self, s: float, axes: str = "inertial") -> Quantity:
         """Return displacement and rotation at `s` relative to the undeformed beam in its frame.
 
@@ -378,6 +436,7 @@ class Beam(Part):
     def _section_at(self, s: float) -> Section:
         return self.section.at(self._require_arc_length(s))
 
+    @rebuilt_for_mesh
     def _evaluate_strains(
         self, s: float, columns: tuple[Variable, ...], kind: Callable[..., SX], *numbers: float
     ) -> Quantity:
@@ -385,6 +444,50 @@ class Beam(Part):
         strains = self.kinematics.strains(self._require_arc_length(s))
         values, data = FormulaExpression.of(kind, (strains.values, constant_formula(*numbers)))
         return Quantity(columns, (Piece(self, strains.operator),), values, data)
+
+
+class BeamAttachment(Attachment):
+    """Section or floating frame of a beam, on the present mesh of the beam.
+
+    Parameters
+    ----------
+    body
+        The beam.
+    s
+        Arc length of the section [m]; None for the floating frame.
+    """
+
+    def __init__(self, body: Beam, s: float | None) -> None:
+        set_fields(self, body=body, s=s, has_angle=True)
+        at = self._material_point
+        # Custom kinematics may return anything; attachments check their arguments.
+        Attachment(body, at.reference_position, at.inclination, at.operator, at.motion, s=s)
+
+    @property
+    def _material_point(self) -> MaterialPoint:
+        kinematics: Kinematics = self.body.kinematics
+        return kinematics.floating_frame if self.s is None else kinematics.material_point(self.s)
+
+    @property
+    def point(self) -> tuple[float, float]:
+        """Position (x, y) in the reference configuration [m]."""
+        x, y = self._material_point.reference_position
+        return float(x), float(y)
+
+    @property
+    def inclination(self) -> float:
+        """Angle of the section in the reference configuration [rad]."""
+        return float(self._material_point.inclination)
+
+    @property
+    def operator(self) -> sp.csr_array:
+        """Matrix that selects the local coordinates of the section."""
+        return self._material_point.operator
+
+    @property
+    def kinematics(self) -> Callable[[SX], tuple[SX, SX]]:
+        """Function of the local coordinates that returns position and rotation."""
+        return self._material_point.motion
 
 
 def require_beam(part: str, value: Any) -> Beam:
@@ -424,12 +527,101 @@ def _create_kinematics(
     return kinematics(part, mesh, section, **settings)
 
 
+def _parse_elements(
+    part: str, elements: Any, length: float
+) -> tuple[int, tuple[float, ...] | None]:
+    """Return the number of elements, and the arc lengths of their ends [m] if these are given."""
+    if as_real(elements) is not None:
+        return require_count(part, "elements", elements), None
+    what = "a number or the arc lengths of the element ends"
+    bounds = np.array(
+        [
+            require_finite(part, "elements", s)
+            for s in require_sequence(part, "elements", elements, what)
+        ]
+    )
+    tolerance = ARC_LENGTH_TOLERANCE * length
+    if (
+        len(bounds) < 2
+        or abs(bounds[0]) > tolerance
+        or abs(bounds[-1] - length) > tolerance
+        or not np.all(np.diff(bounds) > tolerance)
+    ):
+        raise BeamdaeError(
+            f"{part}: the arc lengths in elements must ascend from 0 to {length:.6g} m, got "
+            f"{short_repr(elements)}."
+        )
+    bounds[[0, -1]] = 0.0, length
+    return len(bounds) - 1, tuple(bounds.tolist())
+
+
+def _warn_about_attachments_inside_elements(
+    part: str, mesh: Mesh, section: Section | VaryingSection, attached: Sequence[AttachedPart]
+) -> None:
+    """Warn about the attachment that causes the largest error, if it lies inside an element."""
+    if not attached:
+        return
+    errors = attachment_errors(mesh, section, attached)
+    worst = int(np.argmax(errors))
+    if errors[worst] > _MAX_ATTACHMENT_ERROR:
+        other, attachment = attached[worst]
+        message = (
+            f"{part}: {other.name} is attached at s = {attachment.s:.6g} m, inside an element, "
+            f"which changes deflections by about {errors[worst]:.1g}; end an element there "
+            "(elements=[...]), or give a larger number of elements and add all parts before the "
+            "first run or check."
+        )
+        warnings.warn(message, BeamdaeWarning, stacklevel=3)
+
+
+def attachment_errors(
+    mesh: Mesh, section: Section | VaryingSection, attached: Sequence[AttachedPart]
+) -> Array:
+    """Return the relative error of deflections caused by each attachment inside an element.
+
+    The shape functions of an element represent neither the jump of the bending moment at a
+    concentrated moment nor the kink of the bending moment and the jump of the shear force at a
+    concentrated force. Several attachments in one element share the load, and the sum of their
+    jumps is smoother.
+
+    Parameters
+    ----------
+    mesh, section
+        Mesh and section of a beam.
+    attached
+        Parts attached to sections of this beam.
+
+    Returns
+    -------
+    ndarray
+        Estimates (len(attached),) from the measured law of a beam on two supports; zero at element
+        ends.
+    """
+    order, bending = _BENDING_ERROR_OF_FORCES[mesh.nodes]
+    located = [mesh.locate(float(x.attachment.s or 0.0)) for x in attached]
+    errors = np.zeros(len(attached))
+    for k, (other, attachment) in enumerate(attached):
+        s = float(attachment.s or 0.0)
+        if mesh.has_end_at(s, MIN_END_DISTANCE):
+            continue
+        element, xi = located[k]
+        size, at = mesh.element_lengths[element] / mesh.curve.length, section.at(s)
+        shear = at.EI / (at.GA * mesh.curve.length**2)
+        place = 1.0 - xi**2  # 1 in the middle of the element, 0 at its ends
+        errors[k] = (bending * size**order + shear * size) * place
+        if other.exerts_moments:
+            place = min(np.sqrt(place), _SLOPE_OF_MOMENT_ERROR * place)
+            errors[k] += _BENDING_ERROR_OF_MOMENTS[mesh.nodes] * size * place
+        errors[k] /= len({x for x in located if x[0] == element})
+    return errors
+
+
 def _measure_curvature(mesh: Mesh, section: Section | VaryingSection) -> Mapping[str, float]:
     """Return the largest curvature times element length, and times section height if known."""
     s = mesh.gauss_arc_lengths(mesh.nodes)
     curvature = np.abs(mesh.curve.curvature(s))
-    length = mesh.curve.length / mesh.elements
-    measures = {"largest curvature times element length": float(curvature.max()) * length}
+    turns = curvature * np.repeat(mesh.element_lengths, mesh.nodes)
+    measures = {"largest curvature times element length": float(turns.max())}
     heights = (
         np.full(len(s), section.height, float)
         if isinstance(section, Section)

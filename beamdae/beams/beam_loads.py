@@ -11,7 +11,6 @@ import casadi as ca
 import numpy as np
 
 from beamdae.beams.beam import Beam, require_beam
-from beamdae.beams.shape_functions import gauss_points
 from beamdae.errors import (
     BeamdaeError,
     require_choice,
@@ -160,13 +159,10 @@ class DistributedForce(Part):
             else _LineLoad(self.axes)
         )
         laws = [law.formula for law in self.laws]
-        xi, _ = gauss_points(mesh.nodes)
         weights, _ = mesh.gauss(mesh.nodes)
-        element = np.repeat(np.arange(mesh.elements), mesh.nodes)
-        fractions = (element + 0.5 * (np.tile(xi, mesh.elements) + 1.0)) / mesh.elements
         kernels: dict[FormulaExpression, ForceKernel] = {}
         statements = []
-        arc_lengths = (fractions * self.beam.length).tolist()
+        arc_lengths = mesh.gauss_arc_lengths(mesh.nodes).tolist()
         for s, weight in zip(arc_lengths, weights.tolist(), strict=True):
             section = self.beam.at(s)
             functions = (
@@ -284,7 +280,7 @@ class MovingForce(Part):
                 "reduce the magnitude of start."
             )
 
-    @cached_property
+    @property
     def _nodal_laws(self) -> list[tuple[Law, Law]]:
         """Laws of both force components on each node of the beam."""
         mesh, laws = self.beam.mesh, []
@@ -299,29 +295,28 @@ class MovingForce(Part):
     def _nodal_law(self, node: int, elements: list[int], force: float) -> Law:
         """Return the law of one force component on a node that belongs to `elements`."""
         mesh = self.beam.mesh
-        length = self.beam.length / mesh.elements
         xi = np.linspace(-1.0, 1.0, mesh.nodes)
         pieces = []
         for element in elements:
             local_node = node - element * (mesh.nodes - 1)
             others = np.delete(xi, local_node)
-            first = 2.0 * (self.start / length - element) - 1.0
+            length = mesh.element_lengths[element]
+            first = 2.0 * (self.start - mesh.element_bounds[element]) / length - 1.0
             factor = force / np.prod(xi[local_node] - others)
             numbers = (factor, first, 2.0 * self.speed / length, *others)
             pieces.append(Formula(_NodalForce(mesh.nodes), tuple(map(float, numbers))))
-        bounds = np.unique([[x, x + 1] for x in elements]) * length
+        bounds = mesh.element_bounds[np.unique([[x, x + 1] for x in elements])]
         times = np.sort((bounds - self.start) / self.speed)
         no_force = Formula(_zero_force)
-        time_scale = length / abs(self.speed)
+        time_scale = float(min(mesh.element_lengths[elements])) / abs(self.speed)
         return Law((no_force, *pieces, no_force), tuple(map(float, times)), time_scale)
 
     @property
     def laws(self) -> tuple[Law, ...]:
         """A zero law whose breakpoints are the times at which the force passes element ends."""
         mesh = self.beam.mesh
-        bounds = np.linspace(0.0, self.beam.length, mesh.elements + 1)
-        times = np.sort((bounds - self.start) / self.speed)
-        time_scale = self.beam.length / mesh.elements / abs(self.speed)
+        times = np.sort((mesh.element_bounds - self.start) / self.speed)
+        time_scale = float(mesh.element_lengths.min()) / abs(self.speed)
         pieces = (Formula(_zero_force),) * (len(times) + 1)
         return (Law(pieces, tuple(map(float, times)), time_scale),)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -9,12 +10,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdae.beams.shape_functions import gauss_points, shape_functions
-from beamdae.curves.plane_curves import PlaneCurve, rotate_points
+from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve, rotate_points
 from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
 
 _MIN_POLYGON_LENGTH = 0.5  # of the polygon through an element's nodes, relative to the arc length
+# Attachments closer to each other or to an end of the beam share an element end; relative to the
+# length of elements of equal length. A clamp at this distance from an element end changes
+# deflections by less than 2e-4; shorter elements would amplify rounding errors of strains.
+MIN_END_DISTANCE = 1e-4
+# Number of elements up to which a beam is divided at its attachments: factor times the requested
+# number, plus a constant. More attachments, such as the springs of an elastic foundation, act like
+# a distributed load.
+_MAX_GROWTH_FACTOR, _MAX_GROWTH = 2, 8
 _LENGTH_GAUSS_POINTS = 8  # per element; enough to resolve the error of the arc length
 
 
@@ -41,7 +50,7 @@ class AxisPoints(NamedTuple):
 
 @dataclass(frozen=True)
 class Mesh:
-    """Mesh of elements of equal arc length on a curve.
+    """Mesh of elements on a curve, of equal arc length unless `bounds` are given.
 
     Parameters
     ----------
@@ -57,6 +66,9 @@ class Mesh:
     origin, angle
         Origin [m] and inclination [rad] of the axes to which points and angles refer. Default to
         the inertial axes.
+    bounds
+        Ascending arc lengths of the element ends [m], from 0 to the length of the curve; None for
+        elements of equal length.
     """
 
     curve: PlaneCurve
@@ -65,10 +77,68 @@ class Mesh:
     shape: str
     origin: tuple[float, float] = (0.0, 0.0)
     angle: float = 0.0
+    bounds: tuple[float, ...] | None = None
 
     def in_axes(self, origin: tuple[float, float], angle: float) -> Mesh:
         """Return the mesh in axes with the given origin [m] and inclination [rad]."""
         return replace(self, origin=origin, angle=angle)
+
+    def divided_at(self, bounds: Sequence[float]) -> Mesh:
+        """Return the mesh with these arc lengths of the element ends [m]; see `bounds`."""
+        return replace(self, elements=len(bounds) - 1, bounds=tuple(map(float, bounds)))
+
+    def has_end_at(self, s: float, tolerance: float = 0.0) -> bool:
+        """Return True if an element ends at the arc length s [m], except for rounding errors.
+
+        `tolerance` is a further distance, relative to the mean element length.
+        """
+        gaps = np.abs(self.element_bounds - s) / self.curve.length
+        return bool(gaps.min() <= ARC_LENGTH_TOLERANCE + tolerance / self.elements)
+
+    def with_ends_at(self, arc_lengths: Sequence[float]) -> Mesh:
+        """Return a mesh with element ends at the given ascending arc lengths [m].
+
+        Elements are at most as long as those of this mesh, which has elements of equal length. The
+        result is this mesh if its elements end there already, or if the beam would be divided into
+        many more elements.
+        """
+        if all(map(self.has_end_at, arc_lengths)):
+            return self
+        length, spacing = self.curve.length, self.curve.length / self.elements
+        stops, nearest = [0.0], MIN_END_DISTANCE * spacing
+        for s in arc_lengths:
+            if s - stops[-1] > nearest and length - s > nearest:
+                stops.append(s)
+        spans = np.diff([*stops, length])
+        counts = np.ceil(spans / spacing * (1.0 - ARC_LENGTH_TOLERANCE)).astype(int)
+        if counts.sum() > _MAX_GROWTH_FACTOR * self.elements + _MAX_GROWTH:
+            return self
+        bounds = [
+            start + span / count * np.arange(count)
+            for start, span, count in zip(stops, spans, counts, strict=True)
+        ]
+        return self.divided_at([*np.concatenate(bounds), length])
+
+    @cached_property
+    def element_bounds(self) -> Array:
+        """Arc lengths of the element ends [m], shape (elements + 1,)."""
+        if self.bounds is None:
+            return np.linspace(0.0, self.curve.length, self.elements + 1)
+        return np.array(self.bounds)
+
+    @cached_property
+    def element_lengths(self) -> Array:
+        """Arc length of each element [m]."""
+        if self.bounds is None:
+            return np.full(self.elements, self.curve.length / self.elements)
+        return np.diff(self.element_bounds)
+
+    def arc_lengths(self, element: Array, xi: Array) -> Array:
+        """Return the arc lengths [m] at the local coordinates `xi` of elements, shape (n,)."""
+        if self.bounds is None:
+            # Fewer roundings than with the element ends.
+            return (element + 0.5 * (xi + 1.0)) * (self.curve.length / self.elements)
+        return self.element_bounds[element] + 0.5 * (xi + 1.0) * self.element_lengths[element]
 
     @property
     def node_count(self) -> int:
@@ -84,7 +154,11 @@ class Mesh:
     @cached_property
     def node_arc_lengths(self) -> Array:
         """Arc length of each node [m], shape (node_count,)."""
-        return np.linspace(0.0, self.curve.length, self.node_count)
+        if self.bounds is None:
+            return np.linspace(0.0, self.curve.length, self.node_count)
+        start, last = self.element_bounds[:-1, None], self.curve.length
+        fractions = np.linspace(0.0, 1.0, self.nodes)[:-1]
+        return np.append(start + fractions * self.element_lengths[:, None], last)
 
     def tangent_angle(self, s: Any) -> Array:
         """Return the tangent angle of the curve [rad] at s [m], in the axes of the mesh."""
@@ -110,13 +184,13 @@ class Mesh:
             The message names the `part`.
         """
         steps = np.diff(self.node_points, axis=1)
-        arc_length = self.curve.length / self.elements
-        shortest = float(np.min(np.hypot(steps[..., 0], steps[..., 1]).sum(axis=1)))
-        if not shortest >= _MIN_POLYGON_LENGTH * arc_length:
+        polygons = np.hypot(steps[..., 0], steps[..., 1]).sum(axis=1)
+        worst = int(np.argmin(polygons / self.element_lengths))
+        if not polygons[worst] >= _MIN_POLYGON_LENGTH * self.element_lengths[worst]:
             raise BeamdaeError(
                 f"{part}: elements={self.elements} with {self.nodes} nodes each are "
-                f"too few for the curve, where a polygon of {shortest:.3g} m through the "
-                f"nodes replaces an arc of {arc_length:.3g} m; use more elements."
+                f"too few for the curve, where a polygon of {polygons[worst]:.3g} m through the "
+                f"nodes replaces an arc of {self.element_lengths[worst]:.3g} m; use more elements."
             )
 
     def axis(self, element: Array, xi: Array) -> AxisPoints:
@@ -131,7 +205,7 @@ class Mesh:
         )
         ds = np.hypot(d1[:, 0], d1[:, 1])
         curvature = (d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0]) / ds**3
-        s = (element + 0.5 * (xi + 1.0)) * self.curve.length / self.elements
+        s = self.arc_lengths(element, xi)
         angle = np.arctan2(d1[:, 1], d1[:, 0])
         angle = angle + 2.0 * np.pi * np.round((self.tangent_angle(s) - angle) / (2.0 * np.pi))
         return AxisPoints(position, angle, curvature, ds)
@@ -150,23 +224,26 @@ class Mesh:
         """Return the arc lengths [m] of the Gauss points of all elements, ordered by element."""
         xi, _ = gauss_points(points)
         element = np.repeat(np.arange(self.elements), points)
-        elements_passed = element + 0.5 * (np.tile(xi, self.elements) + 1.0)
-        return elements_passed * (self.curve.length / self.elements)
+        return self.arc_lengths(element, np.tile(xi, self.elements))
 
     def locate(self, s: float) -> tuple[int, float]:
         """Return the index of the element and the local coordinate xi at arc length s [m]."""
-        elements_passed = s / self.curve.length * self.elements
-        element = min(int(elements_passed), self.elements - 1)
-        xi = 2.0 * (elements_passed - element) - 1.0
+        if self.bounds is None:
+            elements_passed = s / self.curve.length * self.elements
+            element = min(int(elements_passed), self.elements - 1)
+            xi = 2.0 * (elements_passed - element) - 1.0
+        else:
+            inner_bounds = self.element_bounds[1:-1]
+            element = int(np.searchsorted(inner_bounds, s, side="right"))
+            xi = 2.0 * (s - self.element_bounds[element]) / self.element_lengths[element] - 1.0
         return element, float(np.clip(xi, -1.0, 1.0))
 
     @cached_property
     def length_error(self) -> float:
         """Largest relative error of the element arc lengths."""
         weighted_ds, _ = self.gauss(_LENGTH_GAUSS_POINTS)
-        exact = self.curve.length / self.elements
         lengths = weighted_ds.reshape(self.elements, _LENGTH_GAUSS_POINTS).sum(axis=1)
-        return float(np.max(np.abs(lengths - exact)) / exact)
+        return float(np.max(np.abs(lengths - self.element_lengths) / self.element_lengths))
 
     def curvature_error(self, points: int) -> float:
         """Return the largest curvature error at the Gauss points, times the length of the curve."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -36,6 +36,7 @@ from beamdae.symbolic.statements import (
     Piece,
     Quantity,
     Variable,
+    rebuilt_for_mesh,
 )
 
 Array = np.ndarray
@@ -71,6 +72,14 @@ def _quintic_coefficients() -> Array:
     d0, d1, c0, c1 = (
         np.pad(x, pad) for x in (first_difference, second_difference) for pad in ((0, 1), (1, 0))
     )
+    return _quintic(f0, f1, d0, d1, c0, c1)
+
+
+def _quintic(f0: Array, f1: Array, d0: Array, d1: Array, c0: Array, c1: Array) -> Array:
+    """Return the coefficients (power, ...) of a quintic from 0 to 1.
+
+    The arguments are the values, slopes and second derivatives at 0 and 1.
+    """
     rise = f1 - f0
     return np.array(
         [
@@ -132,6 +141,53 @@ def interpolate_track(points: SX, along: SX) -> SX:
     return points @ (ca.DM(_extension_matrix(count)).T @ weights)
 
 
+def interpolate_uneven_track(points: SX, s: SX, nodes: tuple[float, ...]) -> SX:
+    """Return the point of the smooth curve through `points` (2, count) at the arc length s [m].
+
+    `nodes` are the ascending arc lengths of the points [m]. For equidistant nodes, the curve is the
+    curve of `interpolate_track`.
+    """
+    weights = SX.zeros(len(nodes))
+    cells = _uneven_coefficients(nodes)
+    for k, coefficients in enumerate(cells):
+        x = (s - nodes[k]) / (nodes[k + 1] - nodes[k])
+        is_in_cell = (s >= nodes[k]) * (s < nodes[k + 1])
+        weights += is_in_cell * sum(
+            (ca.DM(c) * x**i for i, c in enumerate(coefficients)), SX.zeros(len(nodes))
+        )
+    # Outside the beam, the curve continues along its tangent.
+    before = (s - nodes[0]) / (nodes[1] - nodes[0])
+    weights += (s < nodes[0]) * (ca.DM(cells[0][0]) + ca.DM(cells[0][1]) * before)
+    after = (s - nodes[-1]) / (nodes[-1] - nodes[-2])
+    end_slope = np.arange(_STENCIL_POINTS) @ cells[-1]
+    weights += (s >= nodes[-1]) * (ca.DM(cells[-1].sum(axis=0)) + ca.DM(end_slope) * after)
+    return points @ weights
+
+
+@lru_cache
+def _uneven_coefficients(nodes: tuple[float, ...]) -> Array:
+    """Return the weights of all nodes as polynomials in each cell, (cell, power, node)."""
+    s, count = np.array(nodes), len(nodes)
+    width = min(count, _MAX_EXTRAPOLATION_NODES)
+    first, second = np.zeros((2, count, count))
+    for i in range(count):
+        # The slope and curvature at a node are those of the polynomial through the nearest nodes.
+        start = int(np.clip(i - width // 2, 0, count - width))
+        near = slice(start, start + width)
+        scale = s[near][-1] - s[near][0]
+        powers = np.linalg.inv(np.vander((s[near] - s[i]) / scale, increasing=True))
+        first[i, near] = powers[1] / scale
+        if width > 2:
+            second[i, near] = 2.0 * powers[2] / scale**2
+    cells = []
+    for k, h in enumerate(np.diff(s)):
+        f0, f1 = np.eye(count)[k : k + 2]
+        d0, d1 = first[k : k + 2] * h
+        c0, c1 = second[k : k + 2] * h**2
+        cells.append(_quintic(f0, f1, d0, d1, c0, c1))
+    return np.array(cells)
+
+
 def nearest_arc_length(curve: PlaneCurve, position: tuple[float, float]) -> float:
     """Return the arc length [m] of the point of a curve that is nearest to `position`.
 
@@ -151,16 +207,23 @@ class _TrackConstraint:
     """Constraint kernel r_a - r_track(s) of a sliding point.
 
     Local coordinates: coordinates of the point, coordinates of the nodes, and the arc length s.
-    `sizes` are the numbers of local coordinates of the point and of each node.
+
+    Attributes
+    ----------
+    sizes
+        Numbers of local coordinates of the point and of each node.
+    nodes
+        Arc lengths of the nodes [m]; None if they are equidistant.
     """
 
     sizes: tuple[int, ...]
+    nodes: tuple[float, ...] | None
 
     def __call__(self, local: Local, *functions: Callable[..., Any]) -> ConstraintKernel:
         position, *track = (x for x, _ in _evaluate_points(local, self.sizes, functions))
         spacing = functions[-1]()[0]
-        along = local.q[-1] / spacing
-        return ConstraintKernel(local, position - interpolate_track(ca.horzcat(*track), along))
+        point = _evaluate_track(track, local.q[-1], spacing, self.nodes)
+        return ConstraintKernel(local, position - point)
 
 
 @dataclass(frozen=True)
@@ -169,7 +232,7 @@ class _Reaction:
 
     Attributes
     ----------
-    sizes
+    sizes, nodes
         As in `_TrackConstraint`.
     on_beam
         True for the reaction on the beam, False for the reaction on the body of the point.
@@ -181,6 +244,7 @@ class _Reaction:
     """
 
     sizes: tuple[int, ...]
+    nodes: tuple[float, ...] | None
     on_beam: bool
     axes: str
     has_angle: bool
@@ -190,7 +254,7 @@ class _Reaction:
         if not self.on_beam:
             return resolve_load(self.axes, rotation, -local.lam, 0 if self.has_angle else None)
         spacing = functions[-1]()[0]
-        point = interpolate_track(ca.horzcat(*(x for x, _ in track)), local.q[-1] / spacing)
+        point = _evaluate_track([x for x, _ in track], local.q[-1], spacing, self.nodes)
         slope = ca.jacobian(point, local.q[-1])
         return resolve_load(self.axes, ca.atan2(slope[1], slope[0]), local.lam)
 
@@ -202,6 +266,13 @@ def _evaluate_points(local: Local, sizes: tuple[int, ...], functions: Sequence[A
         kinematics(local.q[first:last])
         for kinematics, (first, last) in zip(functions[:-1], pairwise(ends), strict=True)
     ]
+
+
+def _evaluate_track(points: list[SX], s: SX, spacing: Any, nodes: tuple[float, ...] | None) -> SX:
+    """Return the point of the track at the arc length s [m]; `nodes` as in `_TrackConstraint`."""
+    if nodes is None:
+        return interpolate_track(ca.horzcat(*points), s / spacing)
+    return interpolate_uneven_track(ca.horzcat(*points), s, nodes)
 
 
 def _reaction(local: Local) -> SX:
@@ -322,6 +393,7 @@ class SlidingOnBeam(Part):
         values, _ = FormulaExpression.of(_reaction, ())
         return Quantity(columns, (), values, joint=self.name)
 
+    @rebuilt_for_mesh
     def reaction_on(self, place: str = "a", axes: str = "inertial") -> Quantity:
         """Return the reaction on the body of `a` or on the beam.
 
@@ -342,7 +414,7 @@ class SlidingOnBeam(Part):
         require_choice(self.name, "axes", axes, ("inertial", "body"))
         on_beam, sizes = place == "beam", self._sizes
         values, data = FormulaExpression.of(
-            _Reaction(sizes, on_beam, axes, self.a.has_angle), self._functions
+            _Reaction(sizes, self._nodes, on_beam, axes, self.a.has_angle), self._functions
         )
         columns = load_columns(self.a)[: 2 if on_beam else None]
         return Quantity(columns, self._pieces, values, data, joint=self.name)
@@ -358,10 +430,16 @@ class SlidingOnBeam(Part):
             for end, crosses in ends.items()
         )
 
-    @cached_property
+    @property
     def _points(self) -> tuple[Attachment, ...]:
         """The sliding point, then the nodes of the beam."""
         return (self.a, *(self.beam.at(s) for s in self.beam.mesh.node_arc_lengths.tolist()))
+
+    @property
+    def _nodes(self) -> tuple[float, ...] | None:
+        """Arc lengths of the nodes [m]; None if they are equidistant."""
+        mesh = self.beam.mesh
+        return None if mesh.bounds is None else tuple(mesh.node_arc_lengths.tolist())
 
     @property
     def _sizes(self) -> tuple[int, ...]:
@@ -382,11 +460,16 @@ class SlidingOnBeam(Part):
         """Distribution "shares": the nodes share the reaction."""
         return "shares"
 
+    @property
+    def exerts_moments(self) -> bool:
+        """False: the reaction is a force."""
+        return False
+
     def constraints(self) -> list[ConstraintStatement]:
         """Return the two constraint equations, x and y."""
         sizes = self._sizes
         kernel, data = build_formula_kernel(
-            _TrackConstraint(sizes), self._functions, sum(sizes) + 1, 2
+            _TrackConstraint(sizes, self._nodes), self._functions, sum(sizes) + 1, 2
         )
         multipliers = (Variable("x", "N"), Variable("y", "N"))
         return [ConstraintStatement(self.name, kernel, self._pieces, multipliers, data)]

@@ -18,9 +18,10 @@ from beamdae.symbolic.formula import (
     FormulaExpression,
     constant_formula,
 )
-from beamdae.symbolic.statements import SX, Local, Quantity, Variable
+from beamdae.symbolic.statements import SX, Local, Quantity, Variable, rebuilt_for_mesh
 
 
+@rebuilt_for_mesh
 def motion_quantity(attachment: Attachment) -> Quantity:
     """Return position [m], angle [rad] and their rates of an attachment in the inertial frame.
 
@@ -45,7 +46,7 @@ def as_quantity(name: str, what: Attachment | Quantity) -> Quantity:
             f"{name}: only attachments and quantities such as beam.strain(s=, offset=) can be "
             f"observed, got {short_repr(what)}."
         )
-    return quantity
+    return quantity.current
 
 
 def _has_rotation(attachment: Attachment) -> bool:
@@ -93,6 +94,7 @@ class _RelativeDisplacement:
         return ca.vertcat(displacement, rotation - root_rotation)
 
 
+@rebuilt_for_mesh
 def relative_displacement(of: Attachment, on: Attachment) -> Quantity:
     """Return the displacement of `of` relative to a rigid reference that moves with `on`.
 

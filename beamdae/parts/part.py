@@ -28,6 +28,13 @@ class Drawing(NamedTuple):
     places: list[Attachment]
 
 
+class AttachedPart(NamedTuple):
+    """A part and one of its attachments."""
+
+    part: Part
+    attachment: Attachment
+
+
 class Part:
     """Base class of bodies, joints, loads and dampers.
 
@@ -143,6 +150,22 @@ class Part:
     def facts(self) -> Mapping[str, float]:
         """Values that `beamdae check` reports for the part before a run, by name."""
         return {}
+
+    @property
+    def exerts_moments(self) -> bool:
+        """False if the part exerts forces but no moments at its attachments."""
+        return True
+
+    def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> None:
+        """Adapt the coordinates to the parts attached to this part, before an assembly.
+
+        Parameters
+        ----------
+        attached
+            Attachments on this part, with the parts that refer to them.
+        has_fixed_coordinates
+            True if a quantity refers to the present coordinates and cannot be rebuilt.
+        """
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing | None:
         """Return the line of a body in drawings, or None if the part is drawn by its `symbol`.

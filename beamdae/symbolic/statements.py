@@ -8,9 +8,9 @@ of the statements of its parts.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from dataclasses import dataclass, field, replace
+from functools import cached_property, wraps
+from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import casadi as ca
 import numpy as np
@@ -35,6 +35,7 @@ __all__ = [
     "RangeKernel",
     "RangeStatement",
     "Variable",
+    "rebuilt_for_mesh",
 ]
 
 
@@ -173,6 +174,8 @@ class Quantity:
         Values of local.data, shape (n_data,).
     joint
         Name of the part whose multipliers are local.lam, or None.
+    recipe
+        Function call that returned the quantity, see `rebuilt_for_mesh`; None if unknown.
     """
 
     columns: tuple[Variable, ...]
@@ -180,6 +183,57 @@ class Quantity:
     expression: Callable[[Local], SX]
     data: np.ndarray = field(default_factory=lambda: np.zeros(0))
     joint: str | None = None
+    recipe: _Recipe | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def can_be_rebuilt(self) -> bool:
+        """True if the quantity can be returned for other coordinates of the bodies.
+
+        Copies with other pieces, another expression or other data cannot.
+        """
+        return self.recipe is not None and all(
+            mine is original
+            for mine, original in zip(
+                (self.pieces, self.expression, self.data), self.recipe.results, strict=True
+            )
+        )
+
+    @property
+    def current(self) -> Quantity:
+        """The quantity for the present coordinates of the bodies, if it can be rebuilt."""
+        if self.recipe is None or not self.can_be_rebuilt:
+            return self
+        build, arguments, options, _ = self.recipe
+        return replace(build(*arguments, **options), columns=self.columns)
+
+
+class _Recipe(NamedTuple):
+    """Function call that returned a quantity, and the pieces, expression and data it returned."""
+
+    build: Callable[..., Quantity]
+    arguments: tuple[Any, ...]
+    options: dict[str, Any]
+    results: tuple[Any, ...]
+
+
+_Build = TypeVar("_Build", bound=Callable[..., Quantity])
+
+
+def rebuilt_for_mesh(build: _Build) -> _Build:
+    """Decorate a function that returns a quantity, so that assembly can rebuild the quantity.
+
+    Assembly places the nodes of beams at their attachments, which changes the coordinates of
+    sections to which earlier quantities refer.
+    """
+
+    @wraps(build)
+    def build_and_remember(*arguments: Any, **options: Any) -> Quantity:
+        quantity = build(*arguments, **options)
+        results = (quantity.pieces, quantity.expression, quantity.data)
+        recipe = _Recipe(build_and_remember, arguments, options, results)
+        return replace(quantity, recipe=recipe)
+
+    return cast("_Build", build_and_remember)
 
 
 @dataclass(frozen=True)

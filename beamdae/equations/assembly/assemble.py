@@ -31,10 +31,11 @@ from beamdae.errors import BeamdaeError, short_repr
 from beamdae.memory import require_memory
 from beamdae.parts.attachments import largest_distance
 from beamdae.parts.mechanism import MINIMUM_NORM, Mechanism
-from beamdae.parts.part import Part
+from beamdae.parts.part import AttachedPart, Part
 from beamdae.symbolic.statements import (
     ConstraintStatement,
     ForceStatement,
+    Quantity,
     RangeStatement,
     Variable,
 )
@@ -74,6 +75,10 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     snapshot = copy(mechanism)
     snapshot.parts, snapshot.events = dict(mechanism.parts), list(mechanism.events)
     parts = list(mechanism.parts.values())
+    _prepare_parts(mechanism)
+    snapshot.observables = {
+        name: quantity.current for name, quantity in mechanism.observables.items()
+    }
     for part in parts:
         require_body_fits(part)
     coordinate_map = map_coordinates(mechanism)
@@ -103,7 +108,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         ranges += part_ranges
         if part_constraints:
             outlines += [np.reshape(attachment.point, (1, 2)) for attachment in part.attachments]
-    for name, quantity in mechanism.observables.items():
+    for name, quantity in snapshot.observables.items():
         require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
     length = largest_distance(np.concatenate(outlines)) or 1.0
     q0 = np.concatenate([part.initial_position for part in parts])
@@ -122,7 +127,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         forces=forces,
         constraints=constraints,
         ranges=ranges,
-        observables=mechanism.observables,
+        observables=snapshot.observables,
         coordinate_map=coordinate_map,
         laws=collect_varying_laws([*parts, *filter(None, [mechanism.gravity_laws])]),
         events=[*mechanism.events, *(event for part in parts for event in part.events)],
@@ -138,6 +143,21 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
             )
         equations = replace(equations, redundant=True)
     return apply_initial_conditions(equations, mechanism.start if start is None else start)
+
+
+def _prepare_parts(mechanism: Mechanism) -> None:
+    """Let each part adapt its coordinates to the attachments of all parts."""
+    attached: dict[int, list[AttachedPart]] = {}
+    for part in mechanism.parts.values():
+        for attachment in part.attachments:
+            attached.setdefault(id(attachment.body), []).append(AttachedPart(part, attachment))
+    quantities = [
+        *mechanism.observables.values(),
+        *(event.what for event in mechanism.events if isinstance(event.what, Quantity)),
+    ]
+    fixed = {id(piece.owner) for x in quantities if not x.can_be_rebuilt for piece in x.pieces}
+    for part in mechanism.parts.values():
+        part.prepare(attached.get(id(part), []), id(part) in fixed)
 
 
 def _part_coordinates(

@@ -276,7 +276,7 @@ def _build_event_terms(
                     f"{name}: the quantity has several columns ({names}); observe the "
                     "quantity and name one column."
                 )
-            observable, column = observe(name, event.what), 0
+            observable, column = observe(name, event.what.current), 0
         direction = DIRECTIONS[event.direction]
         terms[name] = EventTerm(name, observable, column, event.crosses, direction, event.do)
     return tuple(terms.values())

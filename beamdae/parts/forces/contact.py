@@ -32,6 +32,7 @@ from beamdae.symbolic.statements import (
     Local,
     Quantity,
     Variable,
+    rebuilt_for_mesh,
 )
 
 # The coefficient of restitution must lie in [_MIN_RESTITUTION, 1].
@@ -274,6 +275,11 @@ class Contact(Part):
     def _pieces(self) -> tuple[Any, Any]:
         return (self.point.piece, self.surface.on.piece)
 
+    @property
+    def exerts_moments(self) -> bool:
+        """False: a contact exerts a force on a point."""
+        return False
+
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the normal force and the friction force as one statement."""
         kind = _ContactKernel(*self._law_arguments)
@@ -282,6 +288,7 @@ class Contact(Part):
         return [ForceStatement(self.name, kernel, self._pieces, data)]
 
     @property
+    @rebuilt_for_mesh
     def force(self) -> Quantity:
         """Normal force N and friction force T [N] on the point.
 

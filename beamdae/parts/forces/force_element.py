@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
@@ -32,6 +31,7 @@ from beamdae.symbolic.statements import (
     Local,
     Quantity,
     Variable,
+    rebuilt_for_mesh,
 )
 
 # Deformations, relative to the typical size, at which a user's energy and law are compared.
@@ -263,7 +263,7 @@ class ForceElement(Part):
         """Law of the element and its numbers."""
         raise NotImplementedError
 
-    @cached_property
+    @property
     def _expression(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """Arguments that create an `_ElementExpression`, and functions to pass to it."""
         law, law_numbers = self._law
@@ -275,6 +275,11 @@ class ForceElement(Part):
         )
         return (self.a.size, self._deformation, law, len(type(self)._force_columns)), functions
 
+    @property
+    def exerts_moments(self) -> bool:
+        """True for elements whose response includes a moment."""
+        return any(column.unit == "N m" for column in type(self)._force_columns)
+
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the forces on both bodies."""
         arguments, functions = self._expression
@@ -284,6 +289,7 @@ class ForceElement(Part):
         )
         return [ForceStatement(self.name, kernel, (self.a.piece, self.b.piece), data)]
 
+    @rebuilt_for_mesh
     def observe(
         self, kind: type[DeformationValues] | type[ForceValues], columns: tuple[Variable, ...]
     ) -> Quantity:

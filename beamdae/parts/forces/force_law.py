@@ -29,6 +29,7 @@ from beamdae.symbolic.statements import (
     Local,
     Quantity,
     Variable,
+    rebuilt_for_mesh,
 )
 
 
@@ -245,6 +246,7 @@ class ForceLaw(Part):
         return [ForceStatement(self.name, kernel, tuple(one.piece for one in self.on), data)]
 
     @property
+    @rebuilt_for_mesh
     def load(self) -> Quantity:
         """Columns Fx, Fy [N] and M [N m] of each attachment; several attachments are numbered."""
         count = len(self.on)

@@ -26,7 +26,15 @@ from beamdae.symbolic.formula import (
     build_formula_kernel,
     constant_formula,
 )
-from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Quantity, Variable
+from beamdae.symbolic.statements import (
+    SX,
+    ForceKernel,
+    ForceStatement,
+    Local,
+    Quantity,
+    Variable,
+    rebuilt_for_mesh,
+)
 
 
 def _rim_travel(a: Any, b: Any, numbers: Any) -> SX:
@@ -243,6 +251,7 @@ class Friction(Part):
         )
 
     @property
+    @rebuilt_for_mesh
     def reaction(self) -> Quantity:
         """Friction force F [N] or moment M [N m] on the body of `joint.b`, and velocity v [m/s]."""
         first = Variable("M", "N m") if self._is_bearing else Variable("F", "N")

@@ -110,6 +110,11 @@ class Force(Part):
         """Return a copy of the force with constant components [N]."""
         return replace(self, law=tuple(values))
 
+    @property
+    def exerts_moments(self) -> bool:
+        """False: the load is a force."""
+        return False
+
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the force as one statement."""
         kind = {"inertial": dead_load, "body": _follower_load}[self.axes]

@@ -12,7 +12,7 @@ import casadi as ca
 from beamdae.errors import BeamdaeError, require_choice, require_point, require_positive, set_fields
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
 from beamdae.symbolic.formula import FormulaExpression, constant_formula
-from beamdae.symbolic.statements import SX, Local, Quantity, Variable
+from beamdae.symbolic.statements import SX, Local, Quantity, Variable, rebuilt_for_mesh
 
 # Length added under the square root of the distance from the center, relative to the radius. It
 # makes the distance differentiable at the center.
@@ -67,6 +67,7 @@ class _Surface:
         """Parameters of the surface, passed to the kernel as data."""
         raise NotImplementedError
 
+    @rebuilt_for_mesh
     def gap(self, point: Attachment) -> Quantity:
         """Return the distance of a point from the surface [m], negative during penetration.
 

@@ -15,7 +15,7 @@ from beamdae.parts.joints.guides import project_along, require_direction
 from beamdae.parts.joints.joint import Joint
 from beamdae.parts.joints.kinematic_constraint import PlacedPoint, PointFunction
 from beamdae.parts.laws import Law, as_law
-from beamdae.symbolic.statements import SX, Local, Quantity, Variable
+from beamdae.symbolic.statements import SX, Local, Quantity, Variable, rebuilt_for_mesh
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,7 @@ class DrivenJoint(Joint):
         return (as_law(self.name, self.law_argument),)
 
     @property
+    @rebuilt_for_mesh
     def drive(self) -> Quantity:
         """Reaction (force [N] or moment [N m]) and power [W] supplied by the driver."""
         assert self.gap is not None

@@ -26,6 +26,7 @@ from beamdae.symbolic.statements import (
     Piece,
     Quantity,
     Variable,
+    rebuilt_for_mesh,
 )
 
 
@@ -232,6 +233,11 @@ class KinematicConstraint(Part):
         return None
 
     @property
+    def exerts_moments(self) -> bool:
+        """True if a constraint transmits a moment."""
+        return any(multiplier.unit == "N m" for multiplier in self.multipliers)
+
+    @property
     def pieces(self) -> tuple[Piece, ...]:
         """Local coordinates of all points."""
         return tuple(point.piece for point in self.points.values())
@@ -257,6 +263,7 @@ class KinematicConstraint(Part):
         values, _ = FormulaExpression.of(_negative_multipliers, ())
         return Quantity(columns, (), values, joint=self.name)
 
+    @rebuilt_for_mesh
     def reaction_on(self, place: str = "b", axes: str = "inertial") -> Quantity:
         """Return force Fx, Fy [N] and moment M [N m] on the body of a point, acting at this point.
 

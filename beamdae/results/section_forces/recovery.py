@@ -328,8 +328,7 @@ def _default_sections(
         s = collect_applied_loads(beam, e, times[ends], states, factors).arc_lengths
         jumps += s[0, np.abs(s[-1] - s[0]) <= near].tolist()
     loaded = np.clip(jumps, 0.0, length)
-    boundaries = np.linspace(0.0, length, beam.mesh.elements + 1)
-    stops = np.sort(np.concatenate([boundaries, loaded]))
+    stops = np.sort(np.concatenate([beam.mesh.element_bounds, loaded]))
     stops = stops[np.append(True, np.diff(stops) > 2.0 * near)]
     arc_lengths, before = [], []
     for start, end in pairwise(stops.tolist()):

@@ -1,0 +1,360 @@
+"""Element ends at the attachments of a beam: accuracy, order of the parts, warnings, limits."""
+
+import warnings
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+from beamdae.beams.mesh import Mesh
+from beamdae.symbolic.statements import Quantity, Variable
+
+STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
+STRIP = bd.Section.rectangle(STEEL, width=0.02, height=0.01, damping=1e-3)
+LINE = bd.Line((0.0, 0.0), (1.0, 0.0))
+PIVOT = 0.3
+formulations = pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+
+
+def arm(elements, formulation="floating frame"):
+    """Return an arm that swings about a pivot with a spring between its ends."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    beam = mech.add(bd.Beam("arm", LINE, STRIP, elements=elements, formulation=formulation))
+    pivot = (mech.ground.at(PIVOT, 0.0), beam.at(PIVOT))
+    mech.add(bd.Revolute("pivot", *pivot))
+    mech.add(bd.TorsionSpring("spring", *pivot, 20.0))
+    mech.add(bd.PointMass("tip mass", 0.5, on=beam.end))
+    mech.observe("tip", beam.end)
+    mech.observe("start", beam.start)
+    return mech
+
+
+@formulations
+def test_regression_an_arm_with_its_pivot_inside_an_element(formulation):
+    """With 4 elements of equal length, the motion was off by 0.2 %, now by 2e-6."""
+    integrator = bd.Radau(1e-7)
+    columns = ["tip.x [m]", "tip.y [m]", "tip.angle [rad]", "start.y [m]"]
+
+    def run(elements):
+        motion = bd.simulate(arm(elements, formulation), integrator, 0.5).columns
+        return np.array([motion[name] for name in columns])
+
+    fine = run(20)  # equal lengths with an element end at the pivot
+    half_range = 0.5 * np.ptp(fine, axis=1)[:, None]
+    error = {
+        name: np.max(np.abs(run(elements) - fine) / half_range)
+        for name, elements in (("placed", 4), ("given", np.linspace(0.0, 1.0, 5)))
+    }
+    assert error["placed"] < 1e-5
+    assert error["given"] > 1e-3
+
+
+@formulations
+@pytest.mark.parametrize("elements", [1, 2, 5, 8])
+def test_regression_a_clamp_inside_an_element(elements, formulation):
+    """The deflection of the tip was off by 7 % with 8 elements of equal length."""
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", LINE, STRIP, elements=elements, formulation=formulation))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.37, 0.0), beam.at(0.37)))
+    force, span = 1e-3 * STRIP.EI, 0.63
+    mech.add(bd.Force("load", beam.end, (0.0, force)))
+    mech.observe("tip", beam.end)
+    deflection = bd.equilibrium(mech).columns["tip.y [m]"][-1]
+    expected = force * (span**3 / (3.0 * STRIP.EI) + span / STRIP.GA)
+    assert deflection == pytest.approx(expected, rel=1e-6)
+
+
+def mesh_of(attach, elements=4, **settings):
+    """Return the mesh of a beam after assembly with the parts that `attach` adds."""
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", LINE, STRIP, elements=elements, **settings))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    attach(mech, beam)
+    bd.equations_of_motion(mech)
+    return beam.mesh
+
+
+ATTACHED = {
+    "mass": lambda m, b: bd.PointMass("p", 1.0, on=b.at(0.3)),
+    "force": lambda m, b: bd.Force("p", b.at(0.3), (0.0, 1.0)),
+    "moment": lambda m, b: bd.Moment("p", b.at(0.3), 1.0),
+    "joint": lambda m, b: bd.PointOnLine("p", m.ground.at(0.3, 0.0), b.at(0.3)),
+    "spring": lambda m, b: bd.Spring("p", m.ground.at(0.3, 1.0), b.at(0.3), 1.0),
+    "contact": lambda m, b: bd.Contact("p", b.at(0.3), bd.LineSurface(m.ground.at(0, -1)), 1.0),
+    "law": lambda m, b: bd.ForceLaw("p", b.at(0.3), lambda p, t: (0.0, t)),
+}
+
+
+@pytest.mark.parametrize("make", ATTACHED.values(), ids=ATTACHED)
+def test_parts_at_fixed_points_get_an_element_end(make):
+    mesh = mesh_of(lambda mech, beam: mech.add(make(mech, beam)))
+    assert 0.3 in mesh.bounds
+    assert mesh.element_lengths.max() <= 0.25
+    assert mesh.elements == 5  # two up to the attachment, three beyond
+
+
+NOT_ATTACHED = {
+    "observed point": lambda m, b: m.observe("p", b.at(0.3)),
+    "moving force": lambda m, b: m.add(bd.MovingForce("p", b, (0.0, 1.0), speed=1.0)),
+    "distributed force": lambda m, b: m.add(bd.DistributedForce("p", b, (0.0, 1.0))),
+    "slider": lambda m, b: m.add(
+        bd.SlidingOnBeam("p", m.add(bd.PointMass("bead", 1.0, at=(0.3, 0.0))).point, b)
+    ),
+    "mass at an element end": lambda m, b: m.add(bd.PointMass("p", 1.0, on=b.at(0.5))),
+    "mass at an element end but for rounding": lambda m, b: m.add(
+        bd.PointMass("p", 1.0, on=b.at(0.5 + 1e-12))
+    ),
+}
+
+
+@pytest.mark.parametrize("attach", NOT_ATTACHED.values(), ids=NOT_ATTACHED)
+def test_other_parts_keep_elements_of_equal_length(attach):
+    mesh = mesh_of(attach)
+    assert mesh.bounds is None
+    assert mesh.elements == 4
+
+
+def test_attachments_close_to_each_other_share_an_element_end():
+    def attach(mech, beam):
+        for k, s in enumerate((0.3, 0.3 + 1e-6, 1.0 - 1e-6)):
+            mech.add(bd.Moment(f"moment {k}", beam.at(s), 1.0))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mesh = mesh_of(attach)
+    assert mesh.elements == 5
+    assert mesh.element_lengths.min() > 0.1
+
+
+@pytest.mark.parametrize(("elements", "springs", "is_divided"), [(4, 10, True), (4, 40, False)])
+def test_many_attachments_act_like_a_distributed_load(elements, springs, is_divided):
+    def attach(mech, beam):
+        for k, s in enumerate(np.linspace(0.0, 1.0, springs + 2)[1:-1]):
+            at = (mech.ground.at(s, -0.1), beam.at(s))
+            mech.add(bd.Spring(f"spring {k}", *at, 1e3))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mesh = mesh_of(attach, elements)
+    assert (mesh.bounds is not None) == is_divided
+
+
+def observed_before_and_after(observe):
+    """Return columns of an equilibrium, observed before the other parts are added and after."""
+    columns = []
+    for comes_first in (True, False):
+        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        beam = mech.add(bd.Beam("beam", LINE, STRIP, elements=3))
+        clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        spring = mech.add(bd.Spring("spring", mech.ground.at(0.8, 0.5), beam.at(0.8), 50.0))
+        parts = {"mech": mech, "beam": beam, "clamp": clamp, "spring": spring}
+        if comes_first:
+            mech.observe("it", observe(**parts))
+        mech.add(bd.PointMass("mass", 2.0, on=beam.at(0.41)))
+        if not comes_first:
+            mech.observe("it", observe(**parts))
+        columns.append(bd.equilibrium(mech).columns)
+        assert beam.mesh.elements > 3
+    return columns
+
+
+QUANTITIES = {
+    "section": lambda beam, **_: beam.at(0.55),
+    "floating frame": lambda beam, **_: beam.floating_frame,
+    "strain": lambda beam, **_: beam.strain(0.55, "top"),
+    "stress": lambda beam, **_: beam.stress(0.55, "top"),
+    "section forces": lambda beam, **_: beam.section_forces(0.55),
+    "deformation": lambda beam, **_: beam.deformation(0.55),
+    "relative": lambda beam, **_: bd.relative_displacement(beam.at(0.55), beam.start),
+    "reaction": lambda clamp, **_: clamp.reaction_on("b"),
+    "spring": lambda spring, **_: spring.force,
+    "length": lambda spring, **_: spring.length,
+}
+
+
+@pytest.mark.parametrize("observe", QUANTITIES.values(), ids=QUANTITIES)
+def test_observables_do_not_depend_on_the_order_of_the_parts(observe):
+    before, after = observed_before_and_after(observe)
+    for name in after:
+        assert_allclose(before[name], after[name], rtol=1e-12, err_msg=name)
+
+
+def test_quantities_that_cannot_be_rebuilt_keep_the_mesh():
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", LINE, STRIP, elements=4))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    own = Quantity((Variable("", "m"),), (beam.end.piece,), lambda local: local.q[0])
+    mech.observe("own", own)
+    plate = mech.add(bd.RigidBody("plate", 1.0, 1.0, (0.3, 0.0)))
+    mech.add(bd.Weld("bolts", beam.at(0.3), plate.at(0.3, 0.0)))
+    with pytest.warns(bd.BeamdaeWarning, match=r"^beam: bolts is attached at s = 0.3 m, inside an"):
+        bd.equations_of_motion(mech)
+    assert beam.mesh.bounds is None
+
+
+def test_parts_added_after_the_first_assembly_keep_the_mesh():
+    """The equations of earlier runs refer to its coordinates."""
+    mech = arm(4)
+    first = bd.simulate(mech, bd.Radau(1e-4), 0.1)
+    beam = mech.part("arm")
+    mesh = beam.mesh
+    mech.add(bd.PointMass("late", 0.1, on=beam.at(0.6)))
+    with pytest.warns(bd.BeamdaeWarning, match="^arm: late is attached at s = 0.6 m, inside an el"):
+        bd.simulate(mech, bd.Radau(1e-4), 0.1)
+    assert beam.mesh is mesh
+    assert np.isfinite(first.observe("late", beam.strain(0.6, "top")).columns["late [-]"]).all()
+
+
+@pytest.mark.parametrize("nodes", [4, 3, 2])
+@pytest.mark.parametrize(
+    ("kind", "elements"), [("force", 4), ("force", 8), ("clamp", 4), ("clamp", 16)]
+)
+def test_the_warning_about_a_given_mesh_estimates_the_error(kind, elements, nodes):
+    """Within a factor of 3 of the true error in the middle of an element, where it is largest."""
+    bounds = np.linspace(0.0, 1.0, elements + 1)
+    s = 0.5 * (bounds[elements // 2] + bounds[elements // 2 + 1])
+
+    def deflections(elements, nodes):
+        mech = bd.Mechanism()
+        beam = mech.add(bd.Beam("beam", LINE, STRIP, elements=elements, nodes=nodes))
+        if kind == "force":
+            mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
+            mech.add(bd.PointOnLine("right", mech.ground.at(1.0, 0.0), beam.end))
+            mech.add(bd.Force("it", beam.at(s), (0.0, 1e-3 * STRIP.EI)))
+        else:
+            mech.add(bd.Weld("it", mech.ground.at(s, 0.0), beam.at(s)))
+            mech.add(bd.Force("load", beam.end, (0.0, 1e-3 * STRIP.EI)))
+        mech.observe("tip", beam.end)
+        mech.observe("middle", beam.at(s))
+        columns = bd.equilibrium(mech).columns
+        return np.array([columns[f"{x}.y [m]"][-1] for x in ("tip", "middle")])
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        given = deflections(bounds, nodes)
+    fine = deflections(np.sort(np.append(bounds, s)), 4)
+    error = np.max(np.abs(given - fine)) / np.max(np.abs(fine))
+    messages = [str(w.message) for w in caught if "inside an element" in str(w.message)]
+    if error > 3.0 * 2e-4:
+        estimate = float(messages[0].split("by about ")[1].split(";")[0])
+        assert error / 3.0 < estimate < 3.0 * error
+    if error < 2e-4 / 3.0:
+        assert not messages
+
+
+def test_no_warning_where_elements_end_at_the_attachments():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        bd.equations_of_motion(arm([0.0, 0.1, PIVOT, 0.55, 1.0]))
+
+
+@pytest.mark.parametrize(
+    ("elements", "message"),
+    [
+        ([0.0, 0.5, 0.5, 1.0], r"must ascend from 0 to 1 m, got \[0.0, 0.5, 0.5, 1.0\]"),
+        ([0.0, 0.5], "must ascend from 0 to 1 m"),
+        ([0.1, 1.0], "must ascend from 0 to 1 m"),
+        ([0.0], "must ascend from 0 to 1 m"),
+        ([], "must ascend from 0 to 1 m"),
+        ([0.0, float("nan"), 1.0], "must be a finite number"),
+        ("four", "elements must be a number or the arc lengths of the element ends, got 'four'"),
+    ],
+)
+def test_invalid_arc_lengths_of_element_ends(elements, message):
+    with pytest.raises(bd.BeamdaeError, match=f"^beam: .*{message}"):
+        bd.Beam("beam", LINE, STRIP, elements=elements)
+
+
+@pytest.mark.parametrize("nodes", [2, 3, 4])
+@pytest.mark.parametrize("shape", ["curved", "straight"])
+def test_uneven_meshes_have_consistent_geometry(nodes, shape):
+    curve = bd.Arc(radius=1.6, length=2.0, start=(0.3, -0.2), angle=0.4)
+    bounds = (0.0, 0.3, 0.45, 1.2, 2.0)
+    mesh = Mesh(curve, 4, nodes, shape).divided_at(bounds)
+    s = mesh.node_arc_lengths
+    assert_allclose(s[:: nodes - 1], bounds, rtol=1e-15)
+    for start, end in pairwise(range(0, mesh.node_count, nodes - 1)):
+        assert_allclose(np.diff(s[start : end + 1]), (s[end] - s[start]) / (nodes - 1), rtol=1e-12)
+    for place in np.linspace(0.0, 2.0, 41):
+        element, xi = mesh.locate(place)
+        assert_allclose(mesh.arc_lengths(np.array([element]), np.array([xi])), place, atol=1e-14)
+    for k, bound in enumerate(bounds[:-1]):
+        assert mesh.locate(bound) == (k, -1.0)
+    assert mesh.locate(2.0) == (3, 1.0)
+    weights, axis = mesh.gauss(4)
+    # Interpolation errors of an arc by elements that turn by half a radian.
+    assert weights.sum() == pytest.approx(2.0, rel=2e-2)
+    places = mesh.gauss_arc_lengths(4)
+    assert_allclose(axis.position, curve.point(places), atol=5e-2)
+    assert np.all(np.diff(places) > 0.0)
+
+
+@formulations
+def test_equal_lengths_given_as_ends_or_as_a_number_are_equivalent(formulation):
+    columns = [
+        bd.simulate(arm(elements, formulation), bd.Radau(1e-7), 0.2).columns
+        for elements in (10, np.linspace(0.0, 1.0, 11))
+    ]
+    for name in columns[0]:
+        # Both differ by rounding, which changes the steps within the tolerance.
+        assert_allclose(*(c[name] for c in columns), atol=1e-5 * np.ptp(columns[0][name]))
+
+
+def bead_on_beam(elements, mass_at):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    strip = bd.Section.rectangle(STEEL, width=0.02, height=0.004, damping=1e-3)
+    beam = mech.add(bd.Beam("beam", LINE, strip, elements=elements))
+    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.PointOnLine("right", mech.ground.at(1.0, 0.0), beam.end))
+    mech.add(bd.PointMass("mass", 0.3, on=beam.at(mass_at)))
+    bead = mech.add(bd.PointMass("bead", 0.2, at=(0.2, 0.0), velocity=(0.6, 0.0)))
+    slider = mech.add(bd.SlidingOnBeam("slider", bead.point, beam))
+    mech.observe("bead", bead.point)
+    mech.observe("force", slider.reaction_on("beam", axes="body"))
+    mech.observe("s", slider.s)
+    return mech
+
+
+@pytest.mark.slow(reason="compiles large kernels of sliding points")
+def test_points_slide_along_beams_with_elements_of_different_lengths():
+    motion = {
+        name: bd.simulate(bead_on_beam(elements, 0.43), bd.Radau(1e-6), 0.8)
+        for name, elements in (("placed", 4), ("fine", 9))
+    }
+    fine = motion["fine"].columns
+    for name in ("bead.x [m]", "bead.y [m]", "s [m]"):
+        # The track is a smooth curve through the nodes, of which the coarse mesh has few.
+        error = np.abs(motion["placed"].columns[name] - fine[name]).max() / np.ptp(fine[name])
+        assert error < 5e-4, name
+
+
+def test_moving_forces_pass_elements_of_different_lengths():
+    """The deflection under a slow force is the static deflection a^2 b^2 / (3 EI L)."""
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(STEEL, width=0.02, height=0.01, damping=0.02)
+    beam = mech.add(bd.Beam("beam", LINE, strip, elements=[0.0, 0.1, 0.35, 0.42, 0.8, 1.0]))
+    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.PointOnLine("right", mech.ground.at(1.0, 0.0), beam.end))
+    force = 1e-3 * strip.EI
+    mech.add(bd.MovingForce("wheel", beam, (0.0, -force), speed=0.05))
+    for s in (0.35, 0.42, 0.8):
+        mech.observe(f"at {s}", beam.at(s))
+    columns = bd.simulate(mech, bd.Radau(1e-5), 20.0, output_step=0.2).columns
+    for s in (0.35, 0.42, 0.8):
+        deflection = -columns[f"at {s}.y [m]"][round(s / 0.05 / 0.2)]
+        static = force * (s * (1.0 - s)) ** 2 / (3.0 * strip.EI)
+        assert deflection == pytest.approx(static, rel=5e-3)  # inertia, and shear of 2e-4
+
+
+def test_section_forces_of_a_beam_divided_at_its_attachments():
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", LINE, STRIP, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    force = 1e-3 * STRIP.EI
+    mech.add(bd.Force("load", beam.at(0.37), (0.0, -force)))
+    forces = bd.equilibrium(mech).section_forces(beam)
+    expected = force * np.maximum(0.37 - forces.s, 0.0)
+    assert_allclose(np.ravel(forces.M), expected, atol=1e-6 * force)
+    assert_allclose(np.ravel(forces.strained[2]), expected, atol=1e-6 * force)
