@@ -40,8 +40,12 @@ BEAMS = {
 }
 
 
+# Cases whose deflection is an undamped vibration that no second method resolves.
+UNRESOLVED = ("thick_strip",)
+
+
 def _add_deflections(case: ToleranceCase) -> ToleranceCase:
-    beams = BEAMS.get(case.model.name, ())
+    beams = () if case.name in UNRESOLVED else BEAMS.get(case.model.name, ())
     return replace(case, beams=beams, deflections=tuple(f"{name} bend.v [m]" for name in beams))
 
 
