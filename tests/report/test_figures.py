@@ -83,6 +83,27 @@ def test_a_comparison_has_a_curve_in_each_color(tmp_path):
         assert np.sum(distance < 0.02) > 200
 
 
+def test_first_28_line_styles_differ():
+    styles = [(style["color"], str(style["ls"])) for style in time_plots._line_styles(60)]
+    assert len(set(styles[:28])) == 28
+    assert styles[28:56] == styles[:28]
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_a_comparison_may_have_more_runs_than_styles(tmp_path):
+    runs = {f"run {k}": (FRAME, None) for k in range(33)}
+    path = time_plots.save_comparison_figure(tmp_path / "c.png", FRAME, runs, 1e-4, "title")
+    assert colored_share(path) > 1e-3
+
+
+def test_every_column_of_an_observable_is_drawn(tmp_path, monkeypatch):
+    names = [f"wave.{k} [m]" for k in range(60)]
+    frame = pd.DataFrame({"t [s]": T, **{name: np.sin(T + k) for k, name in enumerate(names)}})
+    monkeypatch.setattr(time_plots, "save_figure", lambda figure, path: figure)
+    figure = time_plots.save_run_figure(tmp_path / "run.png", frame, "title")
+    assert len(figure.axes[0].lines) == len(names)
+
+
 def test_figures_do_not_change_the_settings_of_matplotlib(tmp_path):
     with matplotlib.rc_context({"lines.linewidth": 1.23, "axes.grid": True}):
         before = dict(matplotlib.rcParams)

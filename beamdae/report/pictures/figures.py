@@ -30,7 +30,6 @@ Array = np.ndarray
 # Palette of Okabe & Ito, which is suitable for all types of color vision.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
 DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)))
-_STYLE_REPETITIONS = 8
 
 MAX_LABEL_LETTERS = 28  # of an axis label
 _TITLE_LINE_LETTERS = 60
@@ -138,11 +137,6 @@ def format_axis(axis: Axes, title: str, ylabel: str) -> None:
 def single_point_marker(rows: Sequence[Any] | Array | pd.Series) -> dict[str, Any]:
     """Return a marker style if there is only one row, because a line would be invisible."""
     return {"marker": "o", "ms": 4} if len(rows) == 1 else {}
-
-
-def repeat_styles(styles: Sequence[Any]) -> list[Any]:
-    """Return the styles repeated often enough for any figure."""
-    return list(styles) * _STYLE_REPETITIONS
 
 
 def add_legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None:

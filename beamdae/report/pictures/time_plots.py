@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +21,6 @@ from beamdae.report.pictures.figures import (
     disable_math_text,
     format_axis,
     mask_huge_values,
-    repeat_styles,
     save_figure,
     set_legend_names,
     single_point_marker,
@@ -86,8 +86,7 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
     )
     columns = list(dict.fromkeys(column for selection in selections for column in selection))
     figure, axes = create_panels(len(columns), "")
-    available = _line_styles()
-    styles = [available[k % len(available)] for k in range(len(runs))]
+    styles = _line_styles(len(runs))
     for axis, column in zip(axes, columns, strict=False):
         for table, style in zip(tables, styles, strict=True):
             (own_column,) = select_columns(table, column)
@@ -106,9 +105,13 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
     return Plot(figure)
 
 
-def _line_styles() -> list[dict[str, Any]]:
-    colors, dashes = repeat_styles(COLORS), repeat_styles(DASHES)
-    return [{"color": color, "ls": dash} for color, dash in zip(colors, dashes, strict=False)]
+def _line_styles(count: int) -> list[dict[str, Any]]:
+    """Return a line style for each of `count` runs; 28 styles differ, and then repeat.
+
+    The numbers of colors and dashes have no common divisor, so that all their pairs occur.
+    """
+    pairs = zip(range(count), cycle(COLORS), cycle(DASHES), strict=False)
+    return [{"color": color, "ls": dash} for _, color, dash in pairs]
 
 
 def _require_runs(solutions: Any) -> list[TimeSeries]:
@@ -165,7 +168,7 @@ def save_run_figure(path: Path, table: Columns, title: str) -> Path:
     for axis, ((name, unit), columns) in zip(axes, groups.items(), strict=False):
         labels = [column.removesuffix(f" [{unit}]").removeprefix(f"{name}.") for column in columns]
         has_legend = len(columns) > 1
-        for column, color in zip(columns, repeat_styles(COLORS), strict=False):
+        for column, color in zip(columns, cycle(COLORS), strict=False):
             time, values = masked[TIME], masked[column]
             axis.plot(time, values, color=color, lw=1.2, **single_point_marker(time))
         letters = _TITLE_LETTERS_BESIDE_LEGEND if has_legend else _TITLE_LETTERS
@@ -237,7 +240,7 @@ def save_comparison_figure(
     errors = {label: x.where((x > 0.0) & (x < MAX_DRAWABLE)) for label, x in errors.items()}
     has_errors = any(x.notna().any() for x in errors.values())
     figure, axes = create_panels(len(columns) + has_errors, title)
-    styles = dict(zip(runs, _line_styles(), strict=False))
+    styles = dict(zip(runs, _line_styles(len(runs)), strict=True))
     for axis, column in zip(axes, columns, strict=False):
         time = truth[TIME]
         axis.plot(time, truth[column], color="0.8", lw=5, **single_point_marker(time))
