@@ -74,6 +74,15 @@ def test_a_saved_run_has_the_tables_of_the_run(run, tmp_path):
     assert bd.plot([loaded, run], "ball.y").figure.axes[0].lines
 
 
+def test_table_of_a_saved_run_has_the_versions_of_the_run(run, tmp_path, monkeypatch):
+    old = {"beamdae": "0.0.1", "numpy": "1.0"}
+    with monkeypatch.context() as patch:
+        patch.setattr("beamdae.results.storage.saved_run.versions", lambda: old)
+        path = run.save(tmp_path / "ball.run")
+    table = bd.load(path).to_csv(tmp_path / "ball.csv")
+    assert json.loads(table.with_suffix(".json").read_text())["versions"] == old
+
+
 def test_with_its_model_a_saved_run_is_the_solution(run, tmp_path):
     assert_same_solution(bd.load(run.save(tmp_path / "ball.run"), bouncing()), run)
 

@@ -54,8 +54,8 @@ def write_result(
 def write_table(path: Path, columns: Mapping[str, Any], metadata: Mapping[str, Any]) -> Path:
     """Write a table as CSV and its metadata to a JSON file of the same name.
 
-    Headers and texts are escaped by `escape_cell`, and NaN is written as an empty cell. Package
-    versions and the current time are added to the metadata.
+    Headers and texts are escaped by `escape_cell`, and NaN is written as an empty cell. The current
+    time is added to the metadata, and the installed package versions if they contain none.
 
     Returns
     -------
@@ -84,7 +84,11 @@ def write_metadata(path: Path, metadata: Mapping[str, Any]) -> None:
 
 
 def _format_metadata(metadata: Mapping[str, Any]) -> str:
-    origin = {"versions": versions(), "written": datetime.now(UTC).isoformat(timespec="seconds")}
+    # The versions of a saved run are those with which it was computed.
+    origin = {
+        "versions": metadata.get("versions", versions()),
+        "written": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
     return json.dumps({**metadata, **origin}, indent=2) + "\n"
 
 
