@@ -38,9 +38,10 @@ class Amplitudes:
         a body of size L by up to L times the angle. Amplitudes of angles are at most pi/2.
     scales
         Scale of each coordinate [m or rad], (n,): the amplitude of its part, times the size of the
-        part for lengths. Deformations relative to a floating frame have their own amplitudes, at
-        least 1e-2 of that of their part: a deflection is often a hundred times smaller than the
-        motion of its frame.
+        part for lengths. Deformations relative to a floating frame have their own amplitudes, and
+        beams in absolute coordinates that of the rotations of their sections relative to the first
+        one; both are at least 1e-2 of the amplitude of the part. A deflection is often a hundred
+        times smaller than the motion of its beam.
     rate
         Highest rate of the parts [1/s]: root mean square of the velocities divided by the standard
         deviation of the positions. The standard deviation of an angle is limited to its value over
@@ -78,10 +79,16 @@ class Amplitudes:
         scales = sizes.copy()
         for part in equations.parts:
             scales[part.rows] *= by_part[part.name]
-            if not is_at_rest:
-                least = _MIN_DEFORMATION_SHARE * by_part[part.name]
-                for row in range(part.deformations.start, part.deformations.stop):
-                    scales[row] = sizes[row] * max(_round_to_two_digits(half_ranges[row]), least)
+            if is_at_rest:
+                continue
+            least = _MIN_DEFORMATION_SHARE * by_part[part.name]
+            for row in range(part.deformations.start, part.deformations.stop):
+                scales[row] = sizes[row] * max(_round_to_two_digits(half_ranges[row]), least)
+            rotations = q[:, part.rows][:, angles[part.rows]]
+            if part.rigid_count == 0 and rotations.shape[1] > 1:
+                bending = 0.5 * float(np.max(np.ptp(rotations - rotations[:, :1], axis=0)))
+                share = max(_round_to_two_digits(bending), least)
+                scales[part.rows] = sizes[part.rows] * min(share, by_part[part.name])
         weights = _step_weights(trajectory)
         variance = np.average((q - np.average(q, axis=0, weights=weights)) ** 2, 0, weights)
         variance[angles] = np.minimum(variance[angles], _MAX_ANGLE_VARIANCE)

@@ -26,7 +26,8 @@ class Auto(AdaptiveIntegrator):
 
     Such modes cannot be resolved, and lightly damped ones limit BDF to order 2, whose phase error
     grows over free oscillations; Radau IIA is of order 5 and damps them. Without them, BDF resolves
-    all modes with order 5 in about the same time (tables in validation/tolerances).
+    all modes with order 5 in about the same time (tables in validation/tolerances). If `Ida` fails,
+    for example near a singular position, `Radau` repeats the run.
 
     Parameters
     ----------
@@ -55,8 +56,21 @@ class Auto(AdaptiveIntegrator):
     ) -> Solution:
         """Integrate over the output times; see `Integrator.integrate`."""
         pilot = replace(self, rtol=PILOT_RTOL)
-        return drive(self, equations, times, self._choose_method, progress, pilot._choose_method)
+        solution = drive(
+            self, equations, times, self._choose_method, progress, pilot._choose_method
+        )
+        if not (solution.status.kind == "failed" and solution.integrator["method"] == "Ida"):
+            return solution
+        second = drive(self, equations, times, self._radau, progress, pilot._radau)
+        if not second.trajectory.end > solution.trajectory.end:
+            return solution
+        note = f"Ida failed at t = {solution.trajectory.end:.6g} s; the run was repeated by Radau"
+        return replace(second, integrator={**second.integrator, "note": note})
 
     def _choose_method(self, plan: RunPlan) -> Method:
-        method = Radau if has_stiff_modes(plan) else Ida
-        return method(self.rtol, max_step=self.max_step).method_on(plan)
+        if has_stiff_modes(plan):
+            return self._radau(plan)
+        return Ida(self.rtol, max_step=self.max_step).method_on(plan)
+
+    def _radau(self, plan: RunPlan) -> Method:
+        return Radau(self.rtol, max_step=self.max_step).method_on(plan)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import FirstOrderForm, Formulation
 from beamdae.equations.natural_frequencies import Mode
 from beamdae.integrators.run_plan import RunPlan
@@ -162,7 +162,7 @@ class ErrorControl:
         rate = scales.rate if has_impulses else 1.0
         atol = np.full(form.size, _UNTESTED_ATOL)
         atol[:n] = positions = scales.tolerances(tolerance)
-        tested = self._tested_velocities(form)
+        tested = self.tested_velocities(form.equations)
         atol[n : 2 * n][tested] = positions[tested] * scales.rate
         if self.policy == "all":
             atol[2 * n :] = tolerance * scales.force / rate
@@ -181,14 +181,14 @@ class ErrorControl:
         n = form.equations.n
         mask = np.full(form.size, self.policy != "all")
         mask[:n] = False
-        mask[n : 2 * n] = ~self._tested_velocities(form)
+        mask[n : 2 * n] = ~self.tested_velocities(form.equations)
         return mask if mask.any() else None
 
-    def _tested_velocities(self, form: FirstOrderForm) -> Array:
+    def tested_velocities(self, equations: EquationsOfMotion) -> Array:
         """Return the mask of the velocities in the error test, (n,)."""
-        tested = np.full(form.equations.n, self.policy in ("velocities", "all"))
+        tested = np.full(equations.n, self.policy in ("velocities", "all"))
         if self.policy == "rigid velocities":
-            for part in form.equations.parts:
+            for part in equations.parts:
                 tested[part.rigid] = True
         return tested
 

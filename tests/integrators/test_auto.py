@@ -6,6 +6,8 @@ from hub_beam import hub_beam
 from numpy.testing import assert_allclose
 
 import beamdae as bd
+from beamdae.integrators.ida.stepper import IdaStepper
+from beamdae.integrators.method import StepError
 
 
 @pytest.mark.parametrize("rtol", [1e-3, 1e-6])
@@ -49,6 +51,17 @@ def swing():
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
     mech.observe("end", rod.at(1.0, 0.0))
     return mech
+
+
+def test_radau_repeats_a_run_in_which_ida_fails(monkeypatch):
+    def fail(*_):
+        raise StepError("no step is possible")
+
+    monkeypatch.setattr(IdaStepper, "advance", fail)
+    solution = bd.simulate(swing(), bd.Auto(1e-4), t_end=0.5)
+    assert solution.status.success
+    assert solution.integrator["method"] == "Radau"
+    assert "Ida failed at t = 0 s" in solution.integrator["note"]
 
 
 def test_auto_is_the_default_integrator():

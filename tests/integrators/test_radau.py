@@ -148,13 +148,14 @@ def test_factors_are_reused_while_the_step_changes_little():
     assert steps.factorizations < steps.steps
 
 
-@pytest.mark.parametrize("velocities", [True, False])
-def test_iteration_weights_include_velocities(velocities):
+@pytest.mark.parametrize("tested", [(True, True), (True, False), (False, False)])
+def test_iteration_weights_include_velocities(tested):
     """Over a short step a negligible position error is a velocity error of 100 m/s."""
     scales = MotionScales(np.array([2.0, 1.0]), np.array([4.0, 1.0]), 5.0, 1.0)
-    tolerance = StepTolerance(1e-4, scales, velocities)
+    tolerance = StepTolerance(1e-4, scales, np.array(tested))
     assert_allclose(1.0 / tolerance.weights, 1e-4 * np.array([2.0, 1.0, 10.0, 5.0]), rtol=1e-14)
-    assert_allclose(tolerance.test_weights, tolerance.weights[: 4 if velocities else 2], rtol=0.0)
+    expected = tolerance.weights * np.array([True, True, *tested])
+    assert_allclose(tolerance.test_weights, expected, rtol=0.0)
     bounds = np.concatenate(tolerance.iteration_weights)
     assert_allclose(bounds, tolerance.weights / 0.03, rtol=1e-14)
 
@@ -169,7 +170,7 @@ def test_rounding_bounds_the_iteration_in_short_steps(interpreted):
 
 def test_tolerances_are_at_least_position_rounding():
     tolerance = StepTolerance(
-        1e-9, MotionScales(np.array([1e-6, 1.0]), np.ones(2), 1.0, 1.0), False
+        1e-9, MotionScales(np.array([1e-6, 1.0]), np.ones(2), 1.0, 1.0), np.zeros(2, bool)
     )
     assert_allclose(1.0 / tolerance.weights[:2], [1e-14, 1e-9], rtol=1e-14)
     assert_allclose(tolerance.rounding_weights, 1e14, rtol=1e-14)
@@ -247,7 +248,7 @@ def test_singular_matrix_rejects_only_its_step(interpreted, monkeypatch):
     _, run, _ = eight_steps(pendulum)
     assert run.filled == 24
     assert run.real_solver.singular == run.complex_solver.singular == 0
-    assert run.rejections == usual.rejections + 2
+    assert run.failures == usual.failures + 2
     assert run.failures == usual.failures + 2
     assert run.t < usual.t
 
@@ -268,7 +269,7 @@ def test_step_length_scales_with_the_order_of_the_estimate():
 def test_undamped_fast_modes_are_not_resolved():
     solution = bd.simulate(hub_beam, bd.Radau(1e-4))
     assert solution.status.success
-    assert solution.integrator["error_control"] == "positions"
+    assert solution.integrator["error_control"] == "rigid velocities"
     # Axial vibrations at 2.5e5 rad/s, in a run of 2 s.
     assert np.median(np.diff(solution.trajectory.intervals[0].t)) * 2.5e5 > 1000.0
     assert solution.statistics.steps < 500

@@ -9,6 +9,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import require_choice
 from beamdae.integrators.drive import drive
+from beamdae.integrators.error_control import ERROR_CONTROL
 from beamdae.integrators.integrator import AdaptiveIntegrator, Progress, require_tolerance
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.stepper import RadauStepper
@@ -16,6 +17,8 @@ from beamdae.integrators.run_plan import RunPlan
 from beamdae.results.solution import Solution
 
 Array = np.ndarray
+
+_ERROR_CONTROL = tuple(x for x in ERROR_CONTROL if x != "all")
 
 
 @dataclass(frozen=True)
@@ -39,8 +42,9 @@ class Radau(AdaptiveIntegrator):
     rtol
         Relative tolerance; absolute tolerances follow from the scales of the mechanism.
     error_control
-        Components in the error test: "positions" or "velocities" (with positions). "auto" chooses
-        by the stiffness of the mechanism. Multipliers are not tested.
+        Components in the error test: "positions"; "rigid velocities" (positions, and velocities of
+        rigid bodies and floating frames); or "velocities" (with positions). "auto" chooses by the
+        stiffness of the mechanism. Multipliers are not tested.
     max_step
         Longest step [s]. Defaults to a twentieth of the run, or to a quarter of the time scale of
         the laws if this is shorter.
@@ -62,9 +66,7 @@ class Radau(AdaptiveIntegrator):
 
     def __post_init__(self) -> None:
         require_tolerance(self)
-        require_choice(
-            "Radau", "error_control", self.error_control, ("auto", "positions", "velocities")
-        )
+        require_choice("Radau", "error_control", self.error_control, _ERROR_CONTROL)
         require_choice("Radau", "linear_solver", self.linear_solver, ("auto", "dense", "sparse"))
 
     def integrate(

@@ -53,7 +53,7 @@ _TOLERANCE_FACTOR = 0.15
 _TOLERANCE_EXPONENT = 0.9
 # The local tolerance falls with the number of periods to this power; see `error_control`.
 _PERIOD_EXPONENT = 0.5
-_PERIOD_EXPONENT_VELOCITIES = 1.0  # if velocities are tested
+_PERIOD_EXPONENT_VELOCITIES = 1.0  # if all velocities are tested
 # Largest Newton error relative to the local tolerance, ...
 _MAX_ITERATION_FRACTION = 0.03
 # ... also limited to this factor times the square root of the local tolerance, because the true
@@ -74,25 +74,25 @@ class StepTolerance:
         Tolerance relative to the scales of the motion.
     scales
         Scales of the motion.
-    velocities
-        True if velocities are in the error test.
+    tested
+        Mask of the velocities in the error test, (n,).
     """
 
     local: float
     scales: MotionScales
-    velocities: bool
+    tested: Array
 
     @classmethod
-    def from_rtol(cls, rtol: float, scales: MotionScales, velocities: bool) -> StepTolerance:
+    def from_rtol(cls, rtol: float, scales: MotionScales, tested: Array) -> StepTolerance:
         """Return the tolerance that keeps the error of a run near `rtol`.
 
         The estimate decreases with the fourth power of the step, the error of a run with the fifth.
         This suggests an exponent of 4/5, or less if fast modes are undamped. In the cases of
         validation/tolerances, 0.9 suits both. Errors accumulate over the periods of the motion.
         """
-        exponent = _PERIOD_EXPONENT_VELOCITIES if velocities else _PERIOD_EXPONENT
+        exponent = _PERIOD_EXPONENT_VELOCITIES if tested.all() else _PERIOD_EXPONENT
         factor = _TOLERANCE_FACTOR * scales.periods**-exponent
-        return cls(float(factor * rtol**_TOLERANCE_EXPONENT), scales, velocities)
+        return cls(float(factor * rtol**_TOLERANCE_EXPONENT), scales, tested)
 
     @cached_property
     def weights(self) -> Array:
@@ -102,8 +102,8 @@ class StepTolerance:
 
     @property
     def test_weights(self) -> Array:
-        """Reciprocal tolerances of the components in the error test."""
-        return self.weights if self.velocities else self.weights[: len(self.scales.size)]
+        """Reciprocal tolerances of (q, v) in the error test, (2 n,), 0 for untested velocities."""
+        return self.weights * np.concatenate([np.ones_like(self.tested), self.tested])
 
     @property
     def iteration_fraction(self) -> float:
@@ -153,9 +153,8 @@ class RadauStepper:
             STIFF_RATIO_RADAU,
             plan.fastest_modes,
         )
-        velocities = self._control.policy == "velocities"
-        self._policy = "velocities" if velocities else "positions"
-        self._tolerance = tolerance = StepTolerance.from_rtol(rtol, scales, velocities)
+        tested = self._control.tested_velocities(plan.equations)
+        self._tolerance = tolerance = StepTolerance.from_rtol(rtol, scales, tested)
         longest = plan.longest_step("Radau", max_step)
         real = plan.matrix("Radau", form.pattern)
         complex_ = FactorizedMatrix.from_pattern(form.pattern, complex, pivot_source=real)
@@ -180,7 +179,7 @@ class RadauStepper:
     def resolved_options(self) -> dict[str, Any]:
         """Error control and local tolerance of the run."""
         return {
-            "error_control": self._policy,
+            "error_control": self._control.policy,
             "auto": self._control.reason,
             "method": "Radau",
             "local_tolerance": self._tolerance.local,
