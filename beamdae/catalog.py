@@ -444,7 +444,11 @@ GROUPS = (
             Public(
                 "relative_displacement",
                 "beamdae.parts.observables",
-                lambda m: {"of": m.disk.at(0.1, 0.2), "on": m.ground.at(0.0, 0.0)},
+                lambda m: {
+                    "of": m.disk.at(0.1, 0.2),
+                    "on": m.ground.at(0.0, 0.0),
+                    "axes": "section",
+                },
             ),
         ),
     ),

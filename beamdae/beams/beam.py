@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -36,6 +36,7 @@ from beamdae.errors import (
 )
 from beamdae.memory import available_memory, require_memory
 from beamdae.parts.attachments import Attachment
+from beamdae.parts.observables import relative_displacement
 from beamdae.parts.part import AttachedPart, Drawing, Part
 from beamdae.symbolic.formula import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import (
@@ -372,11 +373,13 @@ class Beam(Part):
         """Return displacement and rotation at `s` relative to the undeformed beam in its frame.
 
         The undeformed beam moves with the frame: the floating frame, or `frame` of an exact beam.
+        For the displacement relative to a clamp, use `deflection`.
 
         Parameters
         ----------
         s
-            Arc length [m].
+            Arc length [m]; not at an end of a beam with a chord frame, because the chord follows
+            its ends.
         axes
             Axes of the displacement: "inertial", "frame" (the floating frame) or "local" (the
             undeformed tangent frame at `s`).
@@ -385,12 +388,57 @@ class Beam(Part):
         -------
         Quantity
             Columns u, v [m] and phi [rad].
+
+        Raises
+        ------
+        BeamdaeError
+            If `s` is at an end of a chord frame or outside the beam, or `axes` is unknown.
         """
         require_choice(self.name, "axes", axes, ("inertial", "frame", "local"))
         deformation = self.kinematics.deformation(self._require_arc_length(s), axes)
         columns = (Variable("u", "m"), Variable("v", "m"), Variable("phi", "rad"))
         values, data = FormulaExpression.of(identity, (deformation.values,))
         return Quantity(columns, (Piece(self, deformation.operator),), values, data)
+
+    @rebuilt_for_mesh
+    def deflection(self, s: float, reference: float = 0.0) -> Quantity:
+        """Return displacement and rotation at `s` relative to the section at `reference`.
+
+        The undeformed beam moves rigidly with the section at `reference`, for example at a clamp.
+        The components refer to the axes of this section, which rotate with it.
+
+        Parameters
+        ----------
+        s
+            Arc length [m].
+        reference
+            Arc length of the reference section [m]. Defaults to the start of the beam.
+
+        Returns
+        -------
+        Quantity
+            Columns axial [m] (along the axis at `reference`), transverse [m] (along its left
+            normal) and rotation [rad] (counter-clockwise).
+
+        Raises
+        ------
+        BeamdaeError
+            If an arc length is outside the beam.
+
+        Examples
+        --------
+        >>> import beamdae as bd
+        >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+        >>> strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.004)
+        >>> blade = mech.add(bd.Beam("blade", bd.Line((0.0, 0.0), (1.0, 0.0)), strip))
+        >>> clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), blade.start))
+        >>> mech.observe("tip", blade.deflection(blade.length))
+        >>> round(float(bd.equilibrium(mech).columns["tip.transverse [m]"][-1]), 4)
+        -0.0343
+        """
+        columns = (Variable("axial", "m"), Variable("transverse", "m"), Variable("rotation", "rad"))
+        quantity = relative_displacement(self.at(s), self.at(reference), axes="section")
+        return replace(quantity, columns=columns)
 
     def strain(self, s: float, offset: float | str) -> Quantity:
         """Return the longitudinal strain eps11 of a fiber (eq. 5).

@@ -20,7 +20,7 @@ from beamdae.beams.element_data import assemble_element_data, require_free_curve
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.reference_frames import compute_frame_angle, resolve_frame
 from beamdae.beams.sections import Section, VaryingSection
-from beamdae.curves.plane_curves import PlaneCurve
+from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve
 from beamdae.errors import (
     BeamdaeError,
     format_exception,
@@ -305,6 +305,22 @@ class FormulationKinematics(Kinematics):
     def frame_angle(self) -> float:
         """Angle of the reference frame in the reference configuration [rad]."""
         return compute_frame_angle(self.name, self.mesh.curve, str(self.frame))
+
+    def _require_off_chord_ends(self, s: float) -> None:
+        """Reject deformations at the ends of a chord frame, which follows the ends.
+
+        Raises
+        ------
+        BeamdaeError
+            If the frame is the chord and `s` [m] is at an end of the beam.
+        """
+        length = self.mesh.curve.length
+        if self.frame == "chord" and min(s, length - s) <= ARC_LENGTH_TOLERANCE * length:
+            raise BeamdaeError(
+                f"{self.name}: deformation at s = {s:.6g} m has no transverse component, because "
+                "the chord follows the ends of the beam; use deflection(s), which is relative to "
+                "the section at s = 0."
+            )
 
     @property
     def stiffness_points(self) -> int:

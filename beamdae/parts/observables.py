@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, short_repr
+from beamdae.errors import BeamdaeError, require_choice, short_repr
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
 from beamdae.symbolic.formula import (
     MAX_SHARED_KERNELS,
@@ -81,21 +81,30 @@ def _section_motion(local: Local, on: Any, inclination: Callable[[], Any]) -> SX
 class _RelativeDisplacement:
     """Displacement of a point relative to the end of an arm fixed to a reference point.
 
-    `size` is the number of local coordinates of the displaced point; the local coordinates of the
-    reference point follow.
+    Attributes
+    ----------
+    size
+        Number of local coordinates of the displaced point; the local coordinates of the reference
+        point follow.
+    axes
+        "inertial", or "section": the axes of the reference point.
     """
 
     size: int
+    axes: str
 
-    def __call__(self, local: Local, of: Any, on: Any, arm: Callable[[], Any]) -> SX:
+    def __call__(self, local: Local, of: Any, on: Any, arm: Callable[[], Any], *angle: Any) -> SX:
         position, rotation = of(local.q[: self.size])
         root, root_rotation = on(local.q[self.size :])
         displacement = position - (root + rotate(root_rotation, arm()))
+        if self.axes == "section":
+            (inclination,) = angle
+            displacement = rotate(-(inclination()[0] + root_rotation), displacement)
         return ca.vertcat(displacement, rotation - root_rotation)
 
 
 @rebuilt_for_mesh
-def relative_displacement(of: Attachment, on: Attachment) -> Quantity:
+def relative_displacement(of: Attachment, on: Attachment, axes: str = "inertial") -> Quantity:
     """Return the displacement of `of` relative to a rigid reference that moves with `on`.
 
     With `on` at the root of a beam, this is the deformation relative to the root, even across
@@ -107,25 +116,31 @@ def relative_displacement(of: Attachment, on: Attachment) -> Quantity:
         Displaced point.
     on
         Point whose body or section is the reference.
+    axes
+        Axes of the components: "inertial", or "section" for axes that rotate with `on`: along the
+        axis of the beam at `on` and its left normal, or the axes of a rigid body. In these axes, v
+        is the flap of a rotating blade.
 
     Returns
     -------
     Quantity
-        Columns u, v [m], components in the inertial frame, and phi [rad], the rotation of `of`
-        relative to `on`.
+        Columns u, v [m] and phi [rad], the rotation of `of` relative to `on`.
 
     Raises
     ------
     BeamdaeError
-        If `of` or `on` is not an attachment, or is a particle.
+        If `of` or `on` is not an attachment, or is a particle, or `axes` is unknown.
     """
     require_attachment("relative_displacement", "of", of)
     require_attachment("relative_displacement", "on", on)
     require_angle("relative_displacement", of)
     require_angle("relative_displacement", on)
+    require_choice("relative_displacement", "axes", axes, ("inertial", "section"))
     arm = constant_formula(*np.subtract(of.point, on.point).tolist())
+    angle = [constant_formula(on.inclination)] if axes == "section" else []
     columns = (Variable("u", "m"), Variable("v", "m"), Variable("phi", "rad"))
     values, data = FormulaExpression.of(
-        _RelativeDisplacement(of.size), (of.checked_kinematics, on.checked_kinematics, arm)
+        _RelativeDisplacement(of.size, axes),
+        (of.checked_kinematics, on.checked_kinematics, arm, *angle),
     )
     return Quantity(columns, (of.piece, on.piece), values, data)

@@ -167,6 +167,7 @@ QUANTITIES = {
     "stress": lambda beam, **_: beam.stress(0.55, "top"),
     "section forces": lambda beam, **_: beam.section_forces(0.55),
     "deformation": lambda beam, **_: beam.deformation(0.55),
+    "deflection": lambda beam, **_: beam.deflection(0.55),
     "relative": lambda beam, **_: bd.relative_displacement(beam.at(0.55), beam.start),
     "reaction": lambda clamp, **_: clamp.reaction_on("b"),
     "spring": lambda spring, **_: spring.force,

@@ -173,3 +173,83 @@ def test_a_particle_on_a_body_has_the_angle_of_its_body():
     numeric = NumericEquations(mech)
     # Rounding error; the body is rigid.
     assert_allclose(numeric.observed("rider", q=np.array([3.0, -1.0, 2.0])), 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("reference", [0.0, ARC.length])
+@pytest.mark.parametrize("variant", FIELDS, ids=str)
+def test_deflection_is_relative_to_the_section_at_the_reference(variant, reference):
+    """Compared with the observed positions and angles of both sections, in a rotated state."""
+    mech = bd.Mechanism()
+    beam = mech.add(variant.beam(ARC))
+    places = (0.0, 0.35 * ARC.length, ARC.length)
+    mech.observe("root", beam.at(reference))
+    for s in places:
+        mech.observe(f"at {s}", beam.at(s))
+        mech.observe(f"deflection {s}", beam.deflection(s, reference))
+        relative = bd.relative_displacement(beam.at(s), beam.at(reference))
+        mech.observe(f"relative {s}", relative)
+    numeric = NumericEquations(mech)
+    q, _, _ = random_state(numeric, seed=0)
+    root = numeric.observed("root", q=q)[:3]
+    drawn_root = numeric.observed("root", q=numeric.equations.q0)[:3]
+    for s in places:
+        at = numeric.observed(f"at {s}", q=q)[:3]
+        drawn = numeric.observed(f"at {s}", q=numeric.equations.q0)[:3]
+        expected = np.append(
+            rotation(-root[2]) @ (at - root)[:2]
+            - rotation(-drawn_root[2]) @ (drawn - drawn_root)[:2],
+            (at - root - drawn + drawn_root)[2],
+        )
+        deflection = numeric.observed(f"deflection {s}", q=q)
+        # Rounding error.
+        assert_allclose(deflection, expected, atol=1e-13)
+        relative = numeric.observed(f"relative {s}", q=q)
+        assert_allclose(deflection[:2], rotation(-root[2]) @ relative[:2], atol=1e-13)
+        assert_allclose(deflection[2], relative[2], atol=1e-13)
+        assert (np.linalg.norm(deflection) > 0.05) == (s != reference)
+
+
+@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+def test_regression_the_tip_of_a_rotating_blade_deflects(formulation):
+    """`deformation` at the tip of a chord frame read 1e-3 of the deflection, without a message.
+
+    A constant angular acceleration bends the blade like a load per length of -rhoA alpha s.
+    """
+    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01, damping=5e-3)
+    length, alpha = 1.0, 2.0
+    mech = bd.Mechanism()
+    blade = mech.add(
+        bd.Beam("blade", bd.Line((0.0, 0.0), (0.0, length)), strip, formulation=formulation)
+    )
+    axle = mech.ground.at(0.0, 0.0)
+    mech.add(bd.Revolute("axle", axle, blade.start))
+    mech.add(bd.Driver("motor", axle, blade.start, lambda t: 0.5 * alpha * t**2))
+    mech.observe("tip", blade.deflection(length))
+    hub = mech.add(bd.RigidBody("hub", 1.0, 1.0))
+    mech.add(bd.Weld("flange", hub.at(0.0, 0.0), blade.start))
+    mech.observe("on hub", bd.relative_displacement(blade.end, hub.at(0.0, 0.0), axes="section"))
+    columns = bd.simulate(mech, bd.Radau(1e-6), 1.0).columns
+    # The deflection of a cantilever under a load proportional to s is 11 w L^4 / (120 EI) with
+    # w = rhoA alpha L; the rotation speed of up to 2 rad/s stiffens the blade by 0.1 %.
+    expected = -11.0 * strip.rhoA * alpha * length**5 / (120.0 * strip.EI)
+    # The start excites a vibration, which decays to 0.2 %.
+    assert_allclose(columns["tip.transverse [m]"][-100:], expected, rtol=1e-2)
+    # The blade points along y of the hub, so that its left normal is -x of the hub.
+    assert_allclose(columns["on hub.u [m]"], -columns["tip.transverse [m]"], atol=1e-9)
+    assert_allclose(columns["on hub.v [m]"], columns["tip.axial [m]"], atol=1e-9)
+    with pytest.raises(
+        bd.BeamdaeError, match=r"^blade: deformation at s = 1 m has no transverse .* use deflection"
+    ):
+        blade.deformation(length)
+    with pytest.raises(bd.BeamdaeError, match=r"^blade: deformation at s = 0 m"):
+        blade.deformation(0.0)
+
+
+def test_deformation_in_a_tangent_frame_includes_the_ends():
+    beam = bd.Beam("beam", ARC, bd.Section(bd.Material(1e9, 0.3, 1e3), 1e-4, 1e-9), frame="tangent")
+    assert [column.name for column in beam.deformation(ARC.length).columns] == ["u", "v", "phi"]
+
+
+def test_relative_displacement_rejects_unknown_axes():
+    with pytest.raises(bd.BeamdaeError, match=r"^relative_displacement: axes must be"):
+        bd.relative_displacement(DISK.at(0.0, 0.0), DISK.at(1.0, 0.0), axes="body")

@@ -157,6 +157,7 @@ class GeometricallyExact(FormulationKinematics):
 
     def deformation(self, s: float, axes: str) -> PointValues:
         """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame."""
+        self._require_off_chord_ends(s)
         frame, section = self.floating_frame, self.material_point(s)
         frame_motion, section_motion = (cast("Formula", x.motion) for x in (frame, section))
         offset = np.subtract(section.reference_position, frame.reference_position)

@@ -269,6 +269,7 @@ class FloatingFrame(FormulationKinematics):
 
     def deformation(self, s: float, axes: str) -> PointValues:
         """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame."""
+        self._require_off_chord_ends(s)
         element, row, angle = self._locate_section(s)
         formula = Formula(
             FloatingFrameDeformation(self.mesh.nodes, axes), tuple(map(float, (angle, *row)))

@@ -198,6 +198,11 @@ MECHANISM_CALLS: dict[str, WorkingCall] = {
     "Beam.section_forces": WorkingCall(
         lambda box: {"s": 0.5}, run_with_observable, lambda box, s: box.beam.section_forces(s)
     ),
+    "Beam.deflection": WorkingCall(
+        lambda box: {"s": 1.0, "reference": 0.0},
+        run_with_observable,
+        lambda box, **arguments: box.beam.deflection(**arguments),
+    ),
     "Beam.deformation": WorkingCall(
         lambda box: {"s": 0.5, "axes": "local"},
         run_with_observable,
