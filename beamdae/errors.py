@@ -98,7 +98,7 @@ def as_real(value: Any) -> float | None:
         return float(value)
     except OverflowError:
         # Raised by large integers and fractions.
-        return math.inf
+        return -math.inf if value < 0 else math.inf
     except ValueError:
         return math.nan
 

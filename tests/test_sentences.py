@@ -283,6 +283,7 @@ def test_every_value_of_every_argument_is_accepted_or_rejected_with_one_sentence
     [
         *((2, 2.0), (np.float32(0.5), 0.5), (np.int64(3), 3.0), (np.array(0.5), 0.5)),
         *((Fraction(1, 2), 0.5), (Decimal("0.5"), 0.5), (10**400, math.inf)),
+        *((-(10**400), -math.inf), (Fraction(-(10**400), 3), -math.inf)),
         *((True, None), (np.bool_(True), None), ("1.0", None), (np.str_("1"), None)),
         *((None, None), (1j, None), ([1.0], None), (np.array([1.0]), None), (b"1", None)),
         *((ca.SX.sym("x"), None), (ca.DM(1.0), None)),
