@@ -12,9 +12,10 @@ from beamdae.errors import BeamdaeError
 
 _BYTES_PER_GIGABYTE = 1e9
 _BYTES_PER_KILOBYTE = 1024.0
-# Ratio of address space, to which limits apply, to memory in use: 2.8 in a run of 10 000 elements.
-# SuperLU crashes the process if address space runs out.
-_ADDRESS_SPACE_RATIO = 2.5
+# Ratio of address space, to which limits apply, to memory in use, measured in a run of 10 000
+# elements. A smaller value would admit runs that exceed the limit, at which SuperLU crashes the
+# process.
+_ADDRESS_SPACE_RATIO = 2.8
 _STATUS_FILE = Path("/proc/self/status")
 _CLEAR_FILE = Path("/proc/self/clear_refs")
 # Writing this to clear_refs resets the peak of resident memory.
@@ -28,7 +29,7 @@ def available_memory() -> float:
     """Return the memory [bytes] that this process can still allocate; infinite if unknown.
 
     The result is the smaller of the free memory of the machine and, if `ulimit -v` sets a limit,
-    the unused address space divided by 2.5.
+    the unused address space divided by 2.8.
     """
     return min(_free_physical_memory(), _free_address_space())
 

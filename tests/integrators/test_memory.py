@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 from support import use_scikit_sundae
 
 import beamdae as bd
+from beamdae import memory
 from beamdae.equations.assembly import assemble
 from beamdae.integrators import step_history
 from beamdae.integrators.alpha.stepper import FixedAlphaStepper
@@ -159,6 +160,15 @@ def test_mechanism_that_exceeds_memory_is_rejected(monkeypatch):
         mech.add(bd.PointMass(f"ball {k}", 1.0, at=(float(k), 0.0)))
     with pytest.raises(bd.BeamdaeError, match=r"^Mechanism: a run with 20 coordinates needs"):
         bd.equations_of_motion(mech)
+
+
+def test_address_space_admits_only_the_memory_whose_mappings_fit(monkeypatch):
+    """A run of 10 000 elements maps 2.8 times the memory that it uses."""
+    resource = pytest.importorskip("resource")
+    if not Path("/proc/self/statm").exists():
+        pytest.skip("the system does not tell how much memory a process has")
+    monkeypatch.setattr(resource, "getrlimit", lambda kind: (280 * GIGABYTE, 280 * GIGABYTE))
+    assert 0.0 < 2.8 * memory._free_address_space() < 280 * GIGABYTE
 
 
 @pytest.mark.slow(reason="a process with a memory limit for each integrator")
