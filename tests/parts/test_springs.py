@@ -200,6 +200,11 @@ GROUND = bd.Mechanism().ground
 BEAM = VARIANTS[0].beam(ARC)
 
 
+def coupled_law(x, rate):
+    """Return a force whose third entry does not derive from the energy x[0]^2 / 2."""
+    return x[0], 0.0, 3.0 * x[2]
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -245,6 +250,10 @@ BEAM = VARIANTS[0].beam(ARC)
         (
             lambda: bd.Bushing("s", A, BEAM.end, law=lambda x, r: x[0]),
             "s: law must return 3 numbers",
+        ),
+        (
+            lambda: bd.Bushing("s", A, BEAM.end, law=coupled_law, energy=lambda x: 0.5 * x[0] ** 2),
+            "s: the derivative of energy must equal law .* the values of entry 3 are 0 and ",
         ),
         (lambda: bd.Spring("", A, B, 1.0), "Spring: the name must be a non-empty string"),
     ],

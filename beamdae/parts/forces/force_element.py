@@ -152,13 +152,16 @@ class UserLaw:
         for sample in _SAMPLE_DEFORMATIONS:
             slope, force = (np.array(y).ravel() for y in compare(sample * size))
             is_finite = np.isfinite(slope) & np.isfinite(force)
-            difference = np.abs(slope - force)[is_finite]
+            difference = np.where(is_finite, np.abs(slope - force), 0.0)
             largest_force = np.max(np.abs(force[is_finite]), initial=0.0)
-            if np.any(difference > _ENERGY_TOLERANCE * largest_force + _MIN_FORCE_DIFFERENCE):
+            worst = int(np.argmax(difference))
+            limit = _ENERGY_TOLERANCE * largest_force + _MIN_FORCE_DIFFERENCE
+            if difference[worst] > limit:
+                values = "values" if self.rows == 1 else f"values of entry {worst + 1}"
                 raise BeamdaeError(
                     f"{self.part}: the derivative of energy must equal law at zero "
-                    f"rate, but at a deformation of {sample * size:.3g} the values are "
-                    f"{float(slope[0]):.6g} and {float(force[0]):.6g}."
+                    f"rate, but at a deformation of {sample * size:.3g} the {values} are "
+                    f"{float(slope[worst]):.6g} and {float(force[worst]):.6g}."
                 )
 
 
