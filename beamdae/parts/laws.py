@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -309,13 +310,12 @@ def piecewise(*pieces: Any) -> Law:
     ----------
     *pieces
         Pairs (end time [s], law), followed by the last law. A law is a number, a function of t or a
-        `Law` with one piece; t is the same time for all pieces.
+        `Law`, such as a `table`; t is the same time for all pieces.
 
     Raises
     ------
     BeamdaeError
-        If there are no pieces, the end times do not ascend, a law is invalid, or a law is itself
-        piecewise.
+        If there are no pieces, the end times do not ascend, or a law is invalid.
     """
     if not pieces:
         raise BeamdaeError("piecewise: there are no pieces; give at least one law.")
@@ -330,14 +330,14 @@ def piecewise(*pieces: Any) -> Law:
     laws.append(as_law("piecewise", pieces[-1], ends[-1] if ends else 0.0))
     if any(b <= a for a, b in pairwise(ends)):
         raise BeamdaeError(f"piecewise: end times must ascend, got {ends} s.")
-    if any(law.breakpoints for law in laws):
-        raise BeamdaeError(
-            "piecewise: a piece must not itself be piecewise, such as a table; list the inner "
-            "pieces instead, or use one table for all times."
-        )
     scales = [law.time_scale for law in laws if law.time_scale is not None]
-    scale = min(scales) if scales else None
-    return Law(tuple(law.pieces[0] for law in laws), tuple(ends), scale)
+    functions: list[Callable[[Any], Any]] = []
+    breakpoints: list[float] = []
+    for law, start, end in zip(laws, [-math.inf, *ends], [*ends, math.inf], strict=True):
+        first, last = bisect_right(law.breakpoints, start), bisect_left(law.breakpoints, end)
+        functions += law.pieces[first : last + 1]
+        breakpoints += [*law.breakpoints[first:last], end]
+    return Law(tuple(functions), tuple(breakpoints[:-1]), min(scales, default=None))
 
 
 def table(times: Any, values: Any) -> Law:
