@@ -33,7 +33,8 @@ INERTIA_VALUES = ("rhoA", "rhoI")
 STIFFNESS_VALUES = ("EA", "GA", "EI", "damping")
 _GRAVITY_SIZE = 2
 
-_MAX_INITIAL_STRAIN = 0.01  # axial; the strain measures assume small strains
+# Axial strain, relative to the length of the free curve; the strain measures assume small strains.
+_MAX_INITIAL_STRAIN = 0.01
 
 
 @dataclass(frozen=True)
@@ -195,7 +196,7 @@ def require_free_curve(part: str, free: Any, curve: PlaneCurve) -> None:
     free = require_curve(f"{part}, free_curve", free)
     if not abs(curve.length - free.length) <= _MAX_INITIAL_STRAIN * free.length:
         raise BeamdaeError(
-            f"{part}: the length of free_curve, {free.length:.6g} m, must differ by at most "
-            f"{_MAX_INITIAL_STRAIN:.0%} from the length of the curve, {curve.length:.6g} m; "
+            f"{part}: the length of the curve, {curve.length:.6g} m, must differ by at most "
+            f"{_MAX_INITIAL_STRAIN:.0%} from the length of free_curve, {free.length:.6g} m; "
             "change free_curve."
         )

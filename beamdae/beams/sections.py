@@ -309,7 +309,9 @@ def _shear_coefficient_of_thin_i(
 SectionLaw = Callable[[float], Section]
 
 _SECTION_ATTRIBUTES = {field.name for field in fields(Section)} | {"EA", "GA", "EI", "rhoA", "rhoI"}
-_SECTION_REQUIREMENT = "section must be a Section or a function of s that returns a Section"
+_SECTION_REQUIREMENT = (
+    "section must be a Section, a taper or a function of s that returns a Section"
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -631,7 +631,7 @@ def test_invalid_beam_settings_are_rejected():
     with pytest.raises(bd.BeamdaeError, match=r"rod: curve must be a Line, Arc.*got 'circle'"):
         bd.Beam("rod", "circle", section)
     with pytest.raises(
-        bd.BeamdaeError, match=r"rod: section must be a Section or .* returns a Section, got 3"
+        bd.BeamdaeError, match=r"rod: section must be .* a taper or .* returns a Section, got 3"
     ):
         bd.Beam("rod", ARC, 3)
     for words, match in [
