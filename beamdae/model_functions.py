@@ -278,8 +278,9 @@ def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., 
     Raises
     ------
     BeamdaeError
-        If `t_end` is not positive, a parameter has no default or is positional-only, the name of
-        the function is not a valid file name, or a file does not exist.
+        If `t_end` is not positive. The decorator raises this error if it is not applied to a
+        function, a parameter has no default or is positional-only, the name of the function is not
+        a valid file name, or a file in `data` does not exist.
 
     Examples
     --------

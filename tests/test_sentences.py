@@ -425,9 +425,9 @@ def test_curves_with_a_tangent_everywhere_are_accepted(f):
     assert bd.Curve(f, x=(-1.0, 1.0)).length > 2.0
 
 
-def test_a_driver_reports_its_initial_angle_from_the_drawing():
+def test_a_driver_reports_its_initial_angle_from_the_reference_configuration():
     driver = bd.Driver(**(COINCIDENT_POINTS | {"law": lambda t: 0.5 + t}))
-    assert driver.facts == {"angle at the start, from the drawing [rad]": 0.5}
+    assert driver.facts == {"initial angle from the reference configuration [rad]": 0.5}
 
 
 def test_a_joint_of_a_removed_body_is_rejected_with_the_name_of_the_body():

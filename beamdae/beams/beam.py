@@ -350,7 +350,13 @@ class Beam(Part):
         return self.at(self.length)
 
     def at(self, s: float) -> Attachment:
-        """Return the section at arc length `s` [m]."""
+        """Return the section at arc length `s` [m].
+
+        Raises
+        ------
+        BeamdaeError
+            If `s` is outside the beam.
+        """
         s = self._require_arc_length(s)
         return BeamAttachment(self, s)
 
@@ -458,6 +464,12 @@ class Beam(Part):
         -------
         Quantity
             One column, the strain [-].
+
+        Raises
+        ------
+        BeamdaeError
+            If `s` is outside the beam, the fiber lies outside the section, or the section has no
+            height for "top" or "bottom".
         """
         offset = self._section_at(s).fiber_offset(self.name, offset)
         return self._evaluate_strains(s, (Variable("", "-"),), fiber_strain, offset)
@@ -465,7 +477,7 @@ class Beam(Part):
     def stress(self, s: float, offset: float | str) -> Quantity:
         """Return the longitudinal stress E eps11 [Pa] of a fiber, including material damping.
 
-        For the parameters, see `strain`.
+        For the parameters and the errors, see `strain`.
         """
         x = self._section_at(s)
         numbers = (x.fiber_offset(self.name, offset), x.material.E, x.damping)
@@ -476,6 +488,11 @@ class Beam(Part):
 
         N = EA eps11, Q = GA 2 eps12, M = EI kappa11 on the axis (eqs. 5-7), including material
         damping. A positive M lengthens the left side of the beam.
+
+        Raises
+        ------
+        BeamdaeError
+            If `s` is outside the beam.
         """
         x = self._section_at(s)
         columns = (Variable("N", "N"), Variable("Q", "N"), Variable("M", "N m"))

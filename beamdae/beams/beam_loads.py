@@ -107,8 +107,8 @@ class DistributedForce(Part):
     Raises
     ------
     BeamdaeError
-        If `beam` is not a Beam, `axes` is unknown, or `law` is neither a pair of laws nor a formula
-        that returns two components without jumps.
+        If `name` is invalid, `beam` is not a Beam, `axes` is unknown, or `law` is neither a pair of
+        valid laws nor a formula that returns two components without jumps.
 
     Examples
     --------
@@ -240,8 +240,8 @@ class MovingForce(Part):
     Raises
     ------
     BeamdaeError
-        If `beam` is not a Beam, a number is not finite, or `speed` is zero or too small to pass the
-        beam within 1e30 s.
+        If `name` is invalid, `beam` is not a Beam, `force` is not a pair of finite numbers, `speed`
+        or `start` is not finite, or `speed` is zero or too small to pass the beam within 1e30 s.
 
     Examples
     --------

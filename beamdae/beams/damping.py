@@ -49,7 +49,7 @@ class RayleighDamping(Part):
     Raises
     ------
     BeamdaeError
-        If `beam` is not a Beam, or a coefficient is negative or not finite.
+        If `name` is invalid, `beam` is not a Beam, or a coefficient is negative or not finite.
 
     Examples
     --------
@@ -99,7 +99,7 @@ class AirDrag(Part):
     Raises
     ------
     BeamdaeError
-        If `beam` is not a Beam, or the coefficient is negative or not finite.
+        If `name` is invalid, `beam` is not a Beam, or `coefficient` is negative or not finite.
 
     Examples
     --------

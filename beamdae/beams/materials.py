@@ -44,7 +44,7 @@ class Material:
     Raises
     ------
     BeamdaeError
-        If E, rho or the yield stress is not positive and finite, or nu is out of range.
+        If `E`, `rho` or `yield_stress` is not positive and finite, or `nu` is not in (-1, 0.5].
 
     Examples
     --------

@@ -104,6 +104,11 @@ class Section:
         """Return a rectangle of `width` [m] and of `height` [m] in the plane of motion.
 
         `damping` is the Kelvin-Voigt retardation time [s].
+
+        Raises
+        ------
+        BeamdaeError
+            If `material` is not a Material, a size is not positive, or `damping` is negative.
         """
         width = require_positive("Section.rectangle", "width", width)
         height = require_positive("Section.rectangle", "height", height)
@@ -116,6 +121,11 @@ class Section:
 
         k_G = 6 (1 + nu) / (7 + 6 nu) (Cowper 1966). `damping` is the Kelvin-Voigt retardation
         time [s].
+
+        Raises
+        ------
+        BeamdaeError
+            If `material` is not a Material, `diameter` is not positive, or `damping` is negative.
         """
         diameter = require_positive("Section.circle", "diameter", diameter)
         nu = require_material("Section.circle", material).nu
@@ -138,6 +148,12 @@ class Section:
         k_G = 6 (1 + nu) (1 + m^2)^2 / ((7 + 6 nu) (1 + m^2)^2 + (20 + 12 nu) m^2) (Cowper 1966)
         with m the ratio of the inner to the outer diameter. `damping` is the Kelvin-Voigt
         retardation time [s].
+
+        Raises
+        ------
+        BeamdaeError
+            If `material` is not a Material, a size is not positive, `wall` is not less than half
+            the diameter, or `damping` is negative.
         """
         diameter = require_positive("Section.pipe", "diameter", diameter)
         wall = require_positive("Section.pipe", "wall", wall)
@@ -190,8 +206,8 @@ class Section:
         Raises
         ------
         BeamdaeError
-            If a size is not positive, `flange` is not less than half the height, or `web` is not
-            less than the width.
+            If `material` is not a Material, a size is not positive, `flange` is not less than half
+            the height, `web` is not less than the width, or `damping` is negative.
         """
         sizes = {"width": width, "height": height, "flange": flange, "web": web}
         width, height, flange, web = (

@@ -313,8 +313,9 @@ class SlidingOnBeam(Part):
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, the point belongs to the beam itself or does not lie on its axis,
-        or the beam has more than 32 elements.
+        If `name` is invalid, `a` is not an attachment, `beam` is not a Beam, `ends` is unknown, the
+        point belongs to the beam itself or does not lie on its axis, or the beam has more than 32
+        elements.
 
     Examples
     --------
@@ -409,6 +410,11 @@ class SlidingOnBeam(Part):
         -------
         Quantity
             Columns Fx, Fy [N]; for a body of `a` with an orientation also M [N m], which is zero.
+
+        Raises
+        ------
+        BeamdaeError
+            If `place` or `axes` is unknown.
         """
         require_choice(self.name, "place", place, ("a", "beam"))
         require_choice(self.name, "axes", axes, ("inertial", "body"))

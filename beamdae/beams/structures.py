@@ -39,7 +39,8 @@ class Frame(NamedTuple):
     beams
         Beams by the names of their two points, in the order of the member.
     corners
-        Attachment at each point that has a beam, for joints, loads and observables.
+        Attachment at each point that has a beam, by the name of the point, for joints, loads and
+        observables.
     """
 
     beams: Mapping[tuple[str, str], Beam]

@@ -32,7 +32,8 @@ class Auto(AdaptiveIntegrator):
     Parameters
     ----------
     rtol
-        Relative tolerance; absolute tolerances follow from the scales of the mechanism.
+        Relative tolerance, 1e-14 to 0.1; absolute tolerances follow from the scales of the
+        mechanism.
     max_step
         Longest step [s]. Defaults to a twentieth of the run, or to a quarter of the time scale of
         the laws if this is shorter.
@@ -41,6 +42,12 @@ class Auto(AdaptiveIntegrator):
         short to reach the end (`limits.StallDetector`).
     time_limit
         Maximum wall time [s]. Defaults to no limit.
+
+    Raises
+    ------
+    BeamdaeError
+        If `rtol` is outside [1e-14, 0.1], `max_step` or `time_limit` is not positive, or
+        `max_steps` is not a whole number of at least 1.
     """
 
     rtol: float = 1e-5

@@ -45,6 +45,12 @@ class Attachment:
         False for a particle.
     s
         Arc length of the section [m]; None unless the body is a beam.
+
+    Raises
+    ------
+    BeamdaeError
+        If `body` has no name, a number is not finite, `operator` is not a sparse matrix, or
+        `kinematics` is not a function.
     """
 
     body: Any
@@ -93,11 +99,23 @@ class Attachment:
         return self.kinematics if isinstance(self.kinematics, Formula) else self._evaluate
 
     def position(self, q: SX) -> SX:
-        """Return the position (x, y) in the inertial frame [m] at local coordinates `q`."""
+        """Return the position (x, y) in the inertial frame [m] at local coordinates `q`.
+
+        Raises
+        ------
+        BeamdaeError
+            If the call of `kinematics` fails or does not return two values.
+        """
         return self._evaluate(q)[0]
 
     def rotation(self, q: SX) -> SX:
-        """Return the rotation from the reference configuration [rad] at local coordinates `q`."""
+        """Return the rotation from the reference configuration [rad] at local coordinates `q`.
+
+        Raises
+        ------
+        BeamdaeError
+            If the call of `kinematics` fails or does not return two values.
+        """
         return self._evaluate(q)[1]
 
     def _evaluate(self, q: SX) -> tuple[SX, SX]:

@@ -30,10 +30,16 @@ def activate(*parts: Part, as_is: bool = False) -> Switch:
     as_is
         If True, the joints keep the gaps that they have at the event (distances or angles).
 
+    Returns
+    -------
+    Switch
+        The action.
+
     Raises
     ------
     BeamdaeError
-        If an argument is not a part, or `as_is` is True and a part has no gap.
+        If an argument is not a part, `as_is` is not a bool, or `as_is` is True and a part has no
+        gap.
     """
     names = _part_names("activate", parts)
     if require_choice("activate", "as_is", as_is, (True, False)):
@@ -49,6 +55,16 @@ def activate(*parts: Part, as_is: bool = False) -> Switch:
 
 def deactivate(*parts: Part) -> Switch:
     """Return an action that deactivates joints and forces, for `do` of an event.
+
+    Parameters
+    ----------
+    *parts
+        Joints and forces.
+
+    Returns
+    -------
+    Switch
+        The action.
 
     Raises
     ------
@@ -70,6 +86,11 @@ def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
         function or a `Law`. The driver moves by law(t) - law(0) from the angle or travel at the
         event; a constant law stops the driver. If the initial rate of the law differs from the rate
         of the motion, velocities jump, and `Solution.events` lists the impulses.
+
+    Returns
+    -------
+    Switch
+        The action.
 
     Raises
     ------
@@ -114,6 +135,11 @@ def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
         either side.
     restitution
         Coefficient of restitution, 0 (plastic) to 1 (elastic).
+
+    Returns
+    -------
+    Impact
+        The action.
 
     Raises
     ------

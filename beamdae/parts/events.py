@@ -85,6 +85,13 @@ class Event:
     name
         Name in the results. Defaults to "<column> crosses <value>"; required if `what` is a
         quantity.
+
+    Raises
+    ------
+    BeamdaeError
+        If `what` is neither a string nor a quantity, `crosses` is not finite, `direction` or `do`
+        is unknown, or `name` is invalid or missing. Assembly raises this error if no observed
+        column has the name `what`.
     """
 
     what: Any

@@ -75,8 +75,14 @@ class Law:
     breakpoints
         Ascending times [s] between the pieces; integrators stop and restart there.
     time_scale
-        Shortest time [s] over which the law changes, or None. Steps of adaptive integrators are at
-        most a quarter of this time.
+        Shortest time [s] over which the law changes, or None (no limit). Steps of adaptive
+        integrators are at most a quarter of this time.
+
+    Raises
+    ------
+    BeamdaeError
+        If `pieces` is not a tuple of functions, there is not one breakpoint fewer than pieces, the
+        breakpoints are not finite or do not ascend, or `time_scale` is not positive.
     """
 
     pieces: tuple[Callable[[Any], Any], ...]
@@ -254,6 +260,11 @@ def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Law:
     phase
         Phase [rad].
 
+    Returns
+    -------
+    Law
+        The law, with one period as `time_scale`.
+
     Raises
     ------
     BeamdaeError
@@ -288,6 +299,11 @@ def run_up(speed: float, duration: float) -> Law:
     duration
         Duration of the run-up [s].
 
+    Returns
+    -------
+    Law
+        The law, with a breakpoint at t = `duration`.
+
     Raises
     ------
     BeamdaeError
@@ -311,6 +327,11 @@ def piecewise(*pieces: Any) -> Law:
     *pieces
         Pairs (end time [s], law), followed by the last law. A law is a number, a function of t or a
         `Law`, such as a `table`; t is the same time for all pieces.
+
+    Returns
+    -------
+    Law
+        The law, with breakpoints at the end times and at those of the pieces.
 
     Raises
     ------
@@ -349,6 +370,12 @@ def table(times: Any, values: Any) -> Law:
         Ascending times [s], at least 3.
     values
         Values at these times, in the unit of the driven quantity.
+
+    Returns
+    -------
+    Law
+        The law, with breakpoints at the first and the last time. Steps of adaptive integrators are
+        at most the shortest interval between times.
 
     Raises
     ------

@@ -72,6 +72,32 @@ class Mechanism(HasOrigin):
         Treatment of redundant constraints: "refuse" raises an error; "minimum norm" removes them
         from the equations and returns the reactions of smallest norm that balance the forces.
 
+    Attributes
+    ----------
+    gravity
+        Acceleration of gravity, shape (2,) [m/s^2]; zero if time laws prescribe it.
+    gravity_laws
+        Time laws of gravity, or None.
+    start, redundant
+        The parameters.
+    ground
+        The ground: `mech.ground.at(x, y)` is a fixed point.
+    parts
+        Parts by name, in the order in which they were added; without the ground.
+    observables
+        Observed quantities by name.
+    events
+        Events added by `when`.
+    inactive
+        Names of the parts that are inactive at the start.
+
+    Raises
+    ------
+    BeamdaeError
+        If `gravity` is not a pair of numbers or valid time laws, or `start` or `redundant` is
+        invalid. Assembly raises this error if a name in `start` is not that of a coordinate, or no
+        such start satisfies the joints.
+
     Examples
     --------
     >>> import beamdae as bd

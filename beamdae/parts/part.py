@@ -45,7 +45,8 @@ class Part:
     Attributes
     ----------
     name
-        Unique name in the mechanism.
+        Unique name in the mechanism, of at most 100 printable characters. A name must not start
+        with =, +, - or @, contain [ or ], or start or end with a space.
     is_load
         True for loads. By default, the load factor of an equilibrium scales all loads.
     symbol
@@ -110,7 +111,18 @@ class Part:
         return ()
 
     def with_constant_laws(self, values: Sequence[float]) -> Part:
-        """Return a copy of the part with constant laws, given one value per entry of `inputs`."""
+        """Return a copy of the part with constant laws.
+
+        Parameters
+        ----------
+        values
+            One value per entry of `inputs`, in the unit of the entry.
+
+        Raises
+        ------
+        NotImplementedError
+            If the part has no inputs.
+        """
         raise NotImplementedError
 
     def forces(self, gravity: Array) -> Sequence[ForceStatement]:

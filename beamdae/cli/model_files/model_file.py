@@ -32,11 +32,23 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
     `pendulum = bd.load_model(Path(__file__).parent / "pendulum.py")`. The models installed with
     beamdae are files called `example:NAME`, such as `bd.load_model("example:four_bar")`.
 
+    Parameters
+    ----------
+    path
+        Path of the file, or "example:NAME".
+    name
+        Name of the model function. Defaults to the only model in the file.
+
+    Returns
+    -------
+    Model
+        The model; a call such as `model(rise=0.2)` builds the mechanism.
+
     Raises
     ------
     BeamdaeError
-        If the file is missing, its import fails, it contains no model called `name`, or `name` is
-        None and it does not contain exactly one model.
+        If `path` is not a path, the file is missing, its import fails, it contains no model called
+        `name`, or `name` is None and it does not contain exactly one model.
 
     Examples
     --------

@@ -47,7 +47,8 @@ class Ida(AdaptiveIntegrator):
     Parameters
     ----------
     rtol
-        Relative tolerance; absolute tolerances follow from the scales of the mechanism.
+        Relative tolerance, 1e-14 to 0.1; absolute tolerances follow from the scales of the
+        mechanism.
     formulation
         "stabilized-index1" (default) or "ggl". "index2", "index1" and "index3" are for comparisons.
         With "index2" and "index1", positions drift off the constraints and may jump to another
@@ -71,6 +72,12 @@ class Ida(AdaptiveIntegrator):
         short to reach the end (`limits.StallDetector`).
     time_limit
         Maximum wall time [s]. Defaults to no limit.
+
+    Raises
+    ------
+    BeamdaeError
+        If `rtol` is outside [1e-14, 0.1], `max_step` or `time_limit` is not positive, `max_steps`
+        is not a whole number of at least 1, or another setting is not one of its values.
     """
 
     rtol: float = 1e-5

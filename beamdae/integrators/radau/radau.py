@@ -40,7 +40,8 @@ class Radau(AdaptiveIntegrator):
     Parameters
     ----------
     rtol
-        Relative tolerance; absolute tolerances follow from the scales of the mechanism.
+        Relative tolerance, 1e-14 to 0.1; absolute tolerances follow from the scales of the
+        mechanism.
     error_control
         Components in the error test: "positions"; "rigid velocities" (positions, and velocities of
         rigid bodies and floating frames); or "velocities" (with positions). "auto" chooses by the
@@ -55,6 +56,12 @@ class Radau(AdaptiveIntegrator):
         short to reach the end (`limits.StallDetector`).
     time_limit
         Maximum wall time [s]. Defaults to no limit.
+
+    Raises
+    ------
+    BeamdaeError
+        If `rtol` is outside [1e-14, 0.1], `max_step` or `time_limit` is not positive, `max_steps`
+        is not a whole number of at least 1, or another setting is not one of its values.
     """
 
     rtol: float = 1e-5

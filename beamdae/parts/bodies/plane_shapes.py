@@ -50,8 +50,8 @@ def resolve_mass(
     Raises
     ------
     BeamdaeError
-        If neither or both of mass and density are given, density and thickness are not given
-        together, or a value is not positive.
+        If the values are neither the mass alone nor both density and thickness, or a value is not
+        positive.
     """
     if (mass is None) == (density is None) or (density is None) != (thickness is None):
         raise BeamdaeError(f"{part}: pass either mass=, or both density= and {dimension_name}=.")

@@ -61,7 +61,14 @@ class PointMass(Part):
     at
         Initial position (x, y) of a free particle [m].
     velocity
-        Initial velocity (vx, vy) of a free particle [m/s].
+        Initial velocity (vx, vy) of a free particle [m/s]; ignored for a fixed particle.
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `mass` is negative, or zero for a free particle, not exactly one of
+        `on` and `at` is given, `on` is not an attachment or belongs to the ground, or `at` or
+        `velocity` is not a pair of finite numbers.
 
     Examples
     --------

@@ -93,8 +93,15 @@ class RigidBody(Part):
         Initial velocity of the center of mass [m/s] and initial angular velocity [rad/s]; made
         consistent with the joints.
     shape
-        Points of the outline in the reference configuration [m]. Defaults to the points at which
-        parts are attached.
+        Points (x, y) of the outline in the reference configuration [m], for drawings and for the
+        size of the body. If empty (default), drawings show a line through the points at which parts
+        are attached.
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `mass` or `inertia` is not positive, another number is not finite, or
+        `center`, `velocity` or a point of `shape` is not a pair of numbers.
 
     Examples
     --------
@@ -159,8 +166,8 @@ class RigidBody(Part):
         Raises
         ------
         BeamdaeError
-            If the points coincide, a value is invalid, or not exactly one of mass and density is
-            given.
+            If the points coincide, a value is invalid, an unknown argument is given, or the
+            arguments are neither the mass alone nor both density and area.
         """
         name = require_name("RigidBody.rod", name)
         return cls._from_shape(name, plane_shapes.rod(name, a, b, mass, density, area), start)
@@ -198,7 +205,8 @@ class RigidBody(Part):
         Raises
         ------
         BeamdaeError
-            If a value is invalid, or not exactly one of mass and density is given.
+            If a value is invalid, an unknown argument is given, or the arguments are neither the
+            mass alone nor both density and thickness.
         """
         name = require_name("RigidBody.disk", name)
         shape = plane_shapes.disk(name, center, radius, mass, density, thickness)
@@ -241,7 +249,8 @@ class RigidBody(Part):
         Raises
         ------
         BeamdaeError
-            If a value is invalid, or not exactly one of mass and density is given.
+            If a value is invalid, an unknown argument is given, or the arguments are neither the
+            mass alone nor both density and thickness.
         """
         name = require_name("RigidBody.plate", name)
         angle = require_finite(name, "angle", angle)
@@ -278,8 +287,9 @@ class RigidBody(Part):
         Raises
         ------
         BeamdaeError
-            If the corners enclose no area or are not in order around the polygon, a value is
-            invalid, or not exactly one of mass and density is given.
+            If there are fewer than 3 corners, they enclose no area, repeat or are not in order
+            around the polygon, a value is invalid, an unknown argument is given, or the arguments
+            are neither the mass alone nor both density and thickness.
 
         Examples
         --------
@@ -338,7 +348,13 @@ class RigidBody(Part):
         return Attachment(self, point, 0.0, _ALL_ROWS, Formula(_body_point, arm))
 
     def forces(self, gravity: Array) -> list[ForceStatement]:
-        """Return inertia and weight as one statement."""
+        """Return inertia and weight as one statement.
+
+        Parameters
+        ----------
+        gravity
+            Acceleration of gravity, shape (2,) [m/s^2].
+        """
         data = np.array([[self.mass], [self.inertia], [gravity[0]], [gravity[1]]])
         return [ForceStatement(self.name, _rigid_body_kernel(), (Piece(self, _ALL_ROWS),), data)]
 

@@ -71,6 +71,15 @@ class Bushing(ForceElement):
     energy
         Potential [J] of the law at zero rate, a formula of the deformation.
 
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `a` or `b` is not an attachment or is a particle, neither can move, a
+        coefficient is negative or not finite, or `angle` is not finite. Also if `law` is combined
+        with a coefficient, `law` is not a continuous formula that returns three numbers, `energy`
+        is given without `law` or is not a continuous formula that returns one number, or the
+        gradient of `energy` differs from the law at zero rate.
+
     Examples
     --------
     >>> import beamdae as bd

@@ -149,7 +149,7 @@ class Contact(Part):
     surface
         `bd.LineSurface` or `bd.CircleSurface`.
     stiffness
-        Penalty stiffness [N/m^exponent].
+        Penalty stiffness [N/m^exponent], positive.
     exponent
         Exponent of the penetration, 1 to 10; use 1.5 for Hertzian contact of spheres. With 1, the
         force has a kink at the onset of contact.
@@ -159,13 +159,20 @@ class Contact(Part):
     impact_speed
         Relative speed before the impact [m/s]; required if the restitution is less than 1.
     friction
-        Coefficient of friction [-].
+        Coefficient of friction [-], not negative.
     friction_speed
         Regularization velocity [m/s] of Coulomb friction, at which friction reaches 76 % of its
         full value. At lower velocities, friction is nearly viscous, so a sticking contact creeps.
     longest_step
         Largest step of adaptive integrators [s]. A point in free flight may step over a small
         circle; use a tenth of the time for crossing the circle. Lines need no limit.
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `point` is not an attachment, `surface` is not a surface, neither can
+        move, a number is outside its range, `restitution` is less than 1 without `impact_speed`, or
+        `friction` is not zero and the surface is fixed to a particle.
 
     Examples
     --------

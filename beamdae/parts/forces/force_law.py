@@ -165,6 +165,14 @@ class ForceLaw(Part):
     dissipative
         If True, the power is dissipated by damping instead of being work of a load.
 
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `on` is neither an attachment nor a list of attachments, none of them
+        can move, `law` or `energy` is not a continuous formula of its arguments, the law returns
+        loads of the wrong number or length or a moment on a particle, or `dissipative` is not a
+        bool.
+
     Examples
     --------
     >>> import numpy as np

@@ -141,10 +141,19 @@ class Friction(Part):
         decreases from the static to the kinetic value. If both are omitted, the coefficient does
         not depend on the velocity.
     radius
-        Radius of the bearing, or half the length of a guide that carries a moment [m].
+        Radius of the bearing, or half the length of a guide that carries a moment [m]; required for
+        these joints, and not accepted for others.
     smoothing
         Reaction [N] below which the magnitude |N| is smoothed. The error of the magnitude is at
         most smoothing^2 / (2 |N|).
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `joint` is neither a hinge nor a guide, a body of a hinge is a
+        particle, `coefficient` is negative, another number is not positive, only one of `static`
+        and `stribeck` is given, `static` is less than `coefficient` or combined with
+        `coefficient=0`, or `radius` is missing or not accepted.
 
     Examples
     --------

@@ -68,9 +68,17 @@ class Force(Part):
     on
         Attachment on which the load acts.
     law
-        Pair of laws (Fx, Fy) [N]: numbers, functions of t or `Law`s.
+        Pair of laws (Fx, Fy) [N]: numbers, functions of t [s] or `Law`s.
     axes
-        "inertial" (dead load) or "body" (follower load, which rotates with the section or body).
+        "inertial" (default) for a dead load, or "body" for a follower load, whose components rotate
+        with the body or section. The components refer to the inertial axes in the reference
+        configuration.
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `on` is not an attachment or belongs to the ground, `law` is not a
+        pair of valid laws, or `axes` is unknown.
 
     Examples
     --------
@@ -132,7 +140,13 @@ class Moment(Part):
     on
         Attachment on which the load acts.
     law
-        Moment [N m]: a number, a function of t or a `Law`.
+        Moment [N m]: a number, a function of t [s] or a `Law`.
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `on` is not an attachment, belongs to the ground or is a particle, or
+        `law` is invalid.
     """
 
     symbol = "moment"

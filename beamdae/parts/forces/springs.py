@@ -109,6 +109,16 @@ class SpringDamper(_SpringLaw):
         Potential [J] of the law at zero rate, a formula of the elongation. If given, the value at
         zero rate is elastic instead of a load.
 
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `a` or `b` is not an attachment, neither can move, a coefficient or
+        `free_length` is negative or not finite, or `preload` is not finite. Also if the points
+        coincide in the reference configuration and `stiffness` with `free_length=0` is not the only
+        term, `law` is combined with a coefficient or `preload`, `law` or `energy` is not a
+        continuous formula that returns one number, `energy` is given without `law`, or its
+        derivative differs from the law at zero rate.
+
     Examples
     --------
     >>> import beamdae as bd
@@ -171,7 +181,28 @@ class SpringDamper(_SpringLaw):
 
 @dataclass(frozen=True, eq=False)
 class Spring(SpringDamper):
-    """`SpringDamper` without damping."""
+    """`SpringDamper` without damping.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    a, b
+        The two points.
+    stiffness
+        Stiffness [N/m].
+    free_length
+        Free length [m]. Defaults to the distance between the points in the reference configuration.
+    preload
+        Tension at the free length [N].
+    law, energy
+        As in `SpringDamper`.
+
+    Raises
+    ------
+    BeamdaeError
+        As in `SpringDamper`.
+    """
 
     damping: float = field(default=0.0, init=False, repr=False)
 
@@ -181,6 +212,23 @@ class Damper(SpringDamper):
     """`SpringDamper` without stiffness: `damping` [N s/m], or a law of elongation and rate.
 
     The `elongation` is measured from the length in the reference configuration.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    a, b
+        The two points, which must not coincide in the reference configuration.
+    damping
+        Damping coefficient [N s/m].
+    law
+        Tension [N] as a formula `law(elongation, rate)` in place of the coefficient, as in
+        `SpringDamper`.
+
+    Raises
+    ------
+    BeamdaeError
+        As in `SpringDamper`.
     """
 
     stiffness: float = field(default=0.0, init=False, repr=False)
@@ -215,6 +263,13 @@ class TorsionSpring(_SpringLaw):
     law, energy
         As in `SpringDamper`, for the moment [N m] as a function of angle [rad] and rate [rad/s] and
         the potential [J] as a function of the angle.
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `a` or `b` is not an attachment or is a particle, neither can move, a
+        coefficient is negative or not finite, or `free_angle` or `preload` is not finite. The
+        errors of `law` and `energy` are those of `SpringDamper`.
 
     Examples
     --------
@@ -258,7 +313,25 @@ class TorsionSpring(_SpringLaw):
 
 @dataclass(frozen=True, eq=False)
 class TorsionDamper(TorsionSpring):
-    """`TorsionSpring` without stiffness: `damping` [N m s/rad], or a law of angle and rate."""
+    """`TorsionSpring` without stiffness: `damping` [N m s/rad], or a law of angle and rate.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    a, b
+        A point of each of the two bodies.
+    damping
+        Torsional damping coefficient [N m s/rad].
+    law
+        Moment [N m] as a formula `law(angle, rate)` in place of the coefficient, as in
+        `TorsionSpring`; the angle [rad] is measured from the reference configuration.
+
+    Raises
+    ------
+    BeamdaeError
+        As in `TorsionSpring`.
+    """
 
     stiffness: float = field(default=0.0, init=False, repr=False)
     free_angle: float = field(default=0.0, init=False, repr=False)

@@ -95,9 +95,14 @@ class LineSurface(_Surface):
     Parameters
     ----------
     on
-        Attachment to which the line is fixed.
+        Attachment to which the line is fixed; must not be a particle.
     direction
-        Direction (x, y) in the reference configuration.
+        Direction (x, y) in the reference configuration, of any length but zero.
+
+    Raises
+    ------
+    BeamdaeError
+        If `on` is not an attachment or is a particle, or `direction` is not a nonzero vector.
     """
 
     on: Attachment
@@ -131,7 +136,12 @@ class CircleSurface(_Surface):
     radius
         Radius [m].
     side
-        Allowed side of the contact points: "outside" or "inside".
+        Allowed side of the contact points: "outside" (default) or "inside".
+
+    Raises
+    ------
+    BeamdaeError
+        If `on` is not an attachment, `radius` is not positive, or `side` is unknown.
     """
 
     on: Attachment

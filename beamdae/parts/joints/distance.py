@@ -35,6 +35,13 @@ class Distance(DrivenJoint):
         which a number must match. A law with a different initial value moves the bodies out of the
         reference configuration before the run, as in `Driver`.
 
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `a` or `b` is not an attachment, both belong to the same body, the
+        points coincide in the reference configuration, `length` is a number other than their
+        distance, or `length` is an invalid law or a law whose initial value is not positive.
+
     Examples
     --------
     >>> import beamdae as bd
@@ -85,7 +92,7 @@ class Distance(DrivenJoint):
     def facts(self) -> Mapping[str, float]:
         """Initial length minus the length in the reference configuration [m], by name."""
         return {
-            "length at the start, beyond the drawing [m]": self._initial_value
+            "initial change of length from the reference configuration [m]": self._initial_value
             - self._reference_length
         }
 

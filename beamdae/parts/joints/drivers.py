@@ -79,10 +79,19 @@ class Driver(DrivenJoint):
 
     Parameters
     ----------
-    name, a, b
-        As in `Joint`.
+    name
+        Unique name.
+    a, b
+        Any points of two different bodies, one of which may be the ground; neither may be a
+        particle. The bearing is a separate joint.
     law
-        Angle [rad]: a number, a function of t or a `Law`.
+        Angle [rad]: a number, a function of t [s] or a `Law`.
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `a` or `b` is not an attachment or is a particle, both belong to the
+        same body, or `law` is missing or invalid.
 
     Examples
     --------
@@ -132,7 +141,7 @@ class Driver(DrivenJoint):
     @property
     def facts(self) -> Mapping[str, float]:
         """Initial angle from the reference configuration [rad], by name."""
-        return {"angle at the start, from the drawing [rad]": self._initial_value}
+        return {"initial angle from the reference configuration [rad]": self._initial_value}
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,12 +155,21 @@ class TranslationalDriver(DrivenJoint):
 
     Parameters
     ----------
-    name, a, b
-        As in `Joint`; the body of `a` must have an angle.
+    name
+        Unique name.
+    a, b
+        Points of two different bodies, one of which may be the ground. `a` must not be a particle.
+        Guides are separate joints.
     law
-        Travel [m]: a number, a function of t or a `Law`.
+        Travel [m]: a number, a function of t [s] or a `Law`.
     direction
-        Direction of positive travel in the reference configuration.
+        Direction (x, y) of positive travel in the reference configuration, of any length but zero.
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `a` or `b` is not an attachment, both belong to the same body, `a` is
+        a particle, `direction` is not a nonzero vector, or `law` is missing or invalid.
     """
 
     law: Any = None
@@ -200,4 +218,4 @@ class TranslationalDriver(DrivenJoint):
     @property
     def facts(self) -> Mapping[str, float]:
         """Initial travel from the reference configuration [m], by name."""
-        return {"travel at the start, from the drawing [m]": self._initial_value}
+        return {"initial travel from the reference configuration [m]": self._initial_value}

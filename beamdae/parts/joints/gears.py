@@ -47,8 +47,8 @@ class Gear(Joint):
     Raises
     ------
     BeamdaeError
-        If `a`, `b` and `carrier` do not belong to different bodies, one of them is a particle, or
-        `ratio` is zero or not finite.
+        If `name` is invalid, `a`, `b` or `carrier` is not an attachment or is a particle, two of
+        them belong to the same body, or `ratio` is zero or not finite.
 
     Examples
     --------
@@ -118,13 +118,13 @@ class RackAndPinion(Joint):
     radius
         Radius of the pinion [m]; negative if the pinion is on the right of the rack's direction.
     direction
-        Direction (x, y) of the rack in the reference configuration.
+        Direction (x, y) of the rack in the reference configuration, of any length but zero.
 
     Raises
     ------
     BeamdaeError
-        If `a` and `b` belong to the same body, `a` is a particle, `radius` is zero or not finite,
-        or `direction` is not a nonzero vector.
+        If `name` is invalid, `a` or `b` is not an attachment, both belong to the same body, `a` is
+        a particle, `radius` is zero or not finite, or `direction` is not a nonzero vector.
     """
 
     radius: float = 1.0

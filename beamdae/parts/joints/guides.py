@@ -54,10 +54,20 @@ class PointOnLine(Joint):
 
     Parameters
     ----------
-    name, a, b
-        As in `Joint`; the body of `a` must have an angle.
+    name
+        Unique name.
+    a, b
+        A point of the line, and the sliding point, on two different bodies. `a` may belong to the
+        ground but not to a particle.
     direction
-        Direction of the line in the reference configuration.
+        Direction (x, y) of the line in the reference configuration, of any length but zero.
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `a` or `b` is not an attachment, both belong to the same body, `a` is
+        a particle, `direction` is not a nonzero vector, or `b` does not lie on the line in the
+        reference configuration.
     """
 
     direction: tuple[float, float] = (1.0, 0.0)
@@ -85,7 +95,7 @@ class PointOnLine(Joint):
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """Normal of the line in the reference configuration."""
+        """Left unit normal of the line in the reference configuration."""
         return project_across(self.direction, self.a, self.b)[:2]
 
     @staticmethod
@@ -105,10 +115,19 @@ class Prismatic(Joint):
 
     Parameters
     ----------
-    name, a, b
-        As in `Joint`; both bodies must have an angle.
+    name
+        Unique name.
+    a, b
+        A point of the axis, and the sliding point, on two different bodies. Neither may be a
+        particle; one of them may belong to the ground.
     direction
-        Direction of the axis in the reference configuration.
+        Direction (x, y) of the axis in the reference configuration, of any length but zero.
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `a` or `b` is not an attachment or is a particle, both belong to the
+        same body, or `direction` is not a nonzero vector.
 
     Examples
     --------
@@ -136,7 +155,7 @@ class Prismatic(Joint):
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """Normal of the axis in the reference configuration, and offset of `b` [m]."""
+        """Left unit normal of the axis in the reference configuration, and offset of `b` [m]."""
         return project_across(self.direction, self.a, self.b)
 
     @staticmethod

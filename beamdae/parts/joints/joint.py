@@ -77,6 +77,11 @@ class Joint(KinematicConstraint):
     a, b
         Attachments of two different bodies, one of which may be the ground.
 
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `a` or `b` is not an attachment, or both belong to the same body.
+
     Examples
     --------
     >>> from dataclasses import dataclass
@@ -129,7 +134,33 @@ class Joint(KinematicConstraint):
 
 @dataclass(frozen=True, eq=False)
 class Revolute(Joint):
-    """Hinge: a common point of two bodies that rotate freely, g = r_b - r_a."""
+    """Hinge: a common point of two bodies that rotate freely, g = r_b - r_a.
+
+    r_a and r_b are the positions of the points. The reactions Fx and Fy are the components of the
+    force on the body of `b` in the inertial frame.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    a, b
+        Points of two different bodies, one of which may be the ground. The points must coincide in
+        the reference configuration, within 1e-6 of the size of the bodies.
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `a` or `b` is not an attachment, both belong to the same body, or the
+        points do not coincide in the reference configuration.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> bob = mech.add(bd.RigidBody("bob", mass=1.0, inertia=0.1, center=(1.0, 0.0)))
+    >>> hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    >>> mech.observe("hinge", hinge.reaction)
+    """
 
     symbol = "hinge"
     multipliers = (Variable("x", "N"), Variable("y", "N"))
@@ -152,7 +183,27 @@ class Revolute(Joint):
 
 @dataclass(frozen=True, eq=False)
 class Weld(Joint):
-    """Rigid connection of two bodies, g = (r_b - r_a, rotation_b - rotation_a)."""
+    """Rigid connection of two bodies, g = (r_b - r_a, rotation_b - rotation_a).
+
+    r_a and r_b are the positions of the points. Rotations are measured from the reference
+    configuration, so bodies may meet at any angle. The reactions Fx, Fy and M are the components of
+    the force on the body of `b` in the inertial frame, and the moment on this body.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    a, b
+        Points of two different bodies, one of which may be the ground; neither may be a particle.
+        The points must coincide in the reference configuration, within 1e-6 of the size of the
+        bodies.
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `a` or `b` is not an attachment or is a particle, both belong to the
+        same body, or the points do not coincide in the reference configuration.
+    """
 
     symbol = "weld"
     multipliers = (Variable("x", "N"), Variable("y", "N"), Variable("angle", "N m"))

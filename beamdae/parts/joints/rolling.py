@@ -54,12 +54,23 @@ class RollingOnLine(_RollingJoint):
 
     Parameters
     ----------
-    name, a, b
-        Unique name, a point of the line, and the center of the disk.
+    name
+        Unique name.
+    a, b
+        A point of the line, and the center of the disk, on two different bodies. Neither may be a
+        particle; one of them may belong to the ground.
     radius
-        Radius of the disk [m].
+        Radius of the disk [m]; required. The disk must touch the line in the reference
+        configuration, within 1e-6 of the radius.
     direction
-        Direction of the line in the reference configuration.
+        Direction (x, y) of the line in the reference configuration, of any length but zero.
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `a` or `b` is not an attachment or is a particle, both belong to the
+        same body, `radius` is not positive, `direction` is not a nonzero vector, or the disk does
+        not touch the line in the reference configuration.
     """
 
     radius: float = 0.0
@@ -106,10 +117,22 @@ class RollingOnCircle(_RollingJoint):
 
     Parameters
     ----------
-    name, a, b
-        Unique name, the center of the circle, and the center of the disk.
+    name
+        Unique name.
+    a, b
+        Centers of the circle and of the disk, on two different bodies. Neither may be a particle;
+        one of them may belong to the ground.
     radii
-        Radii of the circle and of the disk [m].
+        Radii of the circle and of the disk [m]; required. In the reference configuration, the
+        distance of the centers must be the sum or the difference of the radii, within 1e-6 of the
+        larger radius, and must not be zero.
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `a` or `b` is not an attachment or is a particle, both belong to the
+        same body, `radii` is not a pair of positive numbers, or the disk does not touch the circle
+        in the reference configuration.
     """
 
     radii: tuple[float, float] = (0.0, 0.0)
@@ -166,10 +189,18 @@ class Skate(KinematicConstraint):
 
     Parameters
     ----------
-    name, on
-        Unique name, and the point of the blade.
+    name
+        Unique name.
+    on
+        Point of the blade on a body that can move and is not a particle.
     direction
-        Direction of the blade in the reference configuration.
+        Direction (x, y) of the blade in the reference configuration, of any length but zero.
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `on` is not an attachment, belongs to the ground or is a particle, or
+        `direction` is not a nonzero vector.
     """
 
     name: str
@@ -192,7 +223,7 @@ class Skate(KinematicConstraint):
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """Normal of the blade in the reference configuration."""
+        """Left unit normal of the blade in the reference configuration."""
         return left_normal(self.name, self.direction)
 
     @staticmethod
@@ -209,5 +240,10 @@ class Skate(KinematicConstraint):
             Name of the point, which must be "on".
         axes
             "inertial", or "body" for axes that rotate with the body.
+
+        Raises
+        ------
+        BeamdaeError
+            If `place` is not "on", or `axes` is invalid.
         """
         return super().reaction_on(place, axes)
