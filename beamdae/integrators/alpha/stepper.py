@@ -32,6 +32,8 @@ Array = np.ndarray
 _INCREMENT_ROUNDING = 1e-15
 # Shortest adaptive step, relative to the duration of the run.
 _MIN_STEP_SHARE = 1e-9
+# Longest first step, relative to its smooth interval.
+_FIRST_STEP_SHARE = 0.01
 _FAILURES = {
     NOT_CONVERGED: "Newton's iteration did not converge",
     NOT_FINITE: "the residual is not finite",
@@ -249,7 +251,8 @@ class AdaptiveAlphaStepper(AlphaStepper):
         """Begin the smooth interval from `start` to `end` [s] at a consistent state."""
         self._begin(start, end, branch, state)
         run = self._run
-        run.next_step = min(self._first_step, run.max_step)
+        # A law may vanish at both ends of an interval, such as a pulse.
+        run.next_step = min(self._first_step, run.max_step, _FIRST_STEP_SHARE * (end - start))
         run.steps_checked, run.max_error = 0, 0.0
         run.accepted_motion.h = run.current.h = 0.0
 
