@@ -89,8 +89,9 @@ class GeneralizedAlpha(Integrator):
         follow an estimate of the local error of positions (`family.AlphaParameters.defect`),
         calibrated to keep the position errors of a run below 100 rtol; multipliers are not tested.
         Motion that changes abruptly (orbits, stick-slip) and the deflections of freely vibrating
-        beams may exceed this; `Auto` and `Radau` keep it there (validation/tolerances). Steps are at most a twentieth of the run and a quarter of the time scale of the laws. With
-        rho_inf near 1, unresolved modes are hardly damped and keep the steps short.
+        beams may exceed this; `Auto` and `Radau` keep it there (validation/tolerances). Steps are
+        at most a twentieth of the run and a quarter of the time scale of the laws. With rho_inf
+        near 1, unresolved modes are hardly damped and keep the steps short.
     max_steps
         Maximum number of adaptive steps. Defaults to no limit; the run still stops if its steps
         become too short to reach the end (`limits.StallDetector`).
