@@ -20,6 +20,7 @@ from .beams.sliding import SlidingOnBeam as SlidingOnBeam
 from .beams.structures import Frame as Frame
 from .beams.structures import frame as frame
 from .beams.structures import welded_beams as welded_beams
+from .certification import certify as certify
 from .checks import Check as Check
 from .checks import check as check
 from .cli.model_files.model_file import load_model as load_model
@@ -91,6 +92,7 @@ from .report.pictures.mode_shapes import draw_campbell as draw_campbell
 from .report.pictures.mode_shapes import draw_modes as draw_modes
 from .report.pictures.run_animation import animate as animate
 from .report.pictures.time_plots import plot as plot
+from .results.certificate import Certificate as Certificate
 from .results.diagnostics.beam_ranges import BeamRange as BeamRange
 from .results.displays import Animation as Animation
 from .results.displays import Plot as Plot

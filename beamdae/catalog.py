@@ -660,6 +660,8 @@ GROUPS = (
             Public("Check", "beamdae.checks"),
             Public("error_estimate", "beamdae.verification"),
             Public("verify", "beamdae.verification"),
+            Public("certify", "beamdae.certification"),
+            Public("Certificate", "beamdae.results.certificate"),
         ),
     ),
     Group(

@@ -120,7 +120,8 @@ def simulate(
     checkpoint = _read_checkpoint(start)
     if checkpoint is None and start is not None:
         require_start("simulate", start, ", a solution, an equilibrium or the path of a checkpoint")
-    times = _output_times(t_end, output_step, 0.0 if checkpoint is None else checkpoint.t)
+    begin = 0.0 if checkpoint is None else checkpoint.t
+    times = compute_output_times("simulate", t_end, output_step, begin)
     method = Auto() if integrator is None else integrator
     require_integrator("simulate", method)
     if progress is not None and not callable(progress):
@@ -285,20 +286,23 @@ def _resume_equations(
     return equations, resume_warnings
 
 
-def _output_times(t_end: Any, output_step: Any, begin: float) -> np.ndarray:
-    """Return `begin`, the multiples of the output step between `begin` and `t_end`, and `t_end`."""
-    t_end = require_positive("simulate", "t_end", t_end)
+def compute_output_times(name: str, t_end: Any, output_step: Any, begin: float = 0.0) -> np.ndarray:
+    """Return `begin`, the multiples of the output step between `begin` and `t_end`, and `t_end`.
+
+    `name` is the calling function, for messages.
+    """
+    t_end = require_positive(name, "t_end", t_end)
     if not t_end > begin:
         raise BeamdaeError(
-            f"simulate: t_end = {t_end:g} s must be later than the start, t = {begin:g} s."
+            f"{name}: t_end = {t_end:g} s must be later than the start, t = {begin:g} s."
         )
     if output_step is None:
         step = t_end / _DEFAULT_ROWS
     else:
-        step = require_positive("simulate", "output_step", output_step)
+        step = require_positive(name, "output_step", output_step)
     if t_end / step > _MAX_ROWS:
         raise BeamdaeError(
-            f"simulate: output_step = {step:g} s gives more than {_MAX_ROWS:.0e} rows up to "
+            f"{name}: output_step = {step:g} s gives more than {_MAX_ROWS:.0e} rows up to "
             f"t = {t_end:g} s; use a longer output_step."
         )
     rows = max(int(np.ceil(t_end / step - _ROUNDING_OF_ROWS)), 1)

@@ -13,7 +13,7 @@ from beamdae.report.pictures.path_plots import plot_response as plot_frequency_r
 from beamdae.report.pictures.run_animation import animate
 from beamdae.report.pictures.section_diagrams import plot_section_diagram as plot_section_forces
 from beamdae.report.pictures.time_plots import plot as plot_time_series
-from beamdae.report.run_summary import summarize_as_html
+from beamdae.report.run_summary import summarize_as_html, summarize_certificate_as_html
 from beamdae.results.displays import Plot
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
     "plot_time_series",
     "save_plot",
     "summarize_as_html",
+    "summarize_certificate_as_html",
 ]
 
 

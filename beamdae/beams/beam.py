@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import fields, replace
 from functools import cached_property
 from typing import Any
@@ -52,9 +53,11 @@ from beamdae.symbolic.statements import (
 Array = np.ndarray
 
 _DEFAULT_FORMULATION = "floating frame"
+EXACT_FORMULATION = "exact"
+CUSTOM_FORMULATION = "custom"
 _KINEMATICS_BY_FORMULATION: dict[str, type[FloatingFrame] | type[GeometricallyExact]] = {
     _DEFAULT_FORMULATION: FloatingFrame,
-    "exact": GeometricallyExact,
+    EXACT_FORMULATION: GeometricallyExact,
 }
 
 # Curvature times element length up to which the compliance of an arc has an error below 1 %, by
@@ -281,6 +284,34 @@ class Beam(Part):
                 vars(self).pop("kinematics", None)
         set_fields(self, _has_final_mesh=True)
         _warn_about_attachments_inside_elements(self.name, self.mesh, self.section, sections)
+
+    @property
+    def formulation(self) -> str:
+        """Formulation of the kinematics; "custom" for custom kinematics."""
+        return CUSTOM_FORMULATION if self._make_kinematics is not None else self._formulation
+
+    def with_mesh(self, mesh: Mesh, formulation: str | None = None) -> Beam:
+        """Return a copy of the beam with another mesh and formulation.
+
+        Assembly does not change this mesh if it has `bounds`. Settings that the formulation does
+        not have, such as the strain measure of the floating frame, are omitted.
+
+        Parameters
+        ----------
+        mesh
+            Mesh on the curve of the beam, in inertial axes.
+        formulation
+            "floating frame" or "exact". Defaults to the formulation of the beam.
+        """
+        other = copy(self)
+        for name in ("mesh", "kinematics", "_has_final_mesh"):
+            vars(other).pop(name, None)
+        other._requested_mesh = mesh
+        if formulation is not None and formulation != self._formulation:
+            supported = {field.name for field in fields(_KINEMATICS_BY_FORMULATION[formulation])}
+            other._formulation = formulation
+            other._settings = {k: x for k, x in self._settings.items() if k in supported}
+        return other
 
     @property
     def length(self) -> float:

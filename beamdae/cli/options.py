@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
@@ -210,6 +211,22 @@ def parse_start(options: list[str] | None) -> str | dict[str, float] | None:
         except ValueError:
             raise BeamdaeError(f"--start {name}={value}: the value must be a number.") from None
     return values
+
+
+def parse_accuracy(text: str | None) -> float | None:
+    """Return the accuracy given by --accuracy, such as "1%" or "0.01", or None."""
+    if text is None:
+        return None
+    number, percent, rest = text.strip().partition("%")
+    try:
+        value = float(number) * (0.01 if percent else 1.0)
+    except ValueError:
+        value = math.nan
+    if rest or not math.isfinite(value):
+        raise BeamdaeError(
+            f"run: --accuracy must be a number such as 1% or 0.01, got {short_repr(text)}."
+        )
+    return value
 
 
 def require_writable(folder: Path, files: tuple[str, ...] = (), option: str = "--out") -> None:

@@ -18,6 +18,7 @@ from beamdae.errors import BeamdaeWarning
 
 if TYPE_CHECKING:
     from beamdae.model_functions import Model
+    from beamdae.results.certificate import Certificate
     from beamdae.results.outcome import Status
     from beamdae.results.solution import Solution
     from beamdae.results.storage.continued_runs import RunParts
@@ -39,6 +40,8 @@ class Run:
         Error estimates of the observed columns.
     accuracy_warning
         Warning about columns whose error exceeds the bound, or an empty string.
+    certificate
+        Certificate of the run, if an accuracy was required.
     interrupted
         True if an interrupt ended a step after the integration.
     """
@@ -51,6 +54,7 @@ class Run:
     checkpoint: Path | None = None
     errors: Any = None
     accuracy_warning: str = ""
+    certificate: Certificate | None = None
     interrupted: bool = False
 
     @property
@@ -109,11 +113,48 @@ def integrate_run(
             raise KeyboardInterrupt("before the run started; nothing was written") from None
 
 
+def certify_run(
+    run: Run, accuracy: float, t_end: float | None, output_step: float | None, *limits: Any
+) -> Solution:
+    """Certify the model and return the solution; the budget becomes the errors of the run.
+
+    `limits` are start and time limit, as for `certify`.
+    """
+    from beamdae.certification import certify
+
+    start, time_limit = limits
+    task = f"accuracy {accuracy:g}"
+    with show_run_progress(t_end or run.model.t_end, task) as show_progress:
+
+        def update(t: float) -> None:
+            show_progress("", t)
+            if signals.is_interrupted():
+                raise KeyboardInterrupt
+
+        try:
+            certificate = certify(
+                run.model, accuracy, None, t_end, output_step, start, time_limit, update
+            )
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("before a run was completed; nothing was written") from None
+    run.certificate = certificate
+    run.integrator = certificate.solution.made_by
+    budget = certificate.budget_columns()
+    order = ("half the range", "total", "time", "mesh", "theory", "theory as written", "certified")
+    run.errors = {name: budget[name] for name in order}
+    run.accuracy_warning = "" if certificate.success else f"not certified: {certificate.reason}."
+    return certificate.solution
+
+
 def write_tables(run: Run, parts: RunParts, solution: Solution, checkpoint: Path | None) -> None:
     """Write the table, and a checkpoint if it is requested or the run can be resumed."""
+    from beamdae.results.storage.files import write_metadata
+
     with signals.defer_interrupts():
         run.columns, files = parts.write(solution)
         run.files.paths += files
+        if run.certificate is not None:
+            write_metadata(parts.latest, solution.metadata(**_certificate_results(run, solution)))
         if checkpoint is not None or can_resume(solution.status):
             default = run.table.with_name(f"{run.table.stem}_end.json")
             run.checkpoint = solution.checkpoint(checkpoint or default)
@@ -144,6 +185,16 @@ def estimate_errors(run: Run, solution: Solution, verify: bool, table: Path) -> 
         write_metadata(table, solution.metadata(errors=_errors_by_column(run, solution)))
 
 
+def _certificate_results(run: Run, solution: Solution) -> dict[str, Any]:
+    """Return settings and error budget of a certificate for JSON."""
+    if run.certificate is None:
+        return {}
+    return {
+        "certificate": run.certificate.settings(),
+        "errors": _errors_by_column(run, solution),
+    }
+
+
 def _errors_by_column(run: Run, solution: Solution) -> dict[str, Any]:
     """Return the error estimates of each observed column; missing estimates are None."""
     import numpy as np
@@ -162,7 +213,10 @@ def write_page(run: Run, solution: Solution) -> None:
 
     def write() -> list[Path]:
         extra_warnings = [run.accuracy_warning] if run.accuracy_warning else []
-        page = build_run_page(solution, run.model.name, run.columns, run.errors, extra_warnings)
+        facts = {} if run.certificate is None else run.certificate.facts()
+        page = build_run_page(
+            solution, run.model.name, run.columns, run.errors, extra_warnings, facts
+        )
         return [page_file.write_page(run.page, page)]
 
     run.files.write(run.page.name, write)
@@ -187,6 +241,8 @@ def print_results(run: Run, solution: Solution) -> None:
     rows = text_tables.run_facts(solution.summary(), solution.integrator)
     if solution.equations.events:
         rows["events"] = format_event_times(solution.event_records)
+    if run.certificate is not None:
+        rows |= run.certificate.facts()
     console.print(text_tables.fact_list(run.model.name, rows))
     if solution.columns:
         console.print(text_tables.range_table(solution.columns, run.errors))
@@ -204,4 +260,6 @@ def _json_results(run: Run, solution: Solution) -> dict[str, Any]:
     del results["equations"], results["warnings"]
     errors = {} if run.errors is None else _errors_by_column(run, solution)
     observed = text_tables.column_extremes(solution.columns).items()
-    return results | {"observed": {name: x | errors.get(name, {}) for name, x in observed}}
+    table = {"observed": {name: x | errors.get(name, {}) for name, x in observed}}
+    certificate = {} if run.certificate is None else {"certificate": run.certificate.settings()}
+    return results | table | certificate

@@ -27,6 +27,7 @@ def build_run_page(
     columns: Mapping[str, Any] | None = None,
     errors: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
+    certificate: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """Return the page content of a run for `beamdae.report.page.page_file.write_page`.
 
@@ -43,6 +44,8 @@ def build_run_page(
         Error columns with one row per observed column. The first error column is omitted.
     warnings
         Warnings to show in addition to the warnings of the run.
+    certificate
+        Facts of the certificate of the run.
     """
     table = solution.all_columns() if columns is None else dict(columns)
     # The drift is available only for the rows of this run.
@@ -50,7 +53,7 @@ def build_run_page(
         table |= solution.drift_columns
     status = solution.status
     method = str(solution.integrator.get("integrator", ""))
-    tables = [x for x in _build_tables(solution, table, errors) if x["rows"]]
+    tables = [x for x in _build_tables(solution, table, errors, certificate) if x["rows"]]
     return {
         "title": title,
         "subtitle": f"{method}: {status.sentence}",
@@ -72,7 +75,10 @@ def build_run_page(
 
 
 def _build_tables(
-    solution: Solution, columns: Mapping[str, Any], errors: Mapping[str, Any] | None
+    solution: Solution,
+    columns: Mapping[str, Any],
+    errors: Mapping[str, Any] | None,
+    certificate: Mapping[str, str] | None,
 ) -> list[dict[str, Any]]:
     facts = terminal.run_facts(solution.summary(), solution.integrator)
     if solution.equations.events:
@@ -80,6 +86,7 @@ def _build_tables(
     observed = {name: columns[name] for name in observed_columns(columns)}
     return [
         {"title": "Run", "rows": list(facts.items())},
+        {"title": "Certificate", "rows": list((certificate or {}).items())},
         _export_table("Observed", terminal.range_table(observed, errors)),
         _export_table("Validity of the beams", terminal.validity_table(solution.validity)),
         {"title": "Provenance", "rows": _list_provenance(solution)},

@@ -83,6 +83,7 @@ class Views(Protocol):
     plot_time_series: Callable[..., Plot]
     save_plot: Callable[..., Path]
     summarize_as_html: Callable[..., str]
+    summarize_certificate_as_html: Callable[..., str]
 
 
 def load_views() -> Views:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,6 +23,7 @@ from beamdae.cli.options import (
     TimeLimit,
     create_integrator,
     load_configured_model,
+    parse_accuracy,
     parse_start,
     require_writable,
 )
@@ -76,6 +78,14 @@ def run_command(
             "--verify", help="Compare with another integrator at a tighter tolerance instead."
         ),
     ] = False,
+    accuracy: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ERROR",
+            help="Refine tolerance, meshes and beam theory until the estimated error of positions, "
+            "angles and deflections is below this part of half their range, for example 1%.",
+        ),
+    ] = None,
     page: Annotated[
         bool,
         typer.Option(
@@ -106,9 +116,9 @@ def run_command(
     the earlier parts are in the same folder, NAME.csv covers all parts. If a run ends early, the
     output names the checkpoint to resume from.
 
-    Exits with 0 if the run reached its end time, 1 if it did not (partial results are written), 2
-    for a usage or model error, 130 after Ctrl-C, and 143 after SIGTERM, which skips the PNG and the
-    page.
+    Exits with 0 if the run reached its end time (and its --accuracy), 1 if it did not (partial
+    results are written), 2 for a usage or model error, 130 after Ctrl-C, and 143 after SIGTERM,
+    which skips the PNG and the page.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
@@ -123,6 +133,9 @@ def run_command(
         "max_order": int(max_order) if max_order and max_order.isdecimal() else max_order,
         "time_limit": time_limit,
     }
+    required_accuracy = parse_accuracy(accuracy)
+    if required_accuracy is not None:
+        _require_free_choice(integrator, options, verify, checkpoint, resume_from)
     method = create_integrator("run", integrator, options, file)
     if start and resume_from is not None:
         raise BeamdaeError(
@@ -138,9 +151,17 @@ def run_command(
     initial_state = parse_start(start) if resume_from is None else resume_from
     # The table is written before anything is printed. Pictures take longer than most runs.
     with run.continue_after_interrupt(), signals.defer_interrupts(immediate=1):
-        solution = run_outputs.integrate_run(run, t_end, output_step, initial_state, accept_changes)
+        if required_accuracy is None:
+            solution = run_outputs.integrate_run(
+                run, t_end, output_step, initial_state, accept_changes
+            )
+        else:
+            solution = run_outputs.certify_run(
+                run, required_accuracy, t_end, output_step, initial_state, time_limit
+            )
         run_outputs.write_tables(run, parts, solution, checkpoint)
-    if not run.interrupted and solution.status.kind != "interrupted" and (estimate or verify):
+    has_estimate = run.certificate is None and (estimate or verify)
+    if not run.interrupted and solution.status.kind != "interrupted" and has_estimate:
         with run.continue_after_interrupt():
             run_outputs.estimate_errors(run, solution, verify, parts.latest)
     run_outputs.print_results(run, solution)
@@ -162,6 +183,23 @@ def _previous_parts(table: Path, checkpoint: Path | None) -> RunParts:
     return RunParts.ending_at(table, Checkpoint.read(checkpoint))
 
 
+def _require_free_choice(
+    integrator: str, options: Mapping[str, Any], verify: bool, *resuming: Path | None
+) -> None:
+    """Reject options that --accuracy chooses, or that its runs do not support."""
+    chosen = {key: x for key, x in options.items() if key != "time_limit" and x is not None}
+    if integrator != "auto":
+        chosen["integrator"] = integrator
+    if verify:
+        chosen["verify"] = verify
+    paths = dict(zip(("checkpoint", "continue"), resuming, strict=True))
+    for name in [*chosen, *(name for name, path in paths.items() if path is not None)]:
+        raise BeamdaeError(
+            f"run: --{name.replace('_', '-')} is not supported with --accuracy, which chooses "
+            "integrator, tolerance and meshes; omit one of the options."
+        )
+
+
 def _report_end(run: Run, status: Status) -> None:
     """Print the written files and, if the run is incomplete, the reason; set the exit code."""
     print_written_files(create_console(), run.files.paths)
@@ -176,5 +214,8 @@ def _report_end(run: Run, status: Status) -> None:
         raise typer.Exit(signals.exit_code())
     if not status.success:
         print_error(f"failed: {status.sentence}")
-    if run.files.failed or not status.success:
+    refusal = "" if run.certificate is None or run.certificate.success else run.certificate.reason
+    if refusal and status.success:
+        print_error(f"not certified: {refusal}")
+    if run.files.failed or not status.success or refusal:
         raise typer.Exit(1)

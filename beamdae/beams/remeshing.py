@@ -1,0 +1,202 @@
+"""Copies of mechanisms in which beams have other meshes and formulations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from functools import cached_property
+from inspect import getattr_static
+from typing import Any
+
+import numpy as np
+
+from beamdae.beams.beam import CUSTOM_FORMULATION, EXACT_FORMULATION, Beam
+from beamdae.beams.mesh import MIN_END_DISTANCE, Mesh
+from beamdae.beams.sliding import SlidingOnBeam
+from beamdae.errors import BeamdaeError, format_exception, set_fields
+from beamdae.parts.events import select_impacts
+from beamdae.parts.mechanism import Mechanism
+from beamdae.symbolic.statements import Quantity
+
+# Nodes per element of all meshes; elements with fewer nodes converge with a lower order.
+_NODES = 4
+# Curvature times element length in the coarsest mesh [rad]; half the value at which `Beam` warns
+# about errors of 1 % in the compliance.
+_MAX_TURN_PER_ELEMENT = 0.8
+# Samples of the curvature along a beam.
+_CURVATURE_SAMPLES = 65
+
+
+@dataclass(frozen=True)
+class BaseMesh:
+    """Coarsest mesh of a beam, of which finer meshes halve all elements.
+
+    Attributes
+    ----------
+    beam
+        The beam as written.
+    mesh
+        The mesh. Elements end at all attachments if `is_aligned`.
+    is_aligned
+        False if joints, masses or loads act inside elements of the mesh and of all finer meshes.
+    has_slider
+        True if a point slides along the beam.
+    fixed_by
+        Reason why mesh and formulation must stay as they are written, or an empty string.
+    """
+
+    beam: Beam
+    mesh: Mesh
+    is_aligned: bool = True
+    has_slider: bool = False
+    fixed_by: str = ""
+
+    @property
+    def is_exact(self) -> bool:
+        """True if the beam as written is geometrically exact."""
+        return self.beam.formulation == EXACT_FORMULATION
+
+    @property
+    def can_be_exact(self) -> bool:
+        """True if the beam is, or can be made, geometrically exact."""
+        return self.is_exact or not (self.fixed_by or self.has_custom_kinematics)
+
+    @property
+    def has_custom_kinematics(self) -> bool:
+        """True if a function of the user replaces the built-in formulations."""
+        return self.beam.formulation == CUSTOM_FORMULATION
+
+    def refined(self, halvings: int) -> Mesh:
+        """Return the mesh with each element halved `halvings` times; the mesh itself if fixed."""
+        if self.fixed_by:
+            return self.mesh
+        count = 2**halvings
+        if self.mesh.bounds is None:
+            return replace(self.mesh, elements=self.mesh.elements * count)
+        knots = np.linspace(0.0, self.mesh.elements, self.mesh.elements * count + 1)
+        bounds = np.interp(knots, np.arange(self.mesh.elements + 1), self.mesh.bounds)
+        return self.mesh.divided_at(bounds.tolist())
+
+
+def choose_base_meshes(mechanism: Mechanism, elements: int) -> dict[str, BaseMesh]:
+    """Return the coarsest mesh of each beam by name, with element ends at its attachments.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    elements
+        Number of elements of a beam without attachments between its ends. Beams with fewer elements
+        as written keep their number; strongly curved beams have more.
+    """
+    beams = {name: part for name, part in mechanism.parts.items() if isinstance(part, Beam)}
+    sections: dict[int, set[float]] = {id(beam): set() for beam in beams.values()}
+    sliders: set[int] = set()
+    for part in mechanism.parts.values():
+        for attachment in part.attachments:
+            if attachment.s is not None and id(attachment.body) in sections:
+                sections[id(attachment.body)].add(float(attachment.s))
+        if isinstance(part, SlidingOnBeam):
+            sliders.add(id(part.beam))
+    fixed = _fixed_beams(mechanism, beams)
+    meshes = {}
+    for name, beam in beams.items():
+        if id(beam) in fixed:
+            meshes[name] = BaseMesh(beam, beam.mesh, fixed_by=fixed[id(beam)])
+            continue
+        count = max(min(elements, beam.mesh.elements), _elements_for_curvature(beam))
+        is_custom = beam.formulation == CUSTOM_FORMULATION
+        # Custom kinematics may assume equal elements with the number of nodes of the beam.
+        uniform = (
+            replace(beam.mesh, elements=count, bounds=None)
+            if is_custom
+            else Mesh(beam.curve, count, _NODES, "curved")
+        )
+        mesh = uniform if is_custom else uniform.with_ends_at(sorted(sections[id(beam)]))
+        is_aligned = all(mesh.has_end_at(s, MIN_END_DISTANCE) for s in sections[id(beam)])
+        if not is_aligned and not is_custom:
+            # Bounds prevent the assembly from aligning only the finer meshes.
+            mesh = uniform.divided_at(uniform.element_bounds.tolist())
+        meshes[name] = BaseMesh(beam, mesh, is_aligned, id(beam) in sliders)
+    return meshes
+
+
+def with_meshes(
+    mechanism: Mechanism, meshes: Mapping[str, Mesh], formulations: Mapping[str, str]
+) -> Mechanism:
+    """Return a copy of a mechanism with other meshes and formulations of beams.
+
+    The original mechanism is not changed. Attachments, joints, loads, observables and events of the
+    copy refer to the new beams. Beams whose meshes and formulations are not given are copied, too.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    meshes
+        Meshes of beams by name, see `Beam.with_mesh`.
+    formulations
+        Formulations of beams by name.
+
+    Raises
+    ------
+    BeamdaeError
+        If a part cannot be copied.
+    """
+    memo: dict[int, Any] = {}
+    for name in {**meshes, **formulations}:
+        beam = mechanism.parts[name]
+        assert isinstance(beam, Beam)
+        memo[id(beam)] = beam.with_mesh(meshes.get(name, beam.mesh), formulations.get(name))
+    try:
+        other = deepcopy(mechanism, memo)
+    except Exception as problem:
+        raise BeamdaeError(
+            "with_meshes: a part of the mechanism cannot be copied "
+            f"({format_exception(problem)}); replace objects that Python cannot copy by functions."
+        ) from problem
+    for part in other.parts.values():
+        if not isinstance(part, Beam):
+            # Cached values may refer to the coordinates of the original mesh.
+            for name in list(vars(part)):
+                if isinstance(getattr_static(type(part), name, None), cached_property):
+                    del vars(part)[name]
+    other.observables = {name: x.current for name, x in other.observables.items()}
+    for event in other.events:
+        if isinstance(event.what, Quantity):
+            set_fields(event, what=event.what.current)
+        for impact in select_impacts(event.do):
+            if isinstance(impact.on, Quantity):
+                set_fields(impact, on=impact.on.current)
+    return other
+
+
+def _fixed_beams(mechanism: Mechanism, beams: Mapping[str, Beam]) -> dict[int, str]:
+    """Return the reason by `id` of each beam whose coordinates must not change."""
+    fixed = {
+        id(piece.owner): f"the quantity {name!r} refers to its coordinates"
+        for name, quantity in _named_quantities(mechanism)
+        if not quantity.can_be_rebuilt
+        for piece in quantity.pieces
+        if isinstance(piece.owner, Beam)
+    }
+    if isinstance(mechanism.start, Mapping):
+        for name, beam in beams.items():
+            if any(coordinate.startswith(f"{name}.") for coordinate in mechanism.start):
+                fixed[id(beam)] = "the start names its coordinates"
+    return fixed
+
+
+def _named_quantities(mechanism: Mechanism) -> Iterator[tuple[str, Quantity]]:
+    yield from mechanism.observables.items()
+    for event in mechanism.events:
+        for quantity in (event.what, *(impact.on for impact in select_impacts(event.do))):
+            if isinstance(quantity, Quantity):
+                yield str(event.name), quantity
+
+
+def _elements_for_curvature(beam: Beam) -> int:
+    s = np.linspace(0.0, beam.length, _CURVATURE_SAMPLES)
+    turn = float(np.max(np.abs(beam.curve.curvature(s)))) * beam.length
+    return max(int(np.ceil(turn / _MAX_TURN_PER_ELEMENT)), 1)

@@ -1,0 +1,727 @@
+"""Runs with an estimated total error: time integration, mesh and beam theory.
+
+The error of a run is estimated from its differences to runs with a looser tolerance, a coarser mesh
+or another formulation of the beams. The constants below were calibrated on the mechanisms of
+validation/certificates.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from beamdae.beams.beam import EXACT_FORMULATION
+from beamdae.beams.remeshing import BaseMesh, choose_base_meshes, with_meshes
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.errors import BeamdaeError, require_positive, require_sequence
+from beamdae.integrators import Radau
+from beamdae.integrators.integrator import Progress
+from beamdae.model_functions import HasOrigin, Model
+from beamdae.parts.mechanism import Mechanism, require_start
+from beamdae.results.certificate import Certificate, CertificateRun, ErrorBudget
+from beamdae.results.columns import Header, select_columns
+from beamdae.results.outcome import Status
+from beamdae.results.solution import Solution
+from beamdae.simulation import as_equations, compute_output_times
+
+Array = np.ndarray
+
+_MAX_ACCURACY = 0.1
+_MIN_ACCURACY = 1e-6
+# First runs: number of elements of a beam, by accuracy above which it is sufficient, and rtol.
+_COARSE_ACCURACY = 3e-3
+_FIRST_ELEMENTS = {True: 2, False: 4}
+_FIRST_RTOL_RATIO = 0.1  # rtol / accuracy
+_MAX_FIRST_RTOL = 1e-3
+_RTOL_STEP = 10.0
+
+# Limits of the refinement.
+_MIN_RTOL = 1e-9
+_MAX_ELEMENTS = 32
+_MAX_STEP_DECADES = 2
+_MAX_STEP_HALVINGS = 2
+# Orders of the errors used to choose the next run.
+_ORDER_IN_RTOL = 0.8
+_ORDER_IN_LENGTH = 3.5
+# Part of the accuracy at which the time error and the mesh error are aimed, each.
+_TARGET_SHARE = 0.4
+# A refinement that does not reduce the largest error by this factor is a stagnation.
+_MIN_REDUCTION = 1.5
+_MAX_STAGNATIONS = 2
+
+# Error of the finer of two runs / their difference, see validation/certificates.
+_ORDER_IN_STEP = 5  # of Radau
+_TIME_SAFETY_FACTOR = 4.0
+_MIN_TIME_RATIO, _MAX_TIME_RATIO = 0.03, 3.0
+# If a decade of rtol multiplies the number of steps by more, the finer run resolves vibrations that
+# the coarser run passes over, and the difference shows the error of the coarser run only.
+_MAX_STEP_RATIO_PER_DECADE = 1.9
+_NEWLY_RESOLVED_RATIO = 1.0
+_MESH_RATIO_OF_TWO_ELEMENTS = 0.3
+_MESH_RATIO = 0.2
+_MESH_RATIO_OF_QUARTERED_ELEMENTS = 0.07
+_MESH_RATIO_WITH_SLIDERS = 0.6
+_MESH_RATIO_WITHOUT_ALIGNMENT = 1.0
+_THEORY_SAFETY_FACTOR = 1.25
+# Smallest stated error relative to the accuracy.
+_FLOOR = 1e-3
+# The formulations of the model are kept if exact beams cost more by this factor, and the theory
+# error is at most this part of the accuracy.
+_MAX_EXACT_COST = 3.0
+_MAX_KEPT_THEORY_SHARE = 0.2
+
+# Columns whose half range is below either of these are at rest; see `verification`.
+_REST_TO_OTHERS_RATIO = 1e-9
+_REST_TO_VALUES_RATIO = 1e-12
+# Columns that exceed the accuracy at no more than this fraction of the samples may jump at events;
+# their difference is then measured at matching events.
+_MAX_JUMP_FRACTION = 0.05
+# The error grows exponentially if it grows by at least this factor over the fitted range, and an
+# exponential fits better than a power of time.
+_MIN_GROWTH = 1e3
+_MIN_FITTED_SAMPLES = 20
+_SATURATION = 0.3  # of half the range
+_CONTROLLED_UNITS = ("m", "rad")
+_AS_WRITTEN = "as written"
+
+
+def certify(
+    model: Any,
+    accuracy: float = 0.01,
+    columns: Sequence[str] | str | None = None,
+    t_end: float | None = None,
+    output_step: float | None = None,
+    start: Any = None,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+) -> Certificate:
+    """Simulate a model to a required accuracy and return the solution with its error budget.
+
+    The integrator is `Radau`. The tolerance and the meshes of all beams are refined until the
+    estimated sum of the errors of time integration, mesh and beam theory is within `accuracy`, for
+    each required column and over the whole run. Elements end at the attachments of a beam. Beams
+    are geometrically exact in the solution, unless floating frames are accurate enough and much
+    faster; the budget also lists the theory error of the formulations that the model specifies.
+
+    The budget is an estimate by comparison of runs, not a proof. It does not include errors of the
+    beam theory of Reissner itself, materials, joints and data.
+
+    Parameters
+    ----------
+    model
+        A model function, a mechanism, a constrained system or equations of motion. For the last
+        two, the budget contains the time error only.
+    accuracy
+        Largest error of a column relative to half its range [-], from 1e-6 to 0.1.
+    columns
+        Observed columns, or names of observables, that must be within the accuracy. Defaults to all
+        positions, angles and deflections [m, rad]. The budget lists the other columns as well.
+    t_end
+        End time [s]. Defaults to the model's end time.
+    output_step
+        Time between rows of the result [s]. Defaults to a thousandth of the end time. Errors are
+        estimated at these times.
+    start
+        "as drawn", "equilibrium", or positions and velocities by name; see `simulate`.
+    time_limit
+        Maximum wall time of all runs [s]. Defaults to no limit.
+    progress
+        Function called repeatedly with the time reached [s] in each run; see `simulate`.
+
+    Returns
+    -------
+    Certificate
+        The solution and its budget. If the accuracy is not reached, `status` gives the reason, and
+        `good_until` and `growth_rate` describe the error.
+
+    Raises
+    ------
+    BeamdaeError
+        If the model or a setting is invalid, or nothing is observed.
+    KeyboardInterrupt
+        If the first run is interrupted.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+    >>> bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
+    >>> rod = mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
+    >>> mech.observe("bob", bob.point)
+    >>> certificate = bd.certify(mech, accuracy=0.001, t_end=1.0)
+    >>> certificate.success
+    True
+    """
+    accuracy = require_positive("certify", "accuracy", accuracy)
+    if not _MIN_ACCURACY <= accuracy <= _MAX_ACCURACY:
+        raise BeamdaeError(
+            f"certify: accuracy must lie between {_MIN_ACCURACY:g} and {_MAX_ACCURACY:g}, got "
+            f"{accuracy:g}; 0.01 is 1 %."
+        )
+    if time_limit is not None:
+        time_limit = require_positive("certify", "time_limit", time_limit)
+    if start is not None:
+        require_start("certify", start)
+    origin = model.origin if isinstance(model, (Model, HasOrigin)) else None
+    description: dict[str, Any] = {}
+    if origin is not None:
+        t_end = origin.t_end if t_end is None else t_end
+        description = {"name": origin.name, "parameters": origin.parameters}
+    if isinstance(model, Model):
+        model = model()
+    if t_end is None:
+        raise BeamdaeError("certify: the model has no end time; pass t_end=.")
+    times = compute_output_times("certify", t_end, output_step)
+    description["t_end"] = float(times[-1])
+    task = _Task(model, times, accuracy, start, time_limit, progress, description)
+    return _Certification(task, columns).result()
+
+
+@dataclass(frozen=True)
+class _Task:
+    """Model and settings of a certificate."""
+
+    model: Any
+    times: Array
+    accuracy: float
+    start: Any
+    time_limit: float | None
+    progress: Progress | None
+    description: dict[str, Any]
+    begin: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "begin", clock.perf_counter())
+
+    @cached_property
+    def base_meshes(self) -> dict[str, BaseMesh]:
+        """Coarsest mesh of each beam; empty for systems without a mechanism."""
+        if not isinstance(self.model, Mechanism):
+            return {}
+        elements = _FIRST_ELEMENTS[self.accuracy >= _COARSE_ACCURACY]
+        return choose_base_meshes(self.model, elements)
+
+    def build(self, halvings: int, exact: bool) -> EquationsOfMotion:
+        """Return the equations on a mesh; `exact` replaces floating frames by exact beams."""
+        if not self.base_meshes:
+            return as_equations("certify", self.model, self.start)
+        meshes = {name: base.refined(halvings) for name, base in self.base_meshes.items()}
+        formulations = {
+            name: EXACT_FORMULATION
+            for name, base in self.base_meshes.items()
+            if exact and base.can_be_exact
+        }
+        return as_equations("certify", with_meshes(self.model, meshes, formulations), self.start)
+
+    def element_counts(self, halvings: int) -> dict[str, int]:
+        """Return the number of elements of each beam."""
+        return {name: base.refined(halvings).elements for name, base in self.base_meshes.items()}
+
+    def run(self, halvings: int, rtol: float, exact: bool) -> _Run:
+        """Run the model with one setting.
+
+        Raises
+        ------
+        _RunError
+            If the run is not completed.
+        """
+        begin = clock.process_time()
+        remaining = None
+        if self.time_limit is not None:
+            remaining = self.time_limit - (clock.perf_counter() - self.begin)
+            if remaining <= 0.0:
+                raise _RunError(
+                    Status("limited", f"reached the time limit of {self.time_limit:g} s"), None
+                )
+        equations = self.build(halvings, exact)
+        solution = Radau(rtol, time_limit=remaining).integrate(equations, self.times, self.progress)
+        solution = replace(solution, model=self.description)
+        run = _Run(solution, halvings, rtol, exact, clock.process_time() - begin)
+        if not solution.status.success:
+            raise _RunError(solution.status, run)
+        return run
+
+
+class _RunError(Exception):
+    """A run was not completed."""
+
+    def __init__(self, status: Status, run: _Run | None) -> None:
+        super().__init__(status.sentence)
+        self.status = status
+        self.run = run
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A completed run; `halvings` counts from the coarsest mesh."""
+
+    solution: Solution
+    halvings: int
+    rtol: float
+    exact: bool
+    processor_time: float
+
+    @property
+    def steps(self) -> int:
+        return self.solution.trajectory.steps
+
+    @cached_property
+    def rows(self) -> Array:
+        """Observed columns (k, columns)."""
+        return np.stack(list(self.solution.columns.values()), axis=1)
+
+    @cached_property
+    def half_range(self) -> Array:
+        return 0.5 * np.ptp(self.rows, axis=0)
+
+    @cached_property
+    def is_at_rest(self) -> Array:
+        """True for columns that move by rounding errors only."""
+        kinds = [Header.of(name).kind for name in self.solution.columns]
+        of_kind = {
+            kind: max(x for k, x in zip(kinds, self.half_range, strict=True) if k == kind)
+            for kind in kinds
+        }
+        others = np.array([of_kind[kind] for kind in kinds])
+        largest = np.max(np.abs(self.rows), axis=0)
+        limit = np.maximum(_REST_TO_OTHERS_RATIO * others, _REST_TO_VALUES_RATIO * largest)
+        return np.asarray(self.half_range <= limit)
+
+
+@dataclass(frozen=True)
+class _Difference:
+    """Differences of two runs relative to half the range of the columns of the finer run.
+
+    Attributes
+    ----------
+    t
+        Times of the rows (k,) [s].
+    rows
+        Absolute differences (k, columns); 0 for columns at rest.
+    event_shift
+        Largest difference of the times of events [s]; 0 if events were not matched.
+    """
+
+    t: Array
+    rows: Array
+    event_shift: float = 0.0
+
+    @cached_property
+    def largest(self) -> Array:
+        """Largest difference of each column."""
+        return np.asarray(np.max(self.rows, axis=0))
+
+
+def _compare(coarse: _Run, fine: _Run, accuracy: float) -> _Difference:
+    count = min(len(coarse.rows), len(fine.rows))
+    # The last rows differ in time if an event ends the runs.
+    times = fine.solution.t[:count]
+    if coarse.solution.t[count - 1] != times[-1]:
+        count -= 1
+        times = times[:-1]
+    rows = _scale(coarse.rows[:count] - fine.rows[:count], fine)
+    exceeding = np.mean(rows > accuracy, axis=0)
+    jumps = (exceeding > 0.0) & (exceeding <= _MAX_JUMP_FRACTION)
+    if not jumps.any():
+        return _Difference(times, rows)
+    matched = _match_events(coarse, fine, times)
+    if matched is None:
+        return _Difference(times, rows)
+    coarse_rows, shift = matched
+    rows[:, jumps] = _scale(coarse_rows - fine.rows[:count], fine)[:, jumps]
+    return _Difference(times, rows, shift)
+
+
+def _scale(differences: Array, fine: _Run) -> Array:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(fine.is_at_rest, 0.0, np.abs(differences) / fine.half_range)
+
+
+def _match_events(coarse: _Run, fine: _Run, times: Array) -> tuple[Array, float] | None:
+    """Return the rows of the coarse run at times with matching events, and the largest shift [s].
+
+    Returns None if the runs do not have the same sequence of events.
+    """
+    records = coarse.solution.event_records, fine.solution.event_records
+    sequences = [[(record.name, record.direction) for record in x] for x in records]
+    if not sequences[0] or sequences[0] != sequences[1]:
+        return None
+    end = float(times[-1])
+    moments = [np.array([record.t for record in x]) for x in records]
+    inside = np.max(moments, axis=0) < end
+    before, after = (np.concatenate([[times[0]], x[inside], [end]]) for x in moments)
+    if np.any(np.diff(before) <= 0.0) or np.any(np.diff(after) <= 0.0):
+        return None
+    at = np.interp(times, after, before)
+    rows = np.stack(list(replace(coarse.solution, t=at).columns.values()), axis=1)
+    return rows, float(np.max(np.abs(before - after)))
+
+
+@dataclass
+class _Certification:
+    """Runs of one certificate, and the error budget of the last run."""
+
+    task: _Task
+    columns: Sequence[str] | str | None
+
+    def __post_init__(self) -> None:
+        self._runs: list[_Run] = []
+        self._theory: Array | float = 0.0
+        self._theory_as_written: Array | float = 0.0
+        self._time: Array = np.zeros(0)
+        self._mesh: Array = np.zeros(0)
+        self._last_difference: _Difference | None = None
+        self._exact = True
+
+    # Data of the last run.
+
+    @property
+    def _last(self) -> _Run:
+        return self._runs[-1]
+
+    @cached_property
+    def _required(self) -> Array:
+        headers = list(self._last.solution.columns)
+        if self.columns is None:
+            units = [Header.of(header).unit for header in headers]
+            required = np.array([unit in _CONTROLLED_UNITS for unit in units])
+            return required if required.any() else np.ones(len(headers), bool)
+        names = (
+            [self.columns]
+            if isinstance(self.columns, str)
+            else require_sequence("certify", "columns", self.columns, "a list of column names")
+        )
+        selected = {header for name in names for header in select_columns(headers, name)}
+        return np.array([header in selected for header in headers])
+
+    @cached_property
+    def _beams(self) -> list[BaseMesh]:
+        return list(self.task.base_meshes.values())
+
+    @property
+    def _can_refine_mesh(self) -> bool:
+        counts = self.task.element_counts(self._last.halvings)
+        refinable = [counts[x.beam.name] for x in self._beams if not x.fixed_by]
+        return bool(refinable) and 2 * max(refinable) <= _MAX_ELEMENTS
+
+    @property
+    def _has_mesh(self) -> bool:
+        return any(not base.fixed_by for base in self._beams)
+
+    @property
+    def _total(self) -> Array:
+        return np.asarray(self._time + self._mesh + np.nan_to_num(self._theory))
+
+    def _run(self, halvings: int, rtol: float, exact: bool) -> _Run:
+        run = self.task.run(halvings, rtol, exact)
+        if not run.solution.columns:
+            raise BeamdaeError(
+                "certify: nothing is observed; observe points or quantities with mech.observe."
+            )
+        self._runs.append(run)
+        return run
+
+    # The algorithm.
+
+    def result(self) -> Certificate:
+        """Run and refine until the required columns are within the accuracy."""
+        try:
+            status = self._refine()
+        except _RunError as problem:
+            if not self._runs:
+                if problem.status.kind == "interrupted":
+                    raise KeyboardInterrupt from None
+                if problem.run is None:
+                    raise BeamdaeError(
+                        f"certify: {problem.status.sentence}; increase it."
+                    ) from None
+                self._runs.append(problem.run)
+            status = problem.status
+            sentence = f"a run was not completed: {status.sentence}"
+            status = Status(status.kind, sentence)
+        return self._certificate(status)
+
+    def _refine(self) -> Status:
+        accuracy = self.task.accuracy
+        rtol = min(_FIRST_RTOL_RATIO * accuracy, _MAX_FIRST_RTOL)
+        first = self._first_run(rtol)
+        self._choose_formulation(first)
+        first = next(run for run in self._runs if run.exact == self._exact)
+        halvings = first.halvings + self._has_mesh
+        finer = self._run(halvings, first.rtol / _RTOL_STEP, self._exact)
+        difference = self._compare(first, finer)
+        time_ratio, mesh_ratio = self._time_ratio(first, finer), self._mesh_ratio(first, finer)
+        self._set_unsplit(difference, time_ratio, mesh_ratio)
+        if self._has_mesh and not self._is_certified():
+            middle = self.task.run(halvings, first.rtol, self._exact)
+            self._runs.insert(-1, middle)
+            by_time = self._compare(middle, finer)
+            by_mesh = self._compare(first, middle)
+            self._set(
+                self._time_ratio(middle, finer) * by_time.largest, mesh_ratio * by_mesh.largest
+            )
+            self._last_difference = difference
+        return self._refine_further()
+
+    def _first_run(self, rtol: float) -> _Run:
+        """Return the first run with exact beams; coarse settings that fail are refined once."""
+        halvings = 0
+        try:
+            return self._run(halvings, rtol, exact=True)
+        except _RunError as problem:
+            if problem.status.kind != "failed":
+                raise
+        return self._run(halvings + self._has_mesh, rtol / _RTOL_STEP, exact=True)
+
+    def _choose_formulation(self, first: _Run) -> None:
+        """Compare the formulations of the model with exact beams."""
+        if not any(base.can_be_exact and not base.is_exact for base in self._beams):
+            return
+        try:
+            written = self._run(first.halvings, first.rtol, exact=False)
+        except _RunError as problem:
+            if problem.status.kind != "failed":
+                raise
+            self._theory_as_written = np.nan
+            return
+        theory = _THEORY_SAFETY_FACTOR * self._compare(written, first).largest
+        self._theory_as_written = theory
+        is_accurate = np.all(theory[self._required] <= _MAX_KEPT_THEORY_SHARE * self.task.accuracy)
+        if is_accurate and first.processor_time > _MAX_EXACT_COST * written.processor_time:
+            self._exact, self._theory = False, theory
+
+    def _refine_further(self) -> Status:
+        accuracy, stagnations = self.task.accuracy, 0
+        while not self._is_certified():
+            if stagnations == _MAX_STAGNATIONS:
+                return self._refusal("failed", "the error does not decrease with refinement")
+            last, worst = self._last, self._worst_total()
+            failing = self._required & ~(self._total <= accuracy)
+            target = _TARGET_SHARE * accuracy
+            decades = _refinement(self._time[failing], target, 10.0, _ORDER_IN_RTOL)
+            halvings = _refinement(self._mesh[failing], target, 2.0, _ORDER_IN_LENGTH)
+            decades = min(decades, _MAX_STEP_DECADES)
+            halvings = min(halvings, _MAX_STEP_HALVINGS)
+            if not self._has_mesh or (halvings and not self._can_refine_mesh):
+                halvings = 0
+            elif halvings == 2 and 4 * self._largest_count() > _MAX_ELEMENTS:
+                halvings = 1
+            if not decades and not halvings:
+                if self._can_refine_mesh or not self._has_mesh:
+                    decades, halvings = 1, int(self._has_mesh)
+                else:
+                    return self._refusal(
+                        "limited", f"the mesh error requires more than {_MAX_ELEMENTS} elements"
+                    )
+            rtol = last.rtol / 10.0**decades
+            if rtol < _MIN_RTOL:
+                return self._refusal("limited", f"the time error requires rtol < {_MIN_RTOL:g}")
+            run = self._run(last.halvings + halvings, rtol, self._exact)
+            difference = self._compare(last, run)
+            self._update(difference, last, run)
+            # `not >=` also counts errors that are not numbers.
+            if not worst >= _MIN_REDUCTION * self._worst_total():
+                stagnations += 1
+        return Status("ok", f"all required columns are within {accuracy:g} of half their range")
+
+    def _update(self, difference: _Difference, last: _Run, run: _Run) -> None:
+        """Set the errors of `run`; attribute its difference by the errors of `last`."""
+        time_share = np.ones(len(self._time))
+        if run.halvings > last.halvings:
+            sums = np.maximum(self._time + self._mesh, np.finfo(float).tiny)
+            time_share = self._time / sums if run.rtol < last.rtol else np.zeros(len(sums))
+        d = difference.largest
+        by_time = self._time_ratio(last, run) * time_share * d
+        by_mesh = self._mesh_ratio(last, run) * (1.0 - time_share) * d
+        self._set(
+            by_time if run.rtol < last.rtol else self._time,
+            by_mesh if run.halvings > last.halvings else self._mesh,
+        )
+
+    def _set_unsplit(self, difference: _Difference, time_ratio: float, mesh_ratio: float) -> None:
+        """Set the errors if the parts of time and mesh in a difference are not known."""
+        d, largest = difference.largest, max(time_ratio, mesh_ratio)
+        time_share = time_ratio / (time_ratio + mesh_ratio)
+        self._set(time_share * largest * d, (1.0 - time_share) * largest * d)
+
+    def _set(self, time: Array, mesh: Array) -> None:
+        floor = _FLOOR * self.task.accuracy
+        self._time = np.maximum(time, floor)
+        self._mesh = np.maximum(mesh, floor) if self._has_mesh else np.zeros(len(time))
+
+    def _compare(self, coarse: _Run, fine: _Run) -> _Difference:
+        self._last_difference = _compare(coarse, fine, self.task.accuracy)
+        return self._last_difference
+
+    def _is_certified(self) -> bool:
+        return bool(np.all(self._total[self._required] <= self.task.accuracy))
+
+    def _worst_total(self) -> float:
+        return float(np.max(self._total[self._required], initial=0.0))
+
+    def _largest_count(self) -> int:
+        counts = self.task.element_counts(self._last.halvings)
+        return max(counts[x.beam.name] for x in self._beams if not x.fixed_by)
+
+    def _time_ratio(self, coarse: _Run, fine: _Run) -> float:
+        """Return the time error of `fine` relative to its difference from `coarse`."""
+        if fine.rtol == coarse.rtol:
+            return 0.0
+        decades = np.log10(coarse.rtol / fine.rtol)
+        rho = fine.steps / max(coarse.steps, 1)
+        if rho > _MAX_STEP_RATIO_PER_DECADE**decades:
+            return _NEWLY_RESOLVED_RATIO
+        growth = rho**_ORDER_IN_STEP - 1.0
+        if growth <= 0.0:
+            return _MAX_TIME_RATIO
+        return float(np.clip(_TIME_SAFETY_FACTOR / growth, _MIN_TIME_RATIO, _MAX_TIME_RATIO))
+
+    def _mesh_ratio(self, coarse: _Run, fine: _Run) -> float:
+        """Return the mesh error of `fine` relative to its difference from `coarse`."""
+        halvings = fine.halvings - coarse.halvings
+        if halvings == 0:
+            return 0.0
+        if not all(base.is_aligned for base in self._beams if not base.fixed_by):
+            return _MESH_RATIO_WITHOUT_ALIGNMENT
+        if any(base.has_slider for base in self._beams):
+            return _MESH_RATIO_WITH_SLIDERS
+        if halvings > 1:
+            return _MESH_RATIO_OF_QUARTERED_ELEMENTS
+        fewest = min(self.task.element_counts(coarse.halvings).values())
+        return _MESH_RATIO_OF_TWO_ELEMENTS if fewest <= 2 else _MESH_RATIO
+
+    # The result.
+
+    def _refusal(self, kind: Any, reason: str) -> Status:
+        columns = np.array(list(self._last.solution.columns))
+        total = np.where(self._required, self._total, 0.0)
+        worst = int(np.nanargmax(np.where(np.isnan(total), np.inf, total)))
+        return Status(
+            kind,
+            f"{reason}; {columns[worst]} is known to {total[worst]:.2g} of half its range",
+        )
+
+    def _certificate(self, status: Status) -> Certificate:
+        last = self._last
+        count = len(last.solution.columns)
+        is_assessed = len(self._time) == count
+        unknown = np.full(count, np.nan)
+        is_mechanism = isinstance(self.task.model, Mechanism)
+        time = self._time if is_assessed else unknown
+        is_mesh_known = is_assessed and is_mechanism and (self._has_mesh or not self._beams)
+        mesh = self._mesh if is_mesh_known else unknown
+        good_until, growth_rate = float(last.solution.t[0]), np.nan
+        if status.success:
+            good_until = float(last.solution.t[-1])
+        elif is_assessed and self._last_difference is not None:
+            good_until, growth_rate = self._describe_growth(self._last_difference, self._total)
+            rate = (
+                ""
+                if np.isnan(growth_rate)
+                else (
+                    f"; errors grow by exp({growth_rate:.2g} t), a Lyapunov time of "
+                    f"{1.0 / growth_rate:.2g} s"
+                )
+            )
+            status = Status(
+                status.kind, f"{status.sentence}; good until t = {good_until:.4g} s{rate}"
+            )
+        notes = [
+            f"{base.beam.name}: mesh and theory are not assessed, because {base.fixed_by}."
+            for base in self._beams
+            if base.fixed_by
+        ]
+        notes += [
+            f"{base.beam.name}: the theory is not assessed, because the beam has custom kinematics."
+            for base in self._beams
+            if base.has_custom_kinematics and not base.fixed_by
+        ]
+        if not is_mechanism:
+            notes.append("equations of motion: mesh and theory are not assessed.")
+        is_theory_known = is_mechanism and (
+            not self._beams or any(base.can_be_exact for base in self._beams)
+        )
+        theory = np.zeros(count) + self._theory if is_theory_known else unknown
+        budget = ErrorBudget(
+            columns=tuple(last.solution.columns),
+            half_range=last.half_range,
+            time=time,
+            mesh=mesh,
+            theory=theory,
+            theory_as_written=np.zeros(count) + self._theory_as_written
+            if is_theory_known
+            else unknown,
+            required=self._required,
+        )
+        return Certificate(
+            solution=last.solution,
+            error_budget=budget,
+            accuracy=self.task.accuracy,
+            status=status,
+            good_until=good_until,
+            growth_rate=growth_rate,
+            event_shift=self._last_difference.event_shift if self._last_difference else 0.0,
+            formulations={
+                base.beam.name: EXACT_FORMULATION
+                if self._exact and base.can_be_exact
+                else base.beam.formulation
+                for base in self._beams
+            },
+            elements=self.task.element_counts(last.halvings),
+            runs=tuple(
+                CertificateRun(
+                    EXACT_FORMULATION if run.exact else _AS_WRITTEN,
+                    run.rtol,
+                    sum(self.task.element_counts(run.halvings).values()),
+                    run.steps,
+                    run.processor_time,
+                )
+                for run in self._runs
+            ),
+            notes=tuple(notes),
+        )
+
+    def _describe_growth(self, difference: _Difference, errors: Array) -> tuple[float, float]:
+        """Return the time up to which the budget holds [s] and the growth rate [1/s] or NaN."""
+        required = self._required
+        envelope = np.maximum.accumulate(difference.rows[:, required], axis=0)
+        growth_rate = _growth_rate(difference.t, np.max(envelope, axis=1))
+        largest = np.maximum(difference.largest[required], np.finfo(float).tiny)
+        ratios = errors[required] / largest
+        if not np.isnan(growth_rate):
+            # Errors that grow exponentially saturate, and are limited by rounding: the ratio of the
+            # largest values does not hold before.
+            ratios = np.maximum(ratios, 1.0)
+        is_within = np.all(envelope * ratios <= self.task.accuracy, axis=1)
+        beyond = np.flatnonzero(~is_within)
+        index = max(int(beyond[0]) - 1, 0) if len(beyond) else len(difference.t) - 1
+        return float(difference.t[index]), growth_rate
+
+
+def _refinement(errors: Array, target: float, base: float, order: float) -> int:
+    """Return the exponent of `base` by which to refine, so that the errors reach the target."""
+    excess = float(np.max(errors, initial=0.0)) / target
+    if not excess > 1.0:
+        return 0
+    return int(np.ceil(np.log(excess) / np.log(base) / order)) if np.isfinite(excess) else 1
+
+
+def _growth_rate(t: Array, error: Array) -> float:
+    """Return the exponential growth rate [1/s] of an error, or NaN if it does not fit."""
+    positive = error[error > 0.0]
+    if not len(positive):
+        return np.nan
+    usable = (error > 0.0) & (error < _SATURATION) & (t > t[0])
+    if usable.sum() < _MIN_FITTED_SAMPLES:
+        return np.nan
+    x, y = t[usable], np.log(error[usable])
+    if y[-1] - y[0] < np.log(_MIN_GROWTH):
+        return np.nan
+    by_time, by_log_time = (np.polyfit(z, y, 1, full=True) for z in (x, np.log(x - t[0])))
+    rate = float(by_time[0][0])
+    return rate if by_time[1].sum() < by_log_time[1].sum() else np.nan

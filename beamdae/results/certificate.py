@@ -1,0 +1,220 @@
+"""Certificate of the accuracy of a run: solution, error budget and settings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from beamdae.results.displays import load_views
+from beamdae.results.outcome import Status
+from beamdae.results.solution import Solution
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = np.ndarray
+
+_SCOPE = "estimated by comparison of runs; without errors of materials, joints and data"
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorBudget:
+    """Error bounds of the observed columns, relative to half their ranges [-], each (columns,).
+
+    Attributes
+    ----------
+    columns
+        Headers of the observed columns.
+    half_range
+        Half the range of each column in the unit of the column.
+    time
+        Error of the time integration.
+    mesh
+        Error of the meshes of the beams; NaN if it is not assessed.
+    theory
+        Error of floating frames compared with geometrically exact beams; 0 for exact beams, NaN if
+        it is not assessed.
+    theory_as_written
+        Error of the formulations that the model specifies, which the solution may replace.
+    required
+        True for columns that the certificate must cover.
+    """
+
+    columns: tuple[str, ...]
+    half_range: Array
+    time: Array
+    mesh: Array
+    theory: Array
+    theory_as_written: Array
+    required: Array
+
+    @property
+    def total(self) -> Array:
+        """Sum of the assessed errors."""
+        assessed = np.nan_to_num(self.mesh) + np.nan_to_num(self.theory)
+        return np.asarray(self.time + assessed)
+
+
+class CertificateRun(NamedTuple):
+    """One of the runs from which a certificate is derived.
+
+    Attributes
+    ----------
+    formulation
+        "exact", or "as written" for the formulations of the model.
+    rtol
+        Relative tolerance.
+    elements
+        Number of elements of all beams.
+    steps
+        Number of steps.
+    processor_time
+        Processor time with assembly [s].
+    """
+
+    formulation: str
+    rtol: float
+    elements: int
+    steps: int
+    processor_time: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Certificate:
+    """Solution with an error budget, see `certify`.
+
+    The budget is an estimate from the differences of several runs, not a proof. It refers to the
+    model: planar beams of Reissner, the given materials, joints and data.
+
+    Attributes
+    ----------
+    solution
+        The most accurate run.
+    error_budget
+        Error bounds of the observed columns; `budget` returns them as a table.
+    accuracy
+        Required accuracy relative to half the range of a column [-].
+    status
+        "ok" if all required columns are certified, otherwise "limited", "failed" or "interrupted",
+        with the reason.
+    good_until
+        Time [s] up to which all required columns are within the accuracy.
+    growth_rate
+        Exponential growth rate of the error [1/s], or NaN if the error does not grow exponentially.
+        Its inverse is the Lyapunov time.
+    event_shift
+        Largest difference [s] of the times of events between the last two runs. If a column jumps
+        at events, its error is measured at matching events.
+    formulations, elements
+        Formulation and number of elements of each beam in the solution, by name.
+    runs
+        The runs in chronological order.
+    notes
+        Limits of the certificate, such as beams whose formulation could not be compared.
+    """
+
+    solution: Solution
+    error_budget: ErrorBudget
+    accuracy: float
+    status: Status
+    good_until: float
+    growth_rate: float = np.nan
+    event_shift: float = 0.0
+    formulations: dict[str, str] = field(default_factory=dict)
+    elements: dict[str, int] = field(default_factory=dict)
+    runs: tuple[CertificateRun, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<Certificate of {self.accuracy:g}: {self.status.kind}, {self.reason}>"
+
+    def _repr_html_(self) -> str:
+        return load_views().summarize_certificate_as_html(self)
+
+    @property
+    def success(self) -> bool:
+        """True if all required columns are certified."""
+        return self.status.success
+
+    @property
+    def reason(self) -> str:
+        """The reason for the status."""
+        return self.status.sentence
+
+    @property
+    def cost(self) -> float:
+        """Processor time of all runs relative to the run of the solution."""
+        last = max(self.runs[-1].processor_time, np.finfo(float).tiny)
+        return sum(run.processor_time for run in self.runs) / last
+
+    @property
+    def budget(self) -> pd.DataFrame:
+        """Table with one row per observed column; errors are relative to half the range.
+
+        The columns are half the range (in the unit of the column), the errors of time integration,
+        mesh and theory, their total, the accuracy, and "certified": "yes" or "no", in parentheses
+        if the certificate does not require the column.
+        """
+        import pandas as pd
+
+        rows = self.budget_columns()
+        return pd.DataFrame(rows, index=pd.Index(list(self.error_budget.columns)))
+
+    def budget_columns(self) -> dict[str, Any]:
+        """Return the columns of `budget` as arrays and lists, by header."""
+        errors = self.error_budget
+        total = errors.total
+        is_certified = total <= self.accuracy
+        verdicts = [
+            word if needed else f"({word})"
+            for word, needed in zip(
+                np.where(is_certified, "yes", "no").tolist(), errors.required.tolist(), strict=True
+            )
+        ]
+        return {
+            "half the range": errors.half_range,
+            "time": errors.time,
+            "mesh": errors.mesh,
+            "theory": errors.theory,
+            "total": total,
+            "accuracy": np.full(len(total), self.accuracy),
+            "certified": verdicts,
+            "theory as written": errors.theory_as_written,
+        }
+
+    def facts(self) -> dict[str, str]:
+        """Return status, settings and cost as texts by name."""
+        beams = [
+            f"{name} {self.formulations[name]} with {count} elements"
+            for name, count in self.elements.items()
+        ]
+        rows = {
+            "accuracy": f"{self.accuracy:g} of half the range of a column",
+            "certificate": f"{self.status.kind}: {self.reason}",
+            "settings": "; ".join([self.solution.label, *beams]),
+            "cost": f"{len(self.runs)} runs, {self.cost:.2g} times the time of the last run",
+            "scope": _SCOPE,
+        }
+        if self.event_shift > 0.0:
+            rows["events"] = f"matched; they differ by up to {self.event_shift:.2g} s between runs"
+        if self.notes:
+            rows["notes"] = " ".join(self.notes)
+        return rows
+
+    def settings(self) -> dict[str, Any]:
+        """Return integrator, meshes, formulations and cost as a JSON-compatible dictionary."""
+        return {
+            "accuracy": self.accuracy,
+            "status": self.status.kind,
+            "reason": self.reason,
+            "good until [s]": self.good_until,
+            "growth rate [1/s]": None if np.isnan(self.growth_rate) else self.growth_rate,
+            "integrator": self.solution.label,
+            "elements": dict(self.elements),
+            "formulations": dict(self.formulations),
+            "runs": [run._asdict() for run in self.runs],
+            "cost in final runs": self.cost,
+            "notes": list(self.notes),
+        }

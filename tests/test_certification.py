@@ -1,0 +1,210 @@
+"""Certificates against references, their limits, and the refusal of chaotic motions."""
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.beams.remeshing import choose_base_meshes, with_meshes
+from beamdae.symbolic.statements import Quantity, Variable
+
+ALLOY = bd.Material(E=6.9e10, nu=0.3, rho=2700.0)
+
+
+def pendulum(damping=1e-3, **settings):
+    """Return a flexible pendulum with a mass in the middle, at a third of its length."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    strip = bd.Section.rectangle(ALLOY, width=0.03, height=0.003, damping=damping)
+    line = bd.Line((0.0, 0.0), (0.6, 0.0))
+    beam = mech.add(bd.Beam("strip", line, strip, elements=2, **settings))
+    mech.add(bd.PointMass("mass", 0.05, on=beam.at(0.2)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    mech.observe("tip", beam.end)
+    mech.observe("bend", beam.deformation(0.3, axes="frame"))
+    mech.observe("gauge", beam.strain(0.3, 0.0015))
+    return mech
+
+
+def double_pendulum(angle):
+    """Return two rigid rods released at an angle from the vertical; chaotic for large angles."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    joint = np.zeros(2)
+    last = mech.ground.at(0.0, 0.0)
+    for name in ("upper", "lower"):
+        end = joint + 0.5 * np.array([np.sin(angle), -np.cos(angle)])
+        rod = mech.add(bd.RigidBody.rod(name, tuple(joint), tuple(end), mass=1.0))
+        mech.add(bd.Revolute(f"{name} hinge", last, rod.at(*joint)))
+        last, joint = rod.at(*end), end
+        mech.observe(name, last)
+    return mech
+
+
+@pytest.fixture(scope="module")
+def certificate():
+    return bd.certify(pendulum(), accuracy=0.01, t_end=0.3)
+
+
+def reference_errors(solution, mechanism, rtol=1e-8):
+    beam = mechanism.part("strip")
+    base = choose_base_meshes(mechanism, 4)["strip"]
+    meshes = {beam.name: base.refined(2)}
+    exact = bd.equations_of_motion(with_meshes(mechanism, meshes, {beam.name: "exact"}))
+    rows = bd.Radau(rtol).integrate(exact, solution.t).observed
+    error = (solution.observed - rows).abs().max()
+    return error / (0.5 * (rows.max() - rows.min()))
+
+
+def test_the_budget_covers_the_error_of_every_required_column(certificate):
+    assert certificate.success
+    assert certificate.good_until == 0.3
+    budget = certificate.budget
+    required = budget["certified"] == "yes"
+    assert list(budget.index[required]) == [
+        *("tip.x [m]", "tip.y [m]", "tip.angle [rad]"),
+        *("bend.u [m]", "bend.v [m]", "bend.phi [rad]"),
+    ]
+    errors = reference_errors(certificate.solution, pendulum())
+    assert np.all(errors[required] <= budget["total"][required])
+    assert np.all(budget["total"][required] <= 0.01)
+    assert np.allclose(budget["total"], budget["time"] + budget["mesh"] + budget["theory"])
+
+
+def test_the_theory_error_of_the_model_as_written_is_covered(certificate):
+    assert certificate.formulations == {"strip": "exact"}
+    assert np.all(certificate.budget["theory"] == 0.0)
+    # Linear strains of a floating frame on the start section: a large theory error.
+    written = pendulum(frame="tangent", strain="linear")
+    stated = bd.certify(written, accuracy=0.01, t_end=0.3).budget["theory as written"]
+    errors = reference_errors(bd.simulate(written, bd.Radau(1e-6), t_end=0.3), written)
+    columns = ["bend.u [m]", "bend.v [m]", "bend.phi [rad]"]
+    assert errors[columns].max() > 0.01
+    assert np.all(errors[columns] < stated[columns])
+
+
+def test_elements_end_at_the_mass_in_every_mesh(certificate):
+    mechanism = certificate.solution.equations.mechanism
+    assert mechanism.part("strip").mesh.has_end_at(0.2)
+    assert certificate.elements["strip"] == mechanism.part("strip").mesh.elements
+
+
+def test_the_model_is_not_changed():
+    mech = pendulum()
+    before = mech.part("strip").mesh
+    bd.certify(mech, accuracy=0.05, t_end=0.05)
+    assert mech.part("strip").mesh is before
+    assert mech.part("strip").formulation == "floating frame"
+    assert bd.simulate(mech, t_end=0.01).status.success
+
+
+def test_exact_beams_have_no_theory_error():
+    result = bd.certify(pendulum(formulation="exact"), accuracy=0.05, t_end=0.05)
+    assert np.all(result.budget["theory as written"] == 0.0)
+    assert {run.formulation for run in result.runs} == {"exact"}
+
+
+def test_systems_without_beams_have_a_time_error_only():
+    result = bd.certify(double_pendulum(0.3), accuracy=1e-3, t_end=1.0)
+    assert result.success
+    assert np.all(result.budget["mesh"] == 0.0)
+    assert len(result.runs) == 2
+    truth = bd.simulate(double_pendulum(0.3), bd.Radau(1e-9), t_end=1.0)
+    off = (result.solution.observed - truth.observed).abs().max()
+    half_range = result.budget["half the range"]
+    assert np.all(off <= result.budget["total"] * half_range)
+
+
+def test_equations_of_motion_are_accepted_with_a_note():
+    equations = bd.equations_of_motion(pendulum())
+    result = bd.certify(equations, accuracy=0.05, t_end=0.05)
+    assert result.success
+    assert result.notes == ("equations of motion: mesh and theory are not assessed.",)
+    assert result.budget["mesh"].isna().all()
+    assert result.budget["theory"].isna().all()
+
+
+def test_a_chaotic_double_pendulum_is_refused_with_a_lyapunov_time():
+    result = bd.certify(double_pendulum(2.6), accuracy=0.01, t_end=20.0)
+    assert not result.success
+    assert "Lyapunov time" in result.reason
+    # The largest Lyapunov exponent of this pendulum is of the order of sqrt(g / length).
+    assert 0.5 < result.growth_rate < 10.0
+    assert 1.0 < result.good_until < 20.0
+    early = bd.simulate(double_pendulum(2.6), bd.Radau(1e-11), t_end=20.0).observed
+    error = (result.solution.observed - early).abs() / (0.5 * (early.max() - early.min()))
+    within = result.solution.t <= result.good_until
+    assert error[within][["upper.x [m]", "lower.y [m]"]].max().max() < 0.01
+
+
+def test_only_the_named_columns_are_required():
+    result = bd.certify(pendulum(), accuracy=0.05, columns="tip", t_end=0.05)
+    verdicts = result.budget["certified"]
+    assert verdicts["tip.x_dot [m/s]"] == "yes"
+    assert verdicts["bend.v [m]"].startswith("(")
+
+
+def test_a_time_limit_is_an_honest_refusal():
+    with pytest.raises(bd.BeamdaeError, match="time limit"):
+        bd.certify(pendulum(), t_end=0.3, time_limit=1e-9)
+
+
+def test_custom_quantities_keep_mesh_and_theory():
+    mech = pendulum()
+    beam = mech.part("strip")
+    piece = beam.end.piece
+    quantity = Quantity((Variable("x", "m"),), (piece,), lambda local: local.q[0])
+    mech.observe("custom", quantity)
+    result = bd.certify(mech, accuracy=0.05, t_end=0.05)
+    assert result.elements == {"strip": beam.mesh.elements}
+    assert result.formulations == {"strip": "floating frame"}
+    assert result.notes == (
+        "strip: mesh and theory are not assessed, because the quantity 'custom' refers to its "
+        "coordinates.",
+    )
+    assert result.budget["mesh"].isna().all()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"accuracy": 1.0}, "accuracy must lie between"),
+        ({"accuracy": "1%"}, "accuracy must be a number"),
+        ({"columns": ["tap"]}, "there is no column 'tap'"),
+        ({"t_end": None}, "no end time"),
+        ({"start": 3.0}, "start must be"),
+    ],
+)
+def test_invalid_settings_are_rejected(settings, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.certify(double_pendulum(0.3), **{"t_end": 0.1} | settings)
+
+
+def test_a_model_without_observables_is_rejected():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    with pytest.raises(bd.BeamdaeError, match="nothing is observed"):
+        bd.certify(mech, t_end=0.1)
+
+
+def test_a_stopped_run_refuses_the_certificate():
+    result = bd.certify(double_pendulum(2.6), t_end=10.0, progress=lambda t: "enough")
+    assert not result.success
+    assert "enough" in result.reason
+    assert result.budget["total"].isna().all()
+
+
+def test_repr_and_html_name_the_result(certificate):
+    assert repr(certificate).startswith("<Certificate of 0.01: ok, all required columns")
+    html = certificate._repr_html_()
+    assert "tip.y [m]" in html
+    assert "theory as written" in html
+
+
+def test_jumps_at_events_are_compared_at_matching_events():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.5)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 1.5), ball.point, 5.0))
+    gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(ball.point)
+    mech.when(gap, 0.0, "down", bd.impact(gap, restitution=0.9), name="bounce")
+    mech.observe("ball", ball.point)
+    result = bd.certify(mech, columns="ball", accuracy=0.001, t_end=2.0)
+    assert len(result.solution.event_records) > 2
+    assert result.success
