@@ -176,7 +176,7 @@ class Part:
         attached
             Attachments on this part, with the parts that refer to them.
         has_fixed_coordinates
-            True if a quantity refers to the present coordinates and cannot be rebuilt.
+            True if the start or a quantity that cannot be rebuilt refers to the coordinates.
         """
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing | None:

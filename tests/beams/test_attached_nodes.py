@@ -195,6 +195,38 @@ def test_quantities_that_cannot_be_rebuilt_keep_the_mesh():
     assert beam.mesh.bounds is None
 
 
+@pytest.mark.parametrize(
+    ("start", "is_divided"),
+    [
+        ({"beam.v3": 1e-3}, False),
+        ({"beam.phi12_dot": 1e-3}, False),
+        ({"beam.theta": 0.1, "beam.theta_dot": 1.0}, True),
+        ("equilibrium", True),
+    ],
+)
+def test_starts_that_name_coordinates_of_nodes_keep_the_mesh(start, is_divided):
+    mech = bd.Mechanism(start=start)
+    beam = mech.add(bd.Beam("beam", LINE, STRIP, elements=4))
+    mech.add(bd.Revolute("pivot", mech.ground.at(0.3, 0.0), beam.at(0.3)))
+    mech.add(bd.TorsionSpring("spring", mech.ground.at(0.3, 0.0), beam.at(0.3), 10.0))
+    bd.equations_of_motion(mech)
+    assert (beam.mesh.bounds is not None) == is_divided
+
+
+def test_impacts_on_gaps_of_beams_divided_later():
+    """The gap is a quantity of the coordinates before the beam is divided."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    beam = mech.add(bd.Beam("beam", LINE, STRIP, elements=2))
+    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.PointMass("mass", 0.1, on=beam.at(0.3)))
+    gap = bd.LineSurface(mech.ground.at(0.0, -0.01)).gap(beam.at(0.8))
+    mech.when(gap, 0.0, "down", bd.impact(gap, restitution=0.5), name="bounce")
+    solution = bd.simulate(mech, bd.Radau(1e-5), 0.06)
+    assert beam.mesh.elements == 3
+    assert solution.status.success, solution.status.sentence
+    assert len(solution.events) > 0
+
+
 def test_parts_added_after_the_first_assembly_keep_the_mesh():
     """The equations of earlier runs refer to its coordinates."""
     mech = arm(4)

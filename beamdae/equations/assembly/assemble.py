@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -30,6 +30,7 @@ from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.memory import require_memory
 from beamdae.parts.attachments import largest_distance
+from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import MINIMUM_NORM, Mechanism
 from beamdae.parts.part import AttachedPart, Part
 from beamdae.symbolic.statements import (
@@ -43,6 +44,7 @@ from beamdae.symbolic.statements import (
 Array = np.ndarray
 
 _MAX_DRAWING_ERROR = 1e-2  # due to interpolated curves; relative to the mechanism
+_PLACEMENT_COORDINATES = 3  # position and angle
 _BYTES_PER_COORDINATE = 1e4  # lower bound of the memory of a run; measured without joints: 14 kB
 
 
@@ -75,7 +77,8 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     snapshot = copy(mechanism)
     snapshot.parts, snapshot.events = dict(mechanism.parts), list(mechanism.events)
     parts = list(mechanism.parts.values())
-    _prepare_parts(mechanism)
+    start = mechanism.start if start is None else start
+    _prepare_parts(mechanism, start)
     snapshot.observables = {
         name: quantity.current for name, quantity in mechanism.observables.items()
     }
@@ -142,22 +145,29 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
                 "redundant constraints."
             )
         equations = replace(equations, redundant=True)
-    return apply_initial_conditions(equations, mechanism.start if start is None else start)
+    return apply_initial_conditions(equations, start)
 
 
-def _prepare_parts(mechanism: Mechanism) -> None:
-    """Let each part adapt its coordinates to the attachments of all parts."""
+def _prepare_parts(mechanism: Mechanism, start: Any) -> None:
+    """Let each part adapt its coordinates to the attachments of all parts.
+
+    Exempt are parts with coordinates to which the `start` or a quantity refers.
+    """
     attached: dict[int, list[AttachedPart]] = {}
     for part in mechanism.parts.values():
         for attachment in part.attachments:
             attached.setdefault(id(attachment.body), []).append(AttachedPart(part, attachment))
-    quantities = [
-        *mechanism.observables.values(),
-        *(event.what for event in mechanism.events if isinstance(event.what, Quantity)),
-    ]
+    sources = [*mechanism.observables.values()]
+    for event in mechanism.events:
+        sources += [event.what, *(impact.on for impact in select_impacts(event.do))]
+    quantities = [x for x in sources if isinstance(x, Quantity)]
     fixed = {id(piece.owner) for x in quantities if not x.can_be_rebuilt for piece in x.pieces}
+    requested = set(start) if isinstance(start, Mapping) else set()
     for part in mechanism.parts.values():
-        part.prepare(attached.get(id(part), []), id(part) in fixed)
+        # The first coordinates of a beam are those of its frame or of its first node.
+        names = [f"{part.name}.{x.name}" for x in part.coordinates[_PLACEMENT_COORDINATES:]]
+        is_requested = any(name in requested or f"{name}_dot" in requested for name in names)
+        part.prepare(attached.get(id(part), []), id(part) in fixed or is_requested)
 
 
 def _part_coordinates(

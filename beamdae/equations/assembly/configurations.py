@@ -133,7 +133,7 @@ class MechanismConfigurations:
             if isinstance(impact.on, Joint):
                 part = impact.on
             else:
-                part = ClosedGap(_unused_name(event, mechanism), impact.on)
+                part = ClosedGap(_unused_name(event, mechanism), impact.on.current)
             if part.name in mechanism.parts:
                 # An active joint has no relative velocity to reverse.
                 continue
