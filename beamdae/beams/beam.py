@@ -381,7 +381,17 @@ class Beam(Part):
         return self.at(self.length)
 
     def at(self, s: float) -> Attachment:
-        """Return the section at arc length `s` [m].
+        """Return the section at arc length `s`.
+
+        Parameters
+        ----------
+        s
+            Arc length [m], from 0 to `length`.
+
+        Returns
+        -------
+        Attachment
+            The section, for joints, loads and observables.
 
         Raises
         ------
@@ -506,19 +516,42 @@ class Beam(Part):
         return self._evaluate_strains(s, (Variable("", "-"),), fiber_strain, offset)
 
     def stress(self, s: float, offset: float | str) -> Quantity:
-        """Return the longitudinal stress E eps11 [Pa] of a fiber, including material damping.
+        """Return the longitudinal stress E eps11 of a fiber, including material damping.
 
-        For the parameters and the errors, see `strain`.
+        Parameters
+        ----------
+        s, offset
+            See `strain`.
+
+        Returns
+        -------
+        Quantity
+            One column, the stress [Pa].
+
+        Raises
+        ------
+        BeamdaeError
+            See `strain`.
         """
         x = self._section_at(s)
         numbers = (x.fiber_offset(self.name, offset), x.material.E, x.damping)
         return self._evaluate_strains(s, (Variable("", "Pa"),), fiber_stress, *numbers)
 
     def section_forces(self, s: float) -> Quantity:
-        """Return axial force N [N], shear force Q [N] and bending moment M [N m] at `s` [m].
+        """Return axial force, shear force and bending moment at `s`, computed from the strains.
 
         N = EA eps11, Q = GA 2 eps12, M = EI kappa11 on the axis (eqs. 5-7), including material
         damping. A positive M lengthens the left side of the beam.
+
+        Parameters
+        ----------
+        s
+            Arc length [m].
+
+        Returns
+        -------
+        Quantity
+            Columns N [N], Q [N] and M [N m].
 
         Raises
         ------

@@ -91,6 +91,11 @@ class Material:
         The unit of rho is kg/m^3; the yield stress is not set. Values differ by a few percent
         between alloys and tempers; create a `Material` from measured values if available.
 
+        Parameters
+        ----------
+        name
+            One of the names in the table.
+
         Raises
         ------
         BeamdaeError

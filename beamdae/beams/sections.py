@@ -101,9 +101,18 @@ class Section:
     def rectangle(
         cls, material: Material, width: float, height: float, damping: float = 0.0
     ) -> Section:
-        """Return a rectangle of `width` [m] and of `height` [m] in the plane of motion.
+        """Return a rectangular section.
 
-        `damping` is the Kelvin-Voigt retardation time [s].
+        Parameters
+        ----------
+        material
+            The material.
+        width
+            Width normal to the plane of motion [m].
+        height
+            Height in the plane of motion [m].
+        damping
+            Kelvin-Voigt retardation time [s].
 
         Raises
         ------
@@ -117,10 +126,18 @@ class Section:
 
     @classmethod
     def circle(cls, material: Material, diameter: float, damping: float = 0.0) -> Section:
-        """Return a solid circle of `diameter` [m].
+        """Return a solid circular section.
 
-        k_G = 6 (1 + nu) / (7 + 6 nu) (Cowper 1966). `damping` is the Kelvin-Voigt retardation
-        time [s].
+        k_G = 6 (1 + nu) / (7 + 6 nu) (Cowper 1966).
+
+        Parameters
+        ----------
+        material
+            The material.
+        diameter
+            Diameter [m].
+        damping
+            Kelvin-Voigt retardation time [s].
 
         Raises
         ------
@@ -143,11 +160,21 @@ class Section:
     def pipe(
         cls, material: Material, diameter: float, wall: float, damping: float = 0.0
     ) -> Section:
-        """Return a round pipe of outer `diameter` and `wall` thickness [m].
+        """Return the section of a round pipe.
 
         k_G = 6 (1 + nu) (1 + m^2)^2 / ((7 + 6 nu) (1 + m^2)^2 + (20 + 12 nu) m^2) (Cowper 1966)
-        with m the ratio of the inner to the outer diameter. `damping` is the Kelvin-Voigt
-        retardation time [s].
+        with m the ratio of the inner to the outer diameter.
+
+        Parameters
+        ----------
+        material
+            The material.
+        diameter
+            Outer diameter [m].
+        wall
+            Wall thickness [m].
+        damping
+            Kelvin-Voigt retardation time [s].
 
         Raises
         ------

@@ -91,7 +91,8 @@ class Event:
     BeamdaeError
         If `what` is neither a string nor a quantity, `crosses` is not finite, `direction` or `do`
         is unknown, or `name` is invalid or missing. Assembly raises this error if no observed
-        column has the name `what`.
+        column has the name `what`, a quantity has several columns, or two events have the same
+        name.
     """
 
     what: Any

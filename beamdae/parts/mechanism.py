@@ -135,6 +135,16 @@ class Mechanism(HasOrigin):
     def add(self, part: P) -> P:
         """Add a part, such as a body, a joint or a load, and return the part.
 
+        Parameters
+        ----------
+        part
+            The part. Parts to which it refers, such as the bodies of a joint, must be added first.
+
+        Returns
+        -------
+        Part
+            The same part.
+
         Raises
         ------
         BeamdaeError
@@ -161,6 +171,13 @@ class Mechanism(HasOrigin):
 
         The motion of an attachment has the columns name.x [m], name.y [m], name.angle [rad] (not
         for particles and points of the ground) and their rates.
+
+        Parameters
+        ----------
+        name
+            Prefix of the columns.
+        what
+            An attachment such as `beam.end`, or a quantity such as `joint.reaction`.
 
         Raises
         ------
@@ -195,12 +212,22 @@ class Mechanism(HasOrigin):
     ) -> Event:
         """Add an event that occurs when a column or quantity crosses a value, and return the event.
 
-        The parameters are those of `Event`.
+        Parameters
+        ----------
+        what, crosses, direction, do, name
+            See `Event`.
+
+        Returns
+        -------
+        Event
+            The event.
 
         Raises
         ------
         BeamdaeError
-            If an argument is invalid, or a part to which the event refers has not been added.
+            If an argument is invalid, or a part to which the quantity or an impact refers has not
+            been added. Assembly raises this error for an unknown column and for actions on other
+            parts that have not been added.
 
         Examples
         --------
@@ -223,6 +250,11 @@ class Mechanism(HasOrigin):
     def deactivate(self, *parts: Part) -> None:
         """Make joints and forces inactive until an event activates them; see `Event`.
 
+        Parameters
+        ----------
+        *parts
+            Joints and forces of this mechanism.
+
         Raises
         ------
         BeamdaeError
@@ -238,6 +270,11 @@ class Mechanism(HasOrigin):
 
     def part(self, name: str) -> Part:
         """Return the part with this name.
+
+        Parameters
+        ----------
+        name
+            Name of the part.
 
         Raises
         ------

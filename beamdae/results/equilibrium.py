@@ -263,7 +263,20 @@ class Equilibrium:
         return recover_section_forces_at_state(self.equations, beam, self.t, state, factors, s)
 
     def diagram(self, beam: Any, what: str = "M") -> Plot:
-        """Draw "N", "Q" or "M" along a beam at the end of the path, see `Solution.diagram`."""
+        """Plot a section force of a beam at the end of the path over its arc length.
+
+        Parameters
+        ----------
+        beam
+            The beam, or its name.
+        what
+            The section force: "N", "Q" or "M".
+
+        Raises
+        ------
+        BeamdaeError
+            If the mechanism does not contain the beam, or `what` is invalid.
+        """
         return self.section_forces(beam).diagram(what)
 
     @cached_property

@@ -35,7 +35,7 @@ class ResponsePoint:
     solution
         One period of the motion.
     multipliers
-        Floquet multipliers, sorted by descending modulus.
+        Floquet multipliers, complex, sorted by descending modulus; see `PeriodicMotion`.
     forward
         True if the parameter increases along the curve at this point.
     """
@@ -110,6 +110,11 @@ class FrequencyResponse:
 
         Unstable parts of the curve are dashed.
 
+        Parameters
+        ----------
+        column
+            Header of the column with its unit, such as "tip.y [m]".
+
         Raises
         ------
         BeamdaeError
@@ -134,6 +139,11 @@ class FrequencyResponse:
         Each peak is the vertex of a parabola, the half range over the arc length of the curve,
         through the three nearest points. The ends of the curve are not peaks.
 
+        Parameters
+        ----------
+        column
+            Header of the column with its unit, such as "tip.y [m]".
+
         Raises
         ------
         BeamdaeError
@@ -156,6 +166,11 @@ class FrequencyResponse:
 
     def curve(self, column: str) -> tuple[Array, Array]:
         """Return the parameter (k,) and the half range (k,) of an observed column.
+
+        Parameters
+        ----------
+        column
+            Header of the column with its unit, such as "tip.y [m]".
 
         Raises
         ------

@@ -31,10 +31,10 @@ class PeriodicMotion:
     period
         Period [s].
     multipliers
-        Floquet multipliers, sorted by descending modulus: eigenvalues of the monodromy matrix for
-        the motions that the joints allow. The modulus of a multiplier is the growth factor of a
-        perturbation per period. Perturbations in modes that the steps do not resolve decay
-        numerically, even if the modes are undamped.
+        Floquet multipliers, complex, sorted by descending modulus: eigenvalues of the monodromy
+        matrix for the motions that the joints allow. The modulus of a multiplier is the growth
+        factor of a perturbation per period. Perturbations in modes that the steps do not resolve
+        decay numerically, even if the modes are undamped.
     multiplier_error
         Change of the largest modulus when the steps of the variational equations are halved.
     off

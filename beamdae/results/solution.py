@@ -149,9 +149,14 @@ class Solution(RunData, TimeSeries):
         return replace(self, equations=add_observable(self.equations, name, what))
 
     def at(self, t: float) -> Instant:
-        """Return the state at a time within the run [s], interpolated by the dense output.
+        """Return the state at a time within the run, interpolated by the dense output.
 
         The state can be passed to `modes` and `linearize`.
+
+        Parameters
+        ----------
+        t
+            Time [s].
 
         Raises
         ------
@@ -216,14 +221,14 @@ class Solution(RunData, TimeSeries):
         return recover_section_forces(self, beam, t, s)
 
     def diagram(self, beam: Any, what: str = "M", t: Any = None) -> Plot:
-        """Plot the section force "N", "Q" or "M" of a beam over its arc length.
+        """Plot a section force of a beam over its arc length.
 
         Parameters
         ----------
         beam
             The beam, or its name.
         what
-            The section force.
+            The section force: "N", "Q" or "M".
         t
             A time [s], or ascending times for an envelope. Defaults to the envelope over the output
             times.
@@ -231,8 +236,8 @@ class Solution(RunData, TimeSeries):
         Raises
         ------
         BeamdaeError
-            If the mechanism does not contain the beam, `what` is invalid, or a time lies outside
-            the run.
+            If the mechanism does not contain the beam, `what` is invalid, the times do not ascend,
+            or a time lies outside the run.
         """
         return recover_section_forces(self, beam, t).diagram(what)
 
@@ -268,6 +273,11 @@ class Solution(RunData, TimeSeries):
 
         The file is a zip archive of NumPy arrays and JSON. Loading the file does not execute code.
 
+        Parameters
+        ----------
+        path
+            Path of the file, with any suffix. An existing file is replaced.
+
         Raises
         ------
         BeamdaeError
@@ -279,6 +289,11 @@ class Solution(RunData, TimeSeries):
         """Write the last state to a JSON file and return the path.
 
         `simulate(..., start=path)` resumes from this state.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
 
         Raises
         ------
@@ -293,6 +308,11 @@ class Solution(RunData, TimeSeries):
         Integrator, model and status are taken from the later run. If the later run succeeded but
         this run failed, the combined status is "failed", unless this run failed while executing an
         event. Costs are added.
+
+        Parameters
+        ----------
+        later
+            Solution of `simulate(..., start=self)`.
 
         Raises
         ------

@@ -38,16 +38,17 @@ class Case:
     Parameters
     ----------
     model
-        Model function.
+        Model function, decorated with `bd.model`.
     parameters
-        Parameter values by name; they replace the defaults of the model.
+        Parameter values by name; they replace the defaults of the model. Defaults to no changes.
     integrator
-        Any `Integrator`, such as Ida(...), GeneralizedAlpha(...) or Radau(...).
+        Any `Integrator`, such as GeneralizedAlpha(...) or Radau(...). Defaults to `Ida()`.
 
     Raises
     ------
     BeamdaeError
-        If an argument has the wrong type.
+        If an argument has the wrong type. Names and types of parameters are checked only when the
+        case is run or becomes part of a study.
     """
 
     model: Model
@@ -234,6 +235,16 @@ def default_integrators() -> tuple[Integrator, ...]:
 
 def grid(**lists: Iterable[Any]) -> list[dict[str, Any]]:
     """Return all combinations of parameter values; the last name varies fastest.
+
+    Parameters
+    ----------
+    **lists
+        Values by parameter name.
+
+    Returns
+    -------
+    list of dict
+        Combinations, each with one value per name.
 
     Raises
     ------

@@ -66,6 +66,11 @@ def compare(
     BeamdaeError
         If the reference fails, a column is unknown or constant, or an argument is invalid.
 
+    Warns
+    -----
+    BeamdaeWarning
+        If a run is not completed or has warnings; see `simulate`.
+
     Examples
     --------
     >>> import beamdae as bd

@@ -238,10 +238,16 @@ def study(
     patience
         Maximum wall time without progress of a case [s]. Defaults to no limit.
 
+    Returns
+    -------
+    Callable
+        Decorator that returns a `Study` with the name of the function.
+
     Raises
     ------
     BeamdaeError
-        If a setting is invalid, or the function fails or returns no cases.
+        If a limit is not positive. The decorator raises this error if the function fails or returns
+        no cases, or another setting is invalid (see `Study`).
     """
     for name, value in (
         ("time_limit", time_limit),

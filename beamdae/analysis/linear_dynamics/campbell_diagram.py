@@ -111,7 +111,8 @@ def campbell(
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, or there is no steady rotation at one of the speeds.
+        If an argument is invalid, there is no steady rotation at one of the speeds, or the modes
+        cannot be computed (see `modes`).
 
     Examples
     --------

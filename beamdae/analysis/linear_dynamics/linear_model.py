@@ -167,8 +167,8 @@ def linearize(
     Raises
     ------
     BeamdaeError
-        If the state, an input or an output does not exist, a coordinate has no inertia, or the
-        model has more than 2000 coordinates.
+        If an argument is invalid, the state, an input or an output does not exist, a coordinate has
+        no inertia, or the model has more than 2000 coordinates.
 
     Examples
     --------

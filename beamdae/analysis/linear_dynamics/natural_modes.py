@@ -198,8 +198,8 @@ def modes(
         State about which to linearize; drivers are fixed:
 
         - "reference": at rest in the reference configuration, with the reactions to the loads. If
-          this is not an equilibrium, the stiffness is the second derivative of the potential, and a
-          warning is given.
+          this is not an equilibrium, the stiffness is the second derivative of the potential, and
+          `Modes.warnings` names the coordinate that accelerates most.
         - "equilibrium": at rest under the loads.
         - positions by name, such as {"crank.angle": 0.3}: at rest at these positions.
         - `rotation(speed)`: steady rotation of the whole mechanism.

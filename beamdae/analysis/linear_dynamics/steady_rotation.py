@@ -86,7 +86,7 @@ def rotation(speed: float, center: tuple[float, float] = (0.0, 0.0)) -> Rotation
     Raises
     ------
     BeamdaeError
-        If `speed` is not a finite number, or `center` not a pair of finite numbers.
+        If `speed` is not a finite number, or `center` is not a pair of finite numbers.
 
     Examples
     --------

@@ -96,12 +96,12 @@ def frequency_response(
         First and largest step along the curve, in which changes of the state are relative to the
         amplitudes and changes of the parameter are relative to its range.
     settle
-        Number of periods to run before the first periodic motion is sought.
+        Number of periods to run before the first periodic motion is sought, 0 to 10 000.
     tolerance
         Largest difference between the states at the end and at the start of a period, relative to
         the amplitudes.
     most_points
-        Maximum number of points on the curve.
+        Maximum number of points on the curve, at least 2.
     begin
         Time [s] at which periods begin.
 

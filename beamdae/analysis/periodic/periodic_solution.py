@@ -66,10 +66,11 @@ def periodic(
     begin
         Time [s] at which the period begins; loads must be periodic from this time on.
     settle
-        Number of periods to run before the first iteration, to approach a stable motion.
+        Number of periods to run before the first iteration, 0 to 10 000, to approach a stable
+        motion.
     tolerance
         Largest difference between the states at the end and at the start of the period, relative to
-        the amplitudes.
+        the amplitudes; positive.
 
     Returns
     -------

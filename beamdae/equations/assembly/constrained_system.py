@@ -113,8 +113,10 @@ class ConstrainedSystem(HasOrigin):
     Raises
     ------
     BeamdaeError
-        If an argument is invalid. The shapes and symbols of expressions are checked only when
-        `equations` is evaluated.
+        If symbols repeat or are not all SX or all MX, numbers, names or units have the wrong length
+        or are invalid, names of coordinates or columns repeat, breakpoints do not ascend, a scale
+        or `time_scale` is not positive, or an event does more than stop the run or record. The
+        shapes and symbols of expressions are checked only when `equations` is evaluated.
 
     Examples
     --------

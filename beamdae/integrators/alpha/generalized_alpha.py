@@ -95,6 +95,14 @@ class GeneralizedAlpha(Integrator):
     max_steps
         Maximum number of adaptive steps. Defaults to no limit; the run still stops if its steps
         become too short to reach the end (`limits.StallDetector`).
+
+    Raises
+    ------
+    BeamdaeError
+        If `step`, `newton_tolerance` or `time_limit` is not positive, `rho_inf` is outside [0, 1]
+        ([1/2, 1] for "hht"), `rtol` is outside [1e-14, 0.1] or given for "newmark" with
+        rho_inf < 1, `max_steps` is given without `rtol` or is not a whole number of at least 1, or
+        another setting is not one of its values.
     """
 
     step: float = 1e-3

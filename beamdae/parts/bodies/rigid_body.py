@@ -58,7 +58,17 @@ class Ground(Part):
     name: str = "ground"
 
     def at(self, x: float, y: float) -> Attachment:
-        """Return the fixed point (x, y) [m].
+        """Return the fixed point (x, y).
+
+        Parameters
+        ----------
+        x, y
+            Position in the inertial frame [m].
+
+        Returns
+        -------
+        Attachment
+            The point, for joints and observables.
 
         Raises
         ------
@@ -336,7 +346,19 @@ class RigidBody(Part):
         return np.array(self.shape or [self.center])
 
     def at(self, x: float, y: float) -> Attachment:
-        """Return the material point at (x, y) in the reference configuration [m].
+        """Return the material point at (x, y) in the reference configuration.
+
+        The point need not lie inside the shape.
+
+        Parameters
+        ----------
+        x, y
+            Position in the reference configuration [m].
+
+        Returns
+        -------
+        Attachment
+            The point, for joints, loads and observables.
 
         Raises
         ------
@@ -348,13 +370,7 @@ class RigidBody(Part):
         return Attachment(self, point, 0.0, _ALL_ROWS, Formula(_body_point, arm))
 
     def forces(self, gravity: Array) -> list[ForceStatement]:
-        """Return inertia and weight as one statement.
-
-        Parameters
-        ----------
-        gravity
-            Acceleration of gravity, shape (2,) [m/s^2].
-        """
+        """Return inertia and weight as one statement."""
         data = np.array([[self.mass], [self.inertia], [gravity[0]], [gravity[1]]])
         return [ForceStatement(self.name, _rigid_body_kernel(), (Piece(self, _ALL_ROWS),), data)]
 

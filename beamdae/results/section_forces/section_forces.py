@@ -202,11 +202,17 @@ class SectionForces:
         yield_stress
             Yield stress [Pa]. Defaults to `Material.yield_stress`.
 
+        Returns
+        -------
+        Safety
+            The factor, with the stress [Pa], the time [s] and the arc length [m] at which it
+            occurs.
+
         Raises
         ------
         BeamdaeError
-            If neither the argument nor the material defines a yield stress, or a section does not
-            define its height.
+            If neither the argument nor the material defines a yield stress, `yield_stress` is not
+            positive, or a section does not define its height.
         """
         name = self.beam.name
         if yield_stress is not None:
@@ -249,5 +255,15 @@ class SectionForces:
         t
             Time [s]; the nearest available time is used. Defaults to the envelope over all times
             if there are several times.
+
+        Returns
+        -------
+        Plot
+            The figure, displayed by a notebook; `Plot.save` writes it to a file.
+
+        Raises
+        ------
+        BeamdaeError
+            If `what` is invalid, or `t` is out of range.
         """
         return load_views().plot_section_forces(self, what, t)

@@ -90,7 +90,12 @@ class SavedRun(TimeSeries):
         return dict(self._metadata)
 
     def at_times(self, times: Array) -> SavedRun:
-        """Return the saved run restricted to some of its output times [s].
+        """Return the saved run restricted to some of its output times.
+
+        Parameters
+        ----------
+        times
+            Ascending output times of the run (k,) [s].
 
         Raises
         ------

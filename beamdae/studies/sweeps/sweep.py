@@ -69,7 +69,23 @@ class Sweep(ParameterStudy):
         scheduler: str | None = None,
         progress: Callable[[StudyProgress], None] | None = None,
     ) -> SweepResults:
-        """Run all cases that are not yet stored in `folder`; see `bd.sweep`."""
+        """Run all cases that are not yet stored in `folder`.
+
+        Parameters
+        ----------
+        folder, jobs, scheduler, progress
+            See `bd.sweep`.
+
+        Raises
+        ------
+        BeamdaeError
+            If an argument is invalid, a column does not exist, or `folder` cannot be written.
+
+        Warns
+        -----
+        BeamdaeWarning
+            If runs were not successful or have warnings, or stored results are damaged.
+        """
         serial = scheduler is None and as_real(jobs) == 1.0
         report_progress = _guard_progress(self.name, progress)
         path = None if folder is None else _require_folder(self.name, folder)
