@@ -163,7 +163,10 @@ def write_tables(run: Run, parts: RunParts, solution: Solution, checkpoint: Path
 
 
 def estimate_errors(run: Run, solution: Solution, verify: bool, table: Path) -> None:
-    """Estimate the errors of the observed columns and write them next to the table."""
+    """Estimate or, if `verify` is True, verify the errors of the observed columns.
+
+    The errors become part of the metadata of the file `table`. An interrupt discards them.
+    """
     from beamdae import verification
     from beamdae.results.storage.files import write_metadata
 

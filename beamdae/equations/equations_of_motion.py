@@ -213,7 +213,8 @@ class EquationsOfMotion:
         Numbers of the model: quadrature data, section, mass and load values.
     length
         Characteristic length of the mechanism [m], the scale of positions. For a constrained
-        system, the largest absolute initial value of the coordinates that are not angles.
+        system, the largest absolute initial value of the coordinates that are not angles, or 1 if
+        all of these are zero.
     parts
         Coordinates and size of each part.
     breakpoints

@@ -392,7 +392,8 @@ def table(times: Any, values: Any) -> Law:
     shortest = float(np.min(np.diff(t)))
     if shortest <= 0.0:
         raise BeamdaeError(
-            "table: times must ascend; sort the rows by time and give each time once."
+            f"table: times must ascend, but the smallest difference of successive times is "
+            f"{shortest:g} s; sort the rows by time and give each time once."
         )
     require_positive("table", "the shortest interval between times", shortest)
     # Imported here because the import takes as long as a short run, and few models have tables.

@@ -160,6 +160,11 @@ class TimeSeries:
         ----------
         names
             Names of columns, see `solution[name]`. Defaults to up to three characteristic columns.
+
+        Raises
+        ------
+        BeamdaeError
+            If no column has one of the names.
         """
         return load_views().plot_time_series(self, *names)
 
@@ -167,6 +172,11 @@ class TimeSeries:
         """Write the table as Parquet and return the path.
 
         This method requires pyarrow: `pip install beamdae[parquet]`.
+
+        Parameters
+        ----------
+        path
+            Path of the file, with any suffix.
 
         Raises
         ------

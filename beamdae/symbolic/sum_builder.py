@@ -87,7 +87,8 @@ class SumBuilder:
         inputs
             Local inputs of the copies, in the order of the kernel.
         data
-            Slice of p with the data of the copies, copy by copy; the last local inputs.
+            Slice of p with the data of the copies, copy by copy. The data are the last local inputs
+            of each copy.
         count
             Number of copies.
 

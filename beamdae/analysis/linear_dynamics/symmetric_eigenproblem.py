@@ -195,9 +195,10 @@ class FrequencyRange:
     Attributes
     ----------
     lowest, highest
-        Lowest and highest natural frequency [Hz], or None if nothing vibrates.
+        Lowest and highest natural frequency [Hz]; None if nothing vibrates or a coordinate has no
+        inertia.
     damping_ratio
-        Damping ratio of the mode with the highest frequency.
+        Damping ratio of the mode with the highest frequency [-]; 0 if nothing vibrates.
     loose
         Number of free motions.
     growth_rate

@@ -245,7 +245,7 @@ class FloatingFrame(FormulationKinematics):
 
     @property
     def floating_frame(self) -> MaterialPoint:
-        """Origin and angle of the frame."""
+        """Origin of the floating frame, with the angle of the frame as its rotation."""
         rows = sp.eye_array(FRAME_SIZE, len(self.coordinates), format="csr")
         motion = Formula(frame_motion, (self.frame_angle,))
         return MaterialPoint(self.origin, self.frame_angle, rows, motion)

@@ -201,7 +201,10 @@ def factorize_jacobian(
 
 
 def residual_callback(run: IdaWorkspace, t: float, y: int, yp: int, out: int) -> int:
-    """Evaluate the residual for IDA; `y`, `yp` and `out` are addresses of its vectors."""
+    """Evaluate the preconditioned residual for IDA; `y`, `yp` and `out` are `N_Vector` addresses.
+
+    See `evaluate_preconditioned`.
+    """
     run.residual_vector = out
     y_array, yp_array = _vector_array(run, y), _vector_array(run, yp)
     evaluate_preconditioned(run.newton, t, y_array, yp_array, _vector_array(run, out))

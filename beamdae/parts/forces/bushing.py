@@ -75,10 +75,10 @@ class Bushing(ForceElement):
     ------
     BeamdaeError
         If `name` is invalid, `a` or `b` is not an attachment or is a particle, neither can move, a
-        coefficient is negative or not finite, or `angle` is not finite. Also if `law` is combined
-        with a coefficient, `law` is not a continuous formula that returns three numbers, `energy`
-        is given without `law` or is not a continuous formula that returns one number, or the
-        gradient of `energy` differs from the law at zero rate.
+        coefficient is negative or not finite, or `angle` is not finite; if `law` is combined with a
+        coefficient or is not a continuous formula that returns three numbers; or if `energy` is
+        given without `law`, is not a continuous formula that returns one number, or has a gradient
+        that differs from the law at zero rate.
 
     Examples
     --------

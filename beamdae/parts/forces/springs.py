@@ -113,11 +113,11 @@ class SpringDamper(_SpringLaw):
     ------
     BeamdaeError
         If `name` is invalid, `a` or `b` is not an attachment, neither can move, a coefficient or
-        `free_length` is negative or not finite, or `preload` is not finite. Also if the points
-        coincide in the reference configuration and `stiffness` with `free_length=0` is not the only
-        term, `law` is combined with a coefficient or `preload`, `law` or `energy` is not a
-        continuous formula that returns one number, `energy` is given without `law`, or its
-        derivative differs from the law at zero rate.
+        `free_length` is negative or not finite, or `preload` is not finite; if the points coincide
+        in the reference configuration, unless `stiffness` with `free_length=0` is the only term; if
+        `law` is combined with a coefficient or `preload`; if `law` or `energy` is not a continuous
+        formula that returns one number; or if `energy` is given without `law` or its derivative
+        differs from the law at zero rate.
 
     Examples
     --------

@@ -210,7 +210,13 @@ class KinematicConstraint(Part):
 
     @property
     def multipliers(self) -> tuple[Variable, ...]:
-        """Name of each constraint and unit of its multiplier, "N" or "N m"."""
+        """Name of each constraint and unit of its multiplier, "N" or "N m".
+
+        Raises
+        ------
+        BeamdaeError
+            If the subclass does not define them.
+        """
         raise BeamdaeError(
             f"{self.name}: {type(self).__name__} has no multipliers; define a Variable "
             "for each row of the gap."
@@ -218,7 +224,13 @@ class KinematicConstraint(Part):
 
     @property
     def reactions(self) -> tuple[str, ...]:
-        """Column of `reaction` for each multiplier."""
+        """Name of the column of `reaction` for each multiplier.
+
+        Raises
+        ------
+        BeamdaeError
+            If the subclass does not define them.
+        """
         raise BeamdaeError(
             f"{self.name}: {type(self).__name__} has no reactions; define a column "
             "name for each multiplier."

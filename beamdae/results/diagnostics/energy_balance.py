@@ -147,7 +147,10 @@ class EnergyLedger:
 
     @cached_property
     def energy(self) -> Imbalance:
-        """Energy imbalance at the steps [J]; its scale is the energy exchanged."""
+        """Largest energy imbalance over the steps [J].
+
+        The scale is the energy exchanged, but at least the rounding noise; see `Quality`.
+        """
         rows = np.hstack([self._select_steps(self.energies), np.concatenate(self.works)])
         # The datum of a potential is arbitrary, and an attractive potential is negative. For
         # potentials, the energy exchanged is therefore the range.
@@ -164,7 +167,10 @@ class EnergyLedger:
 
     @property
     def force(self) -> Imbalance:
-        """Residual F + G^T lam at the steps; its scale is the largest force."""
+        """Largest absolute entry of the residual F + G^T lam over the steps.
+
+        The scale is the largest absolute entry of G^T lam and of F at a = 0.
+        """
         residual, reaction, force, _, _ = map(float, np.max(self._step_norms, axis=0))
         scale = max(reaction, force)
         return Imbalance(residual, scale, scale)
