@@ -15,7 +15,7 @@ _PACKAGE = __name__.partition(".")[0]
 
 
 def public(name: str) -> Any:
-    """Return the public name `beamdae.<name>`."""
+    """Return the public object `beamdae.<name>`."""
     return getattr(import_module(_PACKAGE), name)
 
 

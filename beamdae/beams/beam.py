@@ -119,7 +119,8 @@ class Beam(Part):
         mass, a load or another part is attached between two element ends. The first assembly (run,
         check or analysis) then divides the beam at its attachments into at least this number of
         elements, none of which is longer than with equal lengths. Inside an element, the error of
-        deflections would be of order 3 for a force and of order 1 for a moment.
+        deflections would be of order 3 for a force (2 for 2-node elements) and of order 1 for a
+        moment.
     strain
         Strain measure of the floating frame:
 
@@ -723,8 +724,8 @@ def attachment_errors(
     Returns
     -------
     ndarray
-        Estimates (len(attached),) from the measured law of a beam on two supports; zero at element
-        ends.
+        Estimates, shape (len(attached),), from errors measured on beams on two supports or a clamp;
+        zero at element ends.
     """
     order, bending = _BENDING_ERROR_OF_FORCES[mesh.nodes]
     located = [mesh.locate(float(x.attachment.s or 0.0)) for x in attached]

@@ -163,9 +163,10 @@ def write_tables(run: Run, parts: RunParts, solution: Solution, checkpoint: Path
 
 
 def estimate_errors(run: Run, solution: Solution, verify: bool, table: Path) -> None:
-    """Estimate or, if `verify` is True, verify the errors of the observed columns.
+    """Compare the run with a second run: an error estimate, or `verify` by a different method.
 
-    The errors become part of the metadata of the file `table`. An interrupt discards them.
+    The errors of the observed columns are added to the metadata of the file `table`, unless the
+    second run is interrupted.
     """
     from beamdae import verification
     from beamdae.results.storage.files import write_metadata

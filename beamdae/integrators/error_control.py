@@ -281,8 +281,8 @@ def resolve_error_control(
 def _max_lightly_damped_frequency(mode: Mode) -> float:
     """Return the highest frequency at which modes of a body may be lightly damped [rad/s].
 
-    The ratio of material damping is proportional to frequency, so that BDF of order 5 is stable for
-    the modes above this frequency.
+    The damping ratio due to material damping is proportional to frequency, so that BDF of order 5
+    is stable for the modes above this frequency.
     """
     if mode.damping_ratio <= STABLE_DAMPING_RATIO:
         return mode.frequency

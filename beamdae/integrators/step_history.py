@@ -206,7 +206,7 @@ class RunSegment:
     branch
         Time inside the smooth interval [s], which selects the pieces of piecewise laws.
     configuration
-        Active parts; None if the model does not switch parts.
+        Active parts; None if `EquationsOfMotion.configurations` is None.
     """
 
     history: StepHistory

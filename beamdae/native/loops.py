@@ -176,7 +176,6 @@ class _TableLayout:
 
 
 def _field_names(owner: Any) -> tuple[str, ...]:
-    """Return the fields of a dataclass or a named tuple."""
     return getattr(owner, "_fields", None) or tuple(field.name for field in fields(owner))
 
 

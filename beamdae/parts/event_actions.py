@@ -95,7 +95,7 @@ def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
     Raises
     ------
     BeamdaeError
-        If `driver` is not a relative driver, or the law is invalid.
+        If `driver` is neither a `Driver` nor a `TranslationalDriver`, or `law` is invalid.
 
     Examples
     --------

@@ -21,16 +21,16 @@ _SCOPE = "estimated by comparison of runs; without errors of materials, joints a
 
 @dataclass(frozen=True, eq=False)
 class ErrorBudget:
-    """Error bounds of the observed columns, relative to half their ranges [-], each (columns,).
+    """Estimated errors of the observed columns, relative to half their ranges [-].
 
     Attributes
     ----------
     columns
         Headers of the observed columns.
     half_range
-        Half the range of each column in the unit of the column.
+        Half the range of each column in the unit of the column, (columns,).
     time
-        Error of the time integration.
+        Error of the time integration, (columns,), as all following arrays.
     mesh
         Error of the meshes of the beams; NaN if it is not assessed.
     theory
@@ -93,7 +93,7 @@ class Certificate:
     solution
         The most accurate run.
     error_budget
-        Error bounds of the observed columns; `budget` returns them as a table.
+        Estimated errors of the observed columns; `budget` returns them as a table.
     accuracy
         Required accuracy relative to half the range of a column [-].
     status

@@ -48,7 +48,7 @@ class ResponsePoint:
 
     @property
     def stable(self) -> bool:
-        """True if no Floquet multiplier exceeds a modulus of 1 by more than 1e-3."""
+        """True if the moduli of all Floquet multipliers are at most 1.001."""
         return largest_modulus(self.multipliers) <= 1.0 + _STABILITY_MARGIN
 
 

@@ -216,7 +216,7 @@ class Trajectory:
         return sum(len(interval.t) - 1 for interval in self.intervals)
 
     def interval_index(self, times: Array) -> Array:
-        """Return the index of the interval of each time; at a breakpoint, the earlier interval."""
+        """Return the index of the interval of each time; of two adjoining ones, the earlier."""
         starts = np.array([interval.t[0] for interval in self.intervals])
         return np.clip(np.searchsorted(starts, times, side="left") - 1, 0, None)
 

@@ -167,8 +167,9 @@ def linearize(
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, the state, an input or an output does not exist, a coordinate has
-        no inertia, or the model has more than 2000 coordinates.
+        If an argument is invalid, the state, an input or an output does not exist, an output is a
+        reaction while redundant constraints are removed, a coordinate has no inertia, or the model
+        has more than 2000 coordinates.
 
     Examples
     --------
@@ -378,7 +379,7 @@ class _StateReduction:
     def _differentiate_outputs(
         self, observables: Sequence[Observable], dq: Array, dv: Array, dlam: Array
     ) -> tuple[Array, Array, tuple[Variable, ...]]:
-        """Return the derivatives of the outputs with respect to (x, w, u), values and names."""
+        """Return derivatives of the outputs with respect to (x, w, u), their values and names."""
         lin, full = self.lin, self.lin.full_equations
         # Multipliers of inactive or redundant constraints are zero; row -1 refers to the appended
         # zero.

@@ -148,7 +148,7 @@ class Corrector:
         return PathDirection(direction[:-1], float(direction[-1]))
 
     def try_path_tangent(self, point: EquilibriumPoint, control: Control) -> PathDirection | None:
-        """Return `path_tangent`, or None where it raises `CorrectorError`."""
+        """Return the result of `path_tangent`, or None if it raises `CorrectorError`."""
         try:
             return self.path_tangent(point, control)
         except CorrectorError:

@@ -355,7 +355,10 @@ def _follow_from_mechanism(
 
 
 def free_coordinate(e: EquationsOfMotion, point: EquilibriumPoint) -> str:
-    """Return the coordinate that dominates the motion without stiffness, "" if there is none."""
+    """Return the name of the coordinate that moves most in a motion without stiffness.
+
+    The name is "" if there is no such motion.
+    """
     stability = point.stability
     if not stability.free_count:
         return ""

@@ -78,7 +78,8 @@ class ConstraintJacobian:
     def singular_joints(self, time: Array, q: Array) -> list[str]:
         """Return the names of joints whose reactions cancel at a position where G loses rank.
 
-        At other positions, the joints that are closest to this are returned.
+        At other positions, the smallest singular value is positive, and the joints with the largest
+        entries in its left singular vector are returned.
         """
         left_vectors, _, _ = np.linalg.svd(self.at(time[None], q[None])[0])
         share = np.abs(left_vectors[:, self.rank - 1])

@@ -67,10 +67,10 @@ class FlowStep(NamedTuple):
         Largest displacement, relative to the scale of the coordinate plus its travel since the
         start; for angles, relative to the scale alone.
     gap
-        Size of the correction that closes the joints after the step, relative like `size`.
+        Size of the correction that closes the joints after the step, in the same relative measure.
     rounding
-        Change of the step due to rounding, relative like `size`; large in directions without
-        stiffness.
+        Change of the step due to rounding, in the same relative measure; large in directions
+        without stiffness.
     """
 
     q: Array

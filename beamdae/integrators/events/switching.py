@@ -66,7 +66,10 @@ class SwitchResult:
 
 
 def initial_configuration(equations: EquationsOfMotion) -> Configuration | None:
-    """Return the configuration at the start of a run, or None if no parts are ever switched."""
+    """Return the configuration at the start of a run, or None if the equations have no others.
+
+    See `EquationsOfMotion.configurations`.
+    """
     configurations = equations.configurations
     return None if configurations is None else configurations.initial_configuration(equations)
 

@@ -139,7 +139,7 @@ def polygon(part: str, points: Any, mass: float | None, density: Any, thickness:
 
 
 def _require_simple(part: str, corners: Array) -> None:
-    """Raise BeamdaeError if edges of a polygon meet at points other than common corners."""
+    """Raise BeamdaeError if corners repeat, or edges meet at points other than common corners."""
     n = len(corners)
     repeated = np.flatnonzero(np.all(corners == np.roll(corners, -1, axis=0), axis=1))
     if repeated.size:

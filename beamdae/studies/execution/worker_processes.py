@@ -174,7 +174,10 @@ def _serve_tasks(connection: Connection) -> None:
 
 
 def _isolate_process() -> None:
-    """Make this process a group leader, ignore Ctrl-C, and discard output to the terminal."""
+    """Make this process a group leader, ignore Ctrl-C, and redirect its streams to the null device.
+
+    Standard input is empty, and output is discarded.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "setsid"):
         with suppress(OSError):
