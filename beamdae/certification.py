@@ -438,7 +438,8 @@ class _Certification:
                     raise KeyboardInterrupt from None
                 if problem.run is None:
                     raise BeamdaeError(
-                        f"certify: {problem.status.sentence}; increase it."
+                        f"certify: {problem.status.sentence} before the first run; increase "
+                        "time_limit."
                     ) from None
                 self._runs.append(problem.run)
             status = problem.status

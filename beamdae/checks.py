@@ -181,7 +181,7 @@ class Check:
 
     @property
     def mobility(self) -> int | None:
-        """Degrees of freedom: number of coordinates minus number of independent constraints."""
+        """Degrees of freedom: number of coordinates minus `rank`; None if `rank` is None."""
         return None if self.rank is None else self.coordinates - self.rank
 
     @property

@@ -57,6 +57,8 @@ class Task:
     ----------
     key
         `Case.fingerprint`.
+    case
+        The case.
     t_end, output_step
         End time and time between rows [s].
     repetitions

@@ -167,9 +167,9 @@ def linearize(
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, the state, an input or an output does not exist, an output is a
-        reaction while redundant constraints are removed, a coordinate has no inertia, or the model
-        has more than 2000 coordinates.
+        If an argument is invalid, the state, an input or an output does not exist, an input is
+        inactive or redundant, an output is a reaction while redundant constraints are removed, a
+        coordinate has no inertia, or the model has more than 2000 coordinates.
 
     Examples
     --------

@@ -50,7 +50,7 @@ _MIN_INVERTIBLE = 1e-200
 
 
 class MasslessError(BeamdaeError):
-    """Raised if an admissible motion has no inertia; `coordinate` dominates this motion."""
+    """Raised if an admissible motion has no inertia; `coordinate` names its main coordinate."""
 
     def __init__(self, coordinate: str) -> None:
         super().__init__(f"{coordinate}: this coordinate has no inertia; add mass or a joint.")
