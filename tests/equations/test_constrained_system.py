@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
 
 import beamdae as bd
 
@@ -498,3 +499,69 @@ def test_velocity_constraints_must_be_linear_in_velocities(row):
         bd.BeamdaeError, match="velocity_constraints must depend on v linearly; use"
     ):
         _ = system(velocity_constraints=lambda t, q, v: row(v, q)).equations
+
+
+def test_names_with_the_same_text_before_the_last_dot_form_one_body():
+    t, q, v = (ca.SX.sym(x, n) for x, n in (("t", 1), ("q", 5), ("v", 5)))
+    names = ("bar.x", "bar.angle", "s", "u", "tip.bar.x")
+    equations = bd.ConstrainedSystem(
+        t=t, q=q, v=v, mass=[1.0] * 5, force=ca.SX.zeros(5), q0=[0.0] * 5, v0=[1.0] * 5, names=names
+    ).equations
+    assert [(part.name, part.rows) for part in equations.parts] == [
+        ("bar", slice(0, 2)),
+        ("s", slice(2, 3)),
+        ("u", slice(3, 4)),
+        ("tip.bar", slice(4, 5)),
+    ]
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-5])
+def test_regression_bodies_of_a_system_pass_singular_positions(rtol):
+    """Bars that hardly rotate had a tiny tolerance: at 1e-4, the run ended at the first position.
+
+    Two parallelograms side by side pass their singular positions twice per revolution.
+    """
+    t, q, v = (ca.SX.sym(x, n) for x, n in (("t", 1), ("q", 15), ("v", 15)))
+    bodies = "upright 0", "upright 1", "upright 2", "bar 0", "bar 1"
+
+    def point(body, dx, dy):
+        x, y, angle = (q[3 * body + k] for k in range(3))
+        c, s = ca.cos(angle), ca.sin(angle)
+        return ca.vertcat(x + c * dx - s * dy, y + s * dx + c * dy)
+
+    feet = [point(k, 0.0, -0.5) - ca.vertcat(k, 0.0) for k in range(3)]
+    pins = [
+        end
+        for k in range(2)
+        for end in (
+            point(k, 0.0, 0.5) - point(3 + k, -0.5, 0.0),
+            point(3 + k, 0.5, 0.0) - point(k + 1, 0.0, 0.5),
+        )
+    ]
+    starts = [(k, 0.5, 0.0, 1.5, 0.0, -3.0) for k in range(3)]
+    starts += [(k + 0.5, 1.0, 0.0, 3.0, 0.0, 0.0) for k in range(2)]
+    system = bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=[1.0, 1.0, 1.0 / 12.0] * 5,
+        force=ca.vertcat(*[ca.vertcat(0.0, -9.81, 0.0)] * 5),
+        constraints=ca.vertcat(*feet, *pins),
+        q0=[x for start in starts for x in start[:3]],
+        v0=[x for start in starts for x in start[3:]],
+        names=tuple(f"{body}.{x}" for body in bodies for x in ("x", "y", "angle")),
+        units=("m", "m", "rad") * 5,
+    )
+    solution = bd.simulate(system, bd.Radau(rtol), 4.0, 0.04)
+    assert solution.status.success, solution.status.sentence
+    # All uprights have the same angle from the vertical: 3 theta'' = 3.5 g sin(theta).
+    theta = solve_ivp(
+        lambda _, y: [y[1], 3.5 / 3.0 * 9.81 * np.sin(y[0])],
+        (0.0, 4.0),
+        [0.0, 3.0],
+        "DOP853",
+        solution.t,
+        rtol=1e-12,
+        atol=1e-12,
+    ).y[0]
+    assert_allclose(solution.q[:, 0], 0.5 * np.sin(theta), rtol=0.0, atol=100.0 * rtol * 0.5)
