@@ -434,7 +434,7 @@ def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) 
         ``bd.Section.rectangle``.
     material
         The material.
-    dimensions
+    **dimensions
         Arguments of `shape`: each a number, or a pair of numbers (at the start, at the end).
 
     Returns

@@ -73,7 +73,7 @@ def frame(
         with one-letter names, a string such as "AB" is a pair.
     section
         Section of the members that do not specify one.
-    settings
+    **settings
         Further arguments of each `Beam`.
 
     Returns
@@ -187,7 +187,7 @@ def welded_beams(
     closed
         If True, the end of the last beam is welded to the start of the first, for a curve whose
         ends meet. If False (default), the ends of a ring are not connected.
-    settings
+    **settings
         Further arguments of each `Beam`. `elements` is the number of elements of each beam,
         `free_curve` the stress-free shape of the whole beam.
 

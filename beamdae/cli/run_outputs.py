@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import warnings
 from collections.abc import Iterator
@@ -30,10 +31,14 @@ class Run:
 
     Attributes
     ----------
+    model, integrator
+        Model with the parameters of the run, and integrator.
     table
         Path of the table of all parts of the run; other files are named after it.
     columns
         Columns of the table.
+    files
+        Files written so far.
     checkpoint
         File to resume from, if one was written.
     errors
@@ -205,9 +210,14 @@ def _errors_by_column(run: Run, solution: Solution) -> dict[str, Any]:
 
     rows = zip(*(np.asarray(values).tolist() for values in run.errors.values()), strict=True)
     return {
-        column: {name: None if x != x else x for name, x in zip(run.errors, row, strict=True)}
+        column: {name: _replace_non_finite(x) for name, x in zip(run.errors, row, strict=True)}
         for column, row in zip(solution.columns, rows, strict=True)
     }
+
+
+def _replace_non_finite(value: Any) -> Any:
+    """Return None for nan and infinity, which JSON lacks."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def write_page(run: Run, solution: Solution) -> None:

@@ -73,13 +73,19 @@ class StudyOutputs:
 
     Attributes
     ----------
+    study, folder
+        The study, and the folder of its results.
     create_writers
         Function that returns two dicts of file-writing functions by name: the first for the table
         and the page, the second for the pictures.
     parquet
         If True, also write the trajectories as Parquet files.
+    results
+        Results of the study; None until the study has been run.
     n_runs
         Number of runs, references included.
+    files
+        Files written so far.
     """
 
     study: Study

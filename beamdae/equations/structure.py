@@ -38,6 +38,8 @@ class ForceTerm:
 
     Attributes
     ----------
+    kernel
+        Kernel of one copy.
     operator, rotation
         The operator selects global coordinates; the rotation, if any, transforms the selected
         coordinates to local coordinates.

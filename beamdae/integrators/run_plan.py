@@ -90,8 +90,7 @@ class RunPlan:
         """Return the longest step [s]: `max_step`, or by default a step that resolves the laws.
 
         The default is a twentieth of the run, or a quarter of the time scale of the laws if this is
-        shorter.
-        `part` names the integrator in error messages.
+        shorter. `part` names the integrator in error messages.
 
         Raises
         ------

@@ -208,7 +208,7 @@ class Equilibrium:
 
         Parameters
         ----------
-        names
+        *names
             Names of columns, see `equilibrium[name]`. Defaults to the observed columns that change.
             At most twelve columns are plotted.
 
@@ -319,7 +319,7 @@ class Equilibrium:
 
         Parameters
         ----------
-        path, further
+        path, **further
             See `Solution.to_csv`.
 
         Raises

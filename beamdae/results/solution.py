@@ -253,7 +253,7 @@ class Solution(RunData, TimeSeries):
         ----------
         path
             Path of the CSV file, with any suffix except .json.
-        further
+        **further
             Additional entries of the JSON file, as JSON-compatible values.
 
         Returns

@@ -98,7 +98,7 @@ class TimeSeries:
         other
             The run to subtract, of the same model or a different one. Its dense output is evaluated
             at the times of this run.
-        names
+        *names
             Names of columns, see `solution[name]`. Defaults to the observed columns that both runs
             contain.
 
@@ -158,7 +158,7 @@ class TimeSeries:
 
         Parameters
         ----------
-        names
+        *names
             Names of columns, see `solution[name]`. Defaults to up to three characteristic columns.
 
         Raises

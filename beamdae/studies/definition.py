@@ -227,10 +227,10 @@ def study(
 ) -> Callable[[Callable[[], Iterable[Case]]], Study]:
     """Return a decorator that turns a function returning cases into a study.
 
-    The parameters not listed here are the attributes of `Study`.
-
     Parameters
     ----------
+    references, columns, t_end, output_step, repetitions, over, errors
+        See `Study`.
     time_limit
         Maximum wall time of a case [s]. Defaults to 120 s; None means no limit.
     memory_limit

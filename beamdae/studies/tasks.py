@@ -61,6 +61,8 @@ class Task:
         The case.
     t_end, output_step
         End time and time between rows [s].
+    limits
+        Limits on wall time, memory and time without progress.
     repetitions
         Number of runs. The last run is recorded, together with the wall times of all runs.
     animated

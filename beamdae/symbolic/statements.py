@@ -139,10 +139,14 @@ class RangeKernel:
 class RangeStatement:
     """Range in which the strains of a part are valid.
 
-    For pieces, copies and `data`, see `ForceStatement`.
-
     Attributes
     ----------
+    part
+        Name of the part.
+    kernel
+        Deformation measures of one copy.
+    pieces, data
+        Local coordinates and data of all copies, as in `ForceStatement`.
     error
         Coefficients (a, b) of the relative error a r + b r^2 of the deformation at a rotation of r
         [rad]. None if the strains are valid at any rotation.

@@ -56,6 +56,8 @@ class StepEquations:
 
     Attributes
     ----------
+    equations
+        Equations of motion.
     stabilized
         True for the stabilized index-2 form, False for index 3.
     pattern

@@ -50,7 +50,7 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
     ----------
     solutions
         A solution or a run of a sweep, or several of them.
-    names
+    *names
         Headers with or without units, or names of observables, which select all their columns; see
         `Solution.__getitem__`. Defaults to up to three characteristic columns of the first run.
     labels

@@ -49,7 +49,7 @@ def build_run_scene(
         Times of the frames [s].
     trail
         True to show the trails of all observed points, or the names of the points to trace.
-    settings
+    **settings
         Further arguments of `build_scene`.
 
     Raises

@@ -35,6 +35,8 @@ class TaskResult(NamedTuple):
 
     Attributes
     ----------
+    task, outcome
+        The task, and its outcome.
     storable
         True if the outcome may be stored; False if the task could not be transferred, its process
         died or the cluster failed.

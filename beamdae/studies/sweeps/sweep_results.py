@@ -204,7 +204,7 @@ class SweepResults:
 
         Parameters
         ----------
-        names
+        *names
             Outputs, observed columns ("tip.y" plots all its measures) or single measures ("tip.y
             max"). Defaults to the outputs or, without outputs, to the columns selected with `of` or
             the characteristic columns.
@@ -224,7 +224,7 @@ class SweepResults:
 
         Parameters
         ----------
-        names
+        *names
             Responses; see `plot`.
         x, y
             Parameters on the horizontal and vertical axis. By default, the numeric parameter with
