@@ -289,7 +289,13 @@ def _resume_equations(
 def compute_output_times(name: str, t_end: Any, output_step: Any, begin: float = 0.0) -> np.ndarray:
     """Return `begin`, the multiples of the output step between `begin` and `t_end`, and `t_end`.
 
-    `name` is the calling function, for messages.
+    `name` is the calling function, for messages. All times are in s.
+
+    Raises
+    ------
+    BeamdaeError
+        If `t_end` or `output_step` is not positive, `t_end` is not later than `begin`, or there are
+        more than 1e7 rows.
     """
     t_end = require_positive(name, "t_end", t_end)
     if not t_end > begin:

@@ -282,6 +282,12 @@ class FormulationKinematics(Kinematics):
     """Settings, element data and material points of the built-in formulations.
 
     `Beam` documents the settings.
+
+    Raises
+    ------
+    BeamdaeError
+        If a setting is invalid, a chord frame is requested for a curve whose ends coincide, or
+        `free_curve` is not a curve of nearly the same length.
     """
 
     name: str

@@ -24,7 +24,13 @@ def has_chord(curve: PlaneCurve) -> bool:
 
 
 def resolve_frame(part: str, curve: PlaneCurve, frame: str | None) -> str:
-    """Return `frame`, or the default frame of the curve if it is None."""
+    """Return `frame`, or the default frame of the curve if it is None.
+
+    Raises
+    ------
+    BeamdaeError
+        If `frame` is neither None, "tangent" nor "chord".
+    """
     if frame is None:
         return "chord" if has_chord(curve) else "tangent"
     return str(require_choice(part, "frame", frame, ("tangent", "chord")))

@@ -214,7 +214,13 @@ def parse_start(options: list[str] | None) -> str | dict[str, float] | None:
 
 
 def parse_accuracy(text: str | None) -> float | None:
-    """Return the accuracy given by --accuracy, such as "1%" or "0.01", or None."""
+    """Return the accuracy given by --accuracy, such as "1%" or "0.01", or None.
+
+    Raises
+    ------
+    BeamdaeError
+        If the text is not a finite number with or without a percent sign.
+    """
     if text is None:
         return None
     number, percent, rest = text.strip().partition("%")

@@ -266,6 +266,11 @@ class FixedStepMethod:
     newton_tolerance
         Bound on the error of Newton's iteration, relative to the scales of positions and
         velocities.
+
+    Raises
+    ------
+    BeamdaeError
+        If the run would take too many steps of this length.
     """
 
     rows_per_step: ClassVar[int] = 1

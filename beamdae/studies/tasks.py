@@ -33,6 +33,11 @@ class Limits:
         Peak memory of the process [GB].
     patience
         Wall time [s] within which the simulated time must advance by 1e-5 of the end time.
+
+    Raises
+    ------
+    BeamdaeError
+        If a limit is not positive.
     """
 
     time: float | None = None

@@ -156,7 +156,13 @@ class GeometricallyExact(FormulationKinematics):
         return MaterialPoint(start.reference_position, self.frame_angle, ends, motion)
 
     def deformation(self, s: float, axes: str) -> PointValues:
-        """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame."""
+        """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame.
+
+        Raises
+        ------
+        BeamdaeError
+            If the frame is the chord and `s` is at an end of the beam.
+        """
         self._require_off_chord_ends(s)
         frame, section = self.floating_frame, self.material_point(s)
         frame_motion, section_motion = (cast("Formula", x.motion) for x in (frame, section))

@@ -49,6 +49,11 @@ class FloatingFrame(FormulationKinematics):
     where (u, v) is the displacement in the local tangent frame and phi the rotation of the section
     relative to the undeformed section. In a chord frame, the displacement of the end along the
     chord replaces (u, v) of the last node. `Beam` documents the settings.
+
+    Raises
+    ------
+    BeamdaeError
+        See `FormulationKinematics`; also if continuity="local" is combined with straight elements.
     """
 
     strain: str = "green"
@@ -268,7 +273,13 @@ class FloatingFrame(FormulationKinematics):
         return PointValues(self._element_operator(element), values)
 
     def deformation(self, s: float, axes: str) -> PointValues:
-        """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame."""
+        """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame.
+
+        Raises
+        ------
+        BeamdaeError
+            If the frame is the chord and `s` is at an end of the beam.
+        """
         self._require_off_chord_ends(s)
         element, row, angle = self._locate_section(s)
         formula = Formula(

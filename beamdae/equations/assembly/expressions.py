@@ -242,7 +242,13 @@ def parse_header(header: Any) -> Variable:
 
 
 def parse_numbers(name: str, values: Any, n: int) -> Array:
-    """Return `values` as an array of finite numbers, (n,)."""
+    """Return `values` as an array of finite numbers, (n,).
+
+    Raises
+    ------
+    BeamdaeError
+        If there are not n values, or a value is not a finite number.
+    """
     try:
         entries = np.asarray(values, object).ravel().tolist()
     except Exception:
@@ -256,7 +262,13 @@ def parse_numbers(name: str, values: Any, n: int) -> Array:
 
 
 def parse_names(name: str, values: Any, n: int) -> tuple[Any, ...]:
-    """Return `values` as a tuple of n entries, or as an empty tuple if `values` is empty."""
+    """Return `values` as a tuple of n entries, or as an empty tuple if `values` is empty.
+
+    Raises
+    ------
+    BeamdaeError
+        If `values` is not a sequence of n or no entries.
+    """
     entries = tuple(require_sequence(KIND, name, values, f"a list of {n} strings"))
     if entries and len(entries) != n:
         raise BeamdaeError(

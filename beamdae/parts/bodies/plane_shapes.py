@@ -65,7 +65,13 @@ def resolve_mass(
 
 
 def rod(part: str, a: Any, b: Any, mass: float | None, density: Any, area: Any) -> Shape:
-    """Return a thin straight rod from a to b; mass m and length l give the inertia m l^2 / 12."""
+    """Return a thin straight rod from a to b; mass m and length l give the inertia m l^2 / 12.
+
+    Raises
+    ------
+    BeamdaeError
+        If the points coincide or a value is invalid; see `resolve_mass`.
+    """
     start, end = require_point(part, "a", a), require_point(part, "b", b)
     length = float(np.hypot(*np.subtract(end, start)))
     if length == 0.0:
@@ -78,7 +84,13 @@ def rod(part: str, a: Any, b: Any, mass: float | None, density: Any, area: Any) 
 def disk(
     part: str, center: Any, radius: Any, mass: float | None, density: Any, thickness: Any
 ) -> Shape:
-    """Return a solid disk; mass m and radius r give the inertia m r^2 / 2."""
+    """Return a solid disk; mass m and radius r give the inertia m r^2 / 2.
+
+    Raises
+    ------
+    BeamdaeError
+        If a value is invalid; see `resolve_mass`.
+    """
     (x, y), radius = require_point(part, "center", center), require_positive(part, "radius", radius)
     total_mass = resolve_mass(part, mass, density, thickness, np.pi * radius**2)
     angle = 2.0 * np.pi * np.arange(_CIRCLE_SEGMENTS) / _CIRCLE_SEGMENTS
@@ -101,6 +113,11 @@ def plate(
     """Return a rectangular plate rotated by `angle` [rad].
 
     Mass m, width w and height h give the inertia m (w^2 + h^2) / 12.
+
+    Raises
+    ------
+    BeamdaeError
+        If a value is invalid; see `resolve_mass`.
     """
     (x, y), width = require_point(part, "center", center), require_positive(part, "width", width)
     height = require_positive(part, "height", height)
@@ -115,7 +132,14 @@ def plate(
 
 
 def polygon(part: str, points: Any, mass: float | None, density: Any, thickness: Any) -> Shape:
-    """Return a polygonal plate with corners in either orientation, by Green's theorem."""
+    """Return a polygonal plate with corners in either orientation, by Green's theorem.
+
+    Raises
+    ------
+    BeamdaeError
+        If there are fewer than 3 corners, they enclose no area, repeat or are not in order around
+        the polygon, or a value is invalid; see `resolve_mass`.
+    """
     entries = require_sequence(part, "points", points, "at least 3 pairs (x, y)")
     if len(entries) < 3:
         raise BeamdaeError(f"{part}: points must be at least 3 pairs (x, y), got {len(entries)}.")

@@ -110,13 +110,25 @@ class UserLaw:
     energy: Callable[..., Any] | None
 
     def force(self, x: SX, rate: SX) -> SX:
-        """Return the force as a column."""
+        """Return the force as a column.
+
+        Raises
+        ------
+        BeamdaeError
+            If the call of the law fails or does not return one number per entry.
+        """
         arguments = (x, rate) if self.rows == 1 else (as_vector(x), as_vector(rate))
         value = evaluate_formula(self.part, "law", self.law, *arguments)
         return require_column(self.part, "law", value, self.rows)
 
     def stored_energy(self, x: SX) -> SX:
-        """Return the potential [J], or zero if `energy` is None."""
+        """Return the potential [J], or zero if `energy` is None.
+
+        Raises
+        ------
+        BeamdaeError
+            If the call of `energy` fails or does not return one number.
+        """
         if self.energy is None:
             return SX(0)
         argument = x if self.rows == 1 else as_vector(x)
@@ -234,6 +246,18 @@ class ForceElement(Part):
     """Force between two attachments that depends on a deformation and its rate.
 
     A subclass defines the deformation and the law.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    a, b
+        The two attachments.
+
+    Raises
+    ------
+    BeamdaeError
+        If `name` is invalid, `a` or `b` is not an attachment, or neither can move.
     """
 
     name: str

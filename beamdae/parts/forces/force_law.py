@@ -115,7 +115,13 @@ def _point_motion(local: Local, on: Attachment, position: SX, rotation: SX) -> P
 
 
 def evaluate_loads(part: str, law: Callable[..., Any], motions: Sequence[PointMotion], t: SX) -> SX:
-    """Return the loads (Fx, Fy, M) on all attachments as one column."""
+    """Return the loads (Fx, Fy, M) on all attachments as one column.
+
+    Raises
+    ------
+    BeamdaeError
+        If the call of the law fails, or the law returns loads of the wrong number or length.
+    """
     value = evaluate_formula(part, "law", law, *motions, t)
     if len(motions) == 1:
         loads = [value]

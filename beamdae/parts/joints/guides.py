@@ -24,7 +24,7 @@ def require_direction(part: str, value: Any) -> tuple[float, float]:
 
 
 def left_normal(part: str, direction: Any) -> tuple[float, float]:
-    """Return the unit normal to the left of a direction."""
+    """Return the unit normal to the left of a direction; see `require_direction` for errors."""
     dx, dy = require_direction(part, direction)
     length = float(np.hypot(dx, dy))
     return -dy / length, dx / length

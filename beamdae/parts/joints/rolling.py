@@ -148,7 +148,13 @@ class RollingOnCircle(_RollingJoint):
 
     @property
     def gap_parameters(self) -> tuple[float, ...]:
-        """Signed distances along e from the centers of circle and disk to the contact [m]."""
+        """Signed distances along e from the centers of circle and disk to the contact [m].
+
+        Raises
+        ------
+        BeamdaeError
+            If the disk does not touch the circle in the reference configuration.
+        """
         distance, (circle, disk) = float(np.hypot(*self._reference_arm)), self.radii
         arms_by_distance = {
             circle + disk: (circle, -disk),

@@ -225,7 +225,7 @@ def draw_campbell(diagram: Campbell) -> Plot:
 
 
 def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -> Figure:
-    """Create the figure of a Campbell diagram; see `draw_campbell`."""
+    """Create the figure of a Campbell diagram; see `draw_campbell` for errors."""
     if not isinstance(diagram, Campbell):
         raise BeamdaeError(
             "draw_campbell: diagram must be a result of beamdae.campbell, "

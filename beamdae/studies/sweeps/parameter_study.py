@@ -48,6 +48,12 @@ class ParameterStudy(Study):
     settings
         Displayed parameter values of each case: numbers and strings, or the names of values of
         other types.
+
+    Raises
+    ------
+    BeamdaeError
+        If `outputs` is not a dict of functions by name, a name is already a column of the table, or
+        another setting is invalid; see `Study`.
     """
 
     references: tuple[Integrator, ...] | None = ()

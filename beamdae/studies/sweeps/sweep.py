@@ -144,7 +144,7 @@ def create_sweep(
     t_end: float | None = None,
     output_step: float | None = None,
 ) -> Sweep:
-    """Return a sweep without running it; see `sweep` for the parameters."""
+    """Return a sweep without running it; see `sweep` for parameters and errors."""
     method = require_integrator("sweep", Auto() if integrator is None else integrator)
     combinations = expand_values(name, model, over)
     cases = [
