@@ -171,7 +171,7 @@ QUANTITIES = {
     "relative": lambda beam, **_: bd.relative_displacement(beam.at(0.55), beam.start),
     "reaction": lambda clamp, **_: clamp.reaction_on("b"),
     "spring": lambda spring, **_: spring.force,
-    "length": lambda spring, **_: spring.length,
+    "stretch": lambda spring, **_: spring.elongation,
 }
 
 
@@ -291,7 +291,7 @@ def test_no_warning_where_elements_end_at_the_attachments():
         ([0.1, 1.0], "must ascend from 0 to 1 m"),
         ([0.0], "must ascend from 0 to 1 m"),
         ([], "must ascend from 0 to 1 m"),
-        ([0.0, float("nan"), 1.0], "must be a finite number"),
+        ([0.0, float("nan"), 1.0], "elements must be finite, got nan"),
         ("four", "elements must be a number or the arc lengths of the element ends, got 'four'"),
     ],
 )
