@@ -89,7 +89,9 @@ def simulate(
     Raises
     ------
     BeamdaeError
-        If the model or a setting is invalid, or the run needs more memory than is available.
+        If the model or a setting is invalid, the run cannot begin, for example because the joints
+        cannot be closed, a checkpoint does not fit the model, or the run needs more memory than is
+        available.
 
     Warns
     -----

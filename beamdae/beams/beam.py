@@ -616,7 +616,7 @@ class BeamAttachment(Attachment):
 
     @property
     def kinematics(self) -> Callable[[SX], tuple[SX, SX]]:
-        """Function of the local coordinates that returns position and rotation."""
+        """Function of the local coordinates that returns position [m] and rotation [rad]."""
         return self._material_point.motion
 
 

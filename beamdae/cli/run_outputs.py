@@ -98,7 +98,13 @@ def can_resume(status: Status) -> bool:
 def integrate_run(
     run: Run, t_end: float | None, output_step: float | None, *start: Any
 ) -> Solution:
-    """Simulate the model and return the solution, even if interrupted; see `simulate`."""
+    """Simulate the model and return the solution, even if interrupted; see `simulate`.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If the command is interrupted before the run starts.
+    """
     from beamdae.simulation import simulate
 
     with show_run_progress(t_end or run.model.t_end) as show_progress, warnings.catch_warnings():
@@ -124,6 +130,11 @@ def certify_run(
     """Certify the model and return the solution; the budget becomes the errors of the run.
 
     `limits` are start and time limit, as for `certify`.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If the command is interrupted before the first run is completed.
     """
     from beamdae.certification import certify
 

@@ -265,7 +265,10 @@ class Curve(_SplineCurve):
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Distances from the points to the curve and its largest curvature; empty for functions."""
+        """Distances of the points from the curve [m] and its largest curvature [1/m], by name.
+
+        Empty for a curve y = f(x).
+        """
         return {} if self.points is None else measure_fit(self, np.array(self.points, float))
 
     @cached_property

@@ -306,7 +306,7 @@ class EquationsOfMotion:
 
     @cached_property
     def position_scales(self) -> Array:
-        """Scale of each coordinate, (n,): the characteristic length, or 1 for an angle."""
+        """Scale of each coordinate, (n,): the characteristic length [m], or 1 rad for an angle."""
         angle = np.array([coordinate.unit == "rad" for coordinate in self.coordinates], bool)
         return np.where(angle, 1.0, self.length)
 

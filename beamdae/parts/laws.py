@@ -81,8 +81,9 @@ class Law:
     Raises
     ------
     BeamdaeError
-        If `pieces` is not a tuple of functions, there is not one breakpoint fewer than pieces, the
-        breakpoints are not finite or do not ascend, or `time_scale` is not positive.
+        If `pieces` is not a tuple of functions, the number of breakpoints is not one less than the
+        number of pieces, the breakpoints are not finite or do not ascend, or `time_scale` is not
+        positive.
     """
 
     pieces: tuple[Callable[[Any], Any], ...]

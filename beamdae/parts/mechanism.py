@@ -182,8 +182,9 @@ class Mechanism(HasOrigin):
         Raises
         ------
         BeamdaeError
-            If the name is invalid or in use, `what` is neither an attachment nor a quantity, or a
-            part to which it refers has not been added.
+            If the name is invalid, in use or reserved ("t", and names that are "energy" or start
+            with "energy."), `what` is neither an attachment nor a quantity, or a part to which it
+            refers has not been added.
         """
         require_name("Mechanism.observe", name)
         # "t" is the time column, "energy" the prefix of the columns of the energy ledger.

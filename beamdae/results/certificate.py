@@ -145,7 +145,7 @@ class Certificate:
 
     @property
     def cost(self) -> float:
-        """Processor time of all runs relative to the run of the solution."""
+        """Processor time of all runs relative to that of the last run [-]."""
         last = max(self.runs[-1].processor_time, np.finfo(float).tiny)
         return sum(run.processor_time for run in self.runs) / last
 

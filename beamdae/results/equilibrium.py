@@ -73,9 +73,9 @@ class Equilibrium:
     factors
         Load factors (k, number of stages) [-].
     q
-        Coordinates (k, n).
+        Coordinates (k, n) [m or rad].
     lam
-        Lagrange multipliers of the constraints (k, m).
+        Lagrange multipliers of the constraints (k, m) [N or N m].
     unstable
         Number of unstable directions of each equilibrium under constant loads (k,), or -1 if not
         known. An equilibrium with 0 is stable, unless it can move without stiffness; see `free`.
@@ -125,7 +125,7 @@ class Equilibrium:
 
     @property
     def positions(self) -> dict[str, float]:
-        """Coordinates at the end of the path by name, accepted by `Mechanism(start=)`."""
+        """Coordinates at the end of the path [m or rad] by name, for `Mechanism(start=)`."""
         return dict(zip(self.equations.q_names, self.q[-1].tolist(), strict=True))
 
     def at(self, row: int) -> Equilibrium:

@@ -58,22 +58,22 @@ class RunData:
 
     @property
     def q(self) -> Array:
-        """Coordinates (k, n) at the output times."""
+        """Coordinates (k, n) at the output times [m or rad]."""
         return self._output[1].q
 
     @property
     def v(self) -> Array:
-        """Velocities (k, n) at the output times."""
+        """Velocities (k, n) at the output times [m/s or rad/s]."""
         return self._output[1].v
 
     @property
     def a(self) -> Array:
-        """Accelerations (k, n) at the output times."""
+        """Accelerations (k, n) at the output times [m/s^2 or rad/s^2]."""
         return self._output[1].a
 
     @property
     def lam(self) -> Array:
-        """Lagrange multipliers (k, m) at the output times."""
+        """Lagrange multipliers (k, m) at the output times [N or N m]."""
         return self._output[1].lam
 
     @cached_property

@@ -49,10 +49,11 @@ class Solution(RunData, TimeSeries):
     t
         Output times (k,) up to the end of the run [s].
     q, v, a
-        Coordinates, velocities and accelerations at the output times (k, n). `coordinates()`
-        returns coordinates and velocities with their names and units.
+        Coordinates [m or rad], velocities and accelerations (per s and s^2) at the output times
+        (k, n). `coordinates()` returns coordinates and velocities with their names and units.
     lam
-        Lagrange multipliers of the constraints (joint reactions) at the output times (k, m).
+        Lagrange multipliers of the constraints (joint reactions) at the output times (k, m)
+        [N or N m].
     status
         Termination status ("ok", "limited", "interrupted" or "failed") and its reason.
     statistics

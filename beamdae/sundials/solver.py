@@ -227,22 +227,22 @@ class IdaSolver:
 
     @property
     def t(self) -> float:
-        """Time after the last step."""
+        """Time after the last step [s]."""
         return self._t.value
 
     def start(self, t: float, y: Array, yp: Array, first_step: float) -> None:
-        """Start at the state (y, y') at time t, with a first step of at most `first_step`."""
+        """Start at (y, y') at time t [s], with a first step of at most `first_step` [s]."""
         self._t.value = t
         self.y[:], self.yp[:] = y, yp
         self._call_ida("IDASetInitStep", first_step)
         self._call_ida("IDAReInit", t, self.pointers.y, self.pointers.yp)
 
     def stop_at(self, end: float) -> None:
-        """Forbid steps beyond the time `end` until `end` is reached."""
+        """Forbid steps beyond the time `end` [s] until `end` is reached."""
         self._call_ida("IDASetStopTime", end)
 
     def step(self, end: float) -> int:
-        """Take one step, at most to the time `end`.
+        """Take one step, at most to the time `end` [s].
 
         Returns
         -------

@@ -58,7 +58,8 @@ class LinearModel:
     outputs
         Names and units of the observed columns.
     state_values, output_values
-        Values of states and outputs at the state about which the model is linearized.
+        Values of states and outputs at the state about which the model is linearized, in the units
+        of `states` and `outputs`.
     about
         Description of the state.
     warnings

@@ -90,7 +90,7 @@ class Modes:
 
     @property
     def damping_ratios(self) -> Array:
-        """Damping ratios -Re l / |l|, (k,): 1 for decay, negative for growth, 0 if free."""
+        """Damping ratios -Re l / |l| [-], (k,): 1 for decay, negative for growth, 0 if free."""
         size = np.abs(self.eigenvalues)
         return -self.eigenvalues.real / np.where(size > 0.0, size, 1.0) + 0.0
 
@@ -101,7 +101,7 @@ class Modes:
 
     @cached_property
     def shares(self) -> dict[str, Array]:
-        """Fractions of the kinetic energy of each mode, (k,) by part name; they add up to 1."""
+        """Fractions of the kinetic energy of each mode [-], (k,) by part name; their sum is 1."""
         e = self._linearization.equations
         momentum = self._linearization.tangent.mass @ self.shapes.T
         energy = np.real(self.shapes.conj().T * momentum)

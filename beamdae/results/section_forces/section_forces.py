@@ -74,7 +74,7 @@ class SectionForces:
     N, Q, M
         Section forces (k, l) [N, N, N m].
     strained
-        N, Q and M computed from the strains (3, k, l), as in `Beam.section_forces`.
+        N, Q and M computed from the strains (3, k, l) [N, N, N m], as in `Beam.section_forces`.
     """
 
     beam: Beam
@@ -94,7 +94,7 @@ class SectionForces:
 
     @cached_property
     def error(self) -> Array:
-        """Estimated errors of N, Q and M, (3, k, l): differences from `strained`.
+        """Estimated errors of N, Q and M, (3, k, l) [N, N, N m]: differences from `strained`.
 
         The estimate covers the errors of the mesh, the integrator and the moderate-rotation
         assumption of a floating frame. It excludes errors of the overall motion, for example due to
