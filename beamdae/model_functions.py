@@ -140,6 +140,16 @@ class Model:
     def __call__(self, **values: Any) -> Any:
         """Build the mechanism with `values` instead of the defaults.
 
+        Parameters
+        ----------
+        **values
+            Values by parameter name; all other parameters keep their defaults.
+
+        Returns
+        -------
+        Mechanism or ConstrainedSystem
+            The object that the function returns.
+
         Raises
         ------
         BeamdaeError
@@ -169,6 +179,11 @@ class Model:
         """Return all parameters: the defaults, updated with checked and converted `values`.
 
         Strings are converted to the types of the parameters, as on the command line.
+
+        Parameters
+        ----------
+        values
+            Values by parameter name.
 
         Raises
         ------

@@ -99,7 +99,12 @@ class Attachment:
         return self.kinematics if isinstance(self.kinematics, Formula) else self._evaluate
 
     def position(self, q: SX) -> SX:
-        """Return the position (x, y) in the inertial frame [m] at local coordinates `q`.
+        """Return the position (x, y) in the inertial frame [m].
+
+        Parameters
+        ----------
+        q
+            Local coordinates of the point, (l,).
 
         Raises
         ------
@@ -109,7 +114,12 @@ class Attachment:
         return self._evaluate(q)[0]
 
     def rotation(self, q: SX) -> SX:
-        """Return the rotation from the reference configuration [rad] at local coordinates `q`.
+        """Return the rotation from the reference configuration [rad].
+
+        Parameters
+        ----------
+        q
+            Local coordinates of the point, (l,).
 
         Raises
         ------

@@ -125,7 +125,7 @@ class Law:
         return Formula(kind, (*self.breakpoints, *piece_numbers))
 
     def at(self, t: float) -> float:
-        """Return the value at a time [s]; the pieces must accept numbers."""
+        """Return the value at time `t` [s]; the pieces must accept numbers."""
         return float(self.pieces[bisect_right(self.breakpoints, t)](t))
 
 

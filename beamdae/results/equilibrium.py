@@ -186,6 +186,12 @@ class Equilibrium:
 
         The index is the sum of the load factors of all stages.
 
+        Parameters
+        ----------
+        name
+            Header of a column with or without its unit, or the name of an observable or a part,
+            which selects all its columns.
+
         Raises
         ------
         BeamdaeError

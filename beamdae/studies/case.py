@@ -109,7 +109,7 @@ class Case:
     def solve(
         self, t_end: float | None = None, output_step: float | None = None, progress: Any = None
     ) -> Solution:
-        """Run the case; see `simulate`."""
+        """Run the case and return its solution; see `simulate` for parameters and errors."""
         return simulate(self.configured(), self.integrator, t_end, output_step, progress)
 
     def mechanism_fingerprint(self, digests: DigestCache | None = None) -> str:

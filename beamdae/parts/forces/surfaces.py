@@ -71,6 +71,16 @@ class _Surface:
     def gap(self, point: Attachment) -> Quantity:
         """Return the distance of a point from the surface [m], negative during penetration.
 
+        Parameters
+        ----------
+        point
+            Attachment in contact.
+
+        Returns
+        -------
+        Quantity
+            One column, for observables, events and `impact`.
+
         Raises
         ------
         BeamdaeError

@@ -33,7 +33,7 @@ class Safety:
     stress
         Von Mises equivalent stress [Pa].
     yield_stress
-        Yield stress of the material [Pa].
+        Yield stress [Pa]: the argument of `SectionForces.safety`, or that of the material.
     t
         Time [s].
     s

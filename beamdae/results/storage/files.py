@@ -42,7 +42,7 @@ def write_result(
     Raises
     ------
     BeamdaeError
-        If `path` is not a file path, or a file cannot be written.
+        If `path` is not a file path, its suffix is .json, or a file cannot be written.
     """
     file = require_file_path("to_csv", path)
     if not status.success:

@@ -111,7 +111,10 @@ class SavedRun(TimeSeries):
     def to_csv(self, path: str | Path) -> Path:
         """Write the table as CSV and the metadata as JSON, and return the path of the CSV file.
 
-        See `Solution.to_csv`.
+        Parameters
+        ----------
+        path
+            See `Solution.to_csv`.
 
         Raises
         ------

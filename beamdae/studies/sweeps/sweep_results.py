@@ -148,6 +148,11 @@ class SweepResults:
     def run(self, **parameters: Any) -> SweepRun:
         """Return the run with these parameter values; give only those needed to identify the run.
 
+        Parameters
+        ----------
+        **parameters
+            Values by parameter name. Numbers may differ from those of the run by 1e-9, relative.
+
         Raises
         ------
         BeamdaeError
@@ -241,6 +246,11 @@ class SweepResults:
     def to_csv(self, path: str | Path) -> Path:
         """Write the table as CSV; text that spreadsheets would evaluate as a formula is escaped.
 
+        Parameters
+        ----------
+        path
+            Path of the file.
+
         Raises
         ------
         BeamdaeError
@@ -250,7 +260,12 @@ class SweepResults:
         return write_text(require_file_path("to_csv", path), text)
 
     def page(self, path: str | Path) -> Path:
-        """Write an HTML page with the table and the curves of up to 200 runs.
+        """Write an HTML page with the table and the curves of the first 200 runs.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
 
         Raises
         ------
