@@ -405,8 +405,8 @@ def measure_fit(curve: PlaneCurve, points: Array) -> Mapping[str, float]:
     on_curve, tangent = curve.point(s), curve.tangent_angle(s)
     distances = np.array([_distance_to_curve(p, on_curve, tangent) for p in points])
     return {
-        "root mean square distance of its points [m]": float(np.sqrt(np.mean(distances**2))),
-        "largest distance of its points [m]": float(distances.max()),
+        "RMS distance of the points from the curve [m]": float(np.sqrt(np.mean(distances**2))),
+        "largest distance of the points from the curve [m]": float(distances.max()),
         "largest curvature [1/m]": float(np.abs(curve.curvature(s)).max()),
     }
 

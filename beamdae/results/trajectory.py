@@ -50,7 +50,7 @@ class Interval:
     nodes_per_step
         Number of nodes per step: 1 for methods without stages, otherwise the number of stages.
     configuration
-        The active parts. None if no events switch parts of the mechanism.
+        The active parts. None if `EquationsOfMotion.configurations` is None.
     """
 
     nodes: Array
@@ -240,7 +240,7 @@ class Instant(NamedTuple):
     state
         Coordinates q (n,), velocities v (n,), accelerations a (n,) and multipliers lam (m,).
     configuration
-        The active parts. None if no events switch parts of the mechanism.
+        The active parts. None if `EquationsOfMotion.configurations` is None.
     """
 
     time: Array
