@@ -97,6 +97,9 @@ def simulate(
     -----
     BeamdaeWarning
         If the run was not completed (with the reason), and for each of `Solution.warnings`.
+    KernelWarning
+        If machine code cannot be compiled or cached, so that runs are slower; once per process and
+        reason.
 
     Examples
     --------

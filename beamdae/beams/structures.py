@@ -87,6 +87,11 @@ def frame(
         If an argument is invalid, or a member refers to an unknown point, has no section, or is
         listed twice.
 
+    Warns
+    -----
+    BeamdaeWarning
+        See `Beam`.
+
     Examples
     --------
     >>> import beamdae as bd
@@ -201,6 +206,11 @@ def welded_beams(
     BeamdaeError
         If an argument is invalid, or `closed` is set for a single body or for a curve whose ends do
         not meet.
+
+    Warns
+    -----
+    BeamdaeWarning
+        See `Beam`.
 
     Examples
     --------

@@ -135,7 +135,7 @@ class StepHistory:
         ]
 
     def drop_nonfinite(self) -> bool:
-        """Drop the first non-finite step and all later steps; return True if there was none."""
+        """Drop the first non-finite step and all later ones; return True if all are finite."""
         if self._is_finite:
             return True
         finite = np.concatenate([np.isfinite(rows).all(axis=1) for rows in self._filled_blocks])

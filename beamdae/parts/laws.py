@@ -332,7 +332,7 @@ def piecewise(*pieces: Any) -> Law:
     Returns
     -------
     Law
-        The law, with breakpoints at the end times and at those of the pieces.
+        The law, with breakpoints at the end times and at those of each law within its interval.
 
     Raises
     ------

@@ -69,6 +69,11 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     BeamdaeError
         If `mechanism` is not a Mechanism, no body can move, a part or an observable does not fit
         the mechanism, memory does not suffice for a run, or no such start exists.
+
+    Warns
+    -----
+    BeamdaeWarning
+        If an attachment inside an element of a beam changes deflections; see `Beam`.
     """
     if not isinstance(mechanism, Mechanism):
         raise BeamdaeError(
