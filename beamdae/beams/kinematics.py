@@ -123,7 +123,7 @@ class MaterialPoint(NamedTuple):
         Sparse matrix that selects the local coordinates from the beam coordinates.
     motion
         Function (a `Formula` or any callable) of the local coordinates that returns (position in
-        the inertial frame, rotation from the reference configuration).
+        the inertial frame [m], rotation from the reference configuration [rad]).
     """
 
     reference_position: tuple[float, float]

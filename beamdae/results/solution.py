@@ -294,7 +294,8 @@ class Solution(RunData, TimeSeries):
         Parameters
         ----------
         path
-            Path of the file.
+            Path of the file, with a suffix such as .json; `simulate` does not recognize a string
+            without a suffix as a path.
 
         Raises
         ------

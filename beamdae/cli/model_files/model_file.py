@@ -47,8 +47,8 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
     Raises
     ------
     BeamdaeError
-        If `path` is not a path, the file is missing, its import fails, it contains no model called
-        `name`, or `name` is None and it does not contain exactly one model.
+        If `path` is not a path, the file is missing, its import fails, it does not contain exactly
+        one model called `name`, or `name` is None and it does not contain exactly one model.
 
     Examples
     --------
@@ -120,8 +120,8 @@ class ModelFile:
         Raises
         ------
         BeamdaeError
-            If no model or several models have this name, or the file contains several models and
-            `name` is None.
+            If the file contains no model, no model or several models have this name, or the file
+            contains several models and `name` is None.
         """
         models = self.models
         if not models:

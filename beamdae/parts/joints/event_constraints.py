@@ -34,8 +34,8 @@ class FrozenGap:
     Attributes
     ----------
     offsets
-        Values of the gap function at the event; the first two are components in the axes of the
-        `offset_carrier` of the joint, if there is one.
+        Values of the gap function at the event [m or rad]; the first two are components in the axes
+        of the `offset_carrier` of the joint, if there is one.
     event
         Event whose law the joint follows, or "" if the joint keeps its original law.
     since

@@ -67,7 +67,7 @@ class PointOnLine(Joint):
     BeamdaeError
         If `name` is invalid, `a` or `b` is not an attachment, both belong to the same body, `a` is
         a particle, `direction` is not a nonzero vector, or `b` does not lie on the line in the
-        reference configuration.
+        reference configuration (with a tolerance of 1e-6 times the size of the bodies).
     """
 
     direction: tuple[float, float] = (1.0, 0.0)

@@ -145,7 +145,7 @@ class Revolute(Joint):
         Unique name.
     a, b
         Points of two different bodies, one of which may be the ground. The points must coincide in
-        the reference configuration, within 1e-6 of the size of the bodies.
+        the reference configuration, with a tolerance of 1e-6 times the size of the bodies.
 
     Raises
     ------
@@ -195,8 +195,8 @@ class Weld(Joint):
         Unique name.
     a, b
         Points of two different bodies, one of which may be the ground; neither may be a particle.
-        The points must coincide in the reference configuration, within 1e-6 of the size of the
-        bodies.
+        The points must coincide in the reference configuration, with a tolerance of 1e-6 times the
+        size of the bodies.
 
     Raises
     ------

@@ -61,7 +61,7 @@ class RollingOnLine(_RollingJoint):
         particle; one of them may belong to the ground.
     radius
         Radius of the disk [m]; required. The disk must touch the line in the reference
-        configuration, within 1e-6 of the radius.
+        configuration, with a tolerance of 1e-6 times the radius.
     direction
         Direction (x, y) of the line in the reference configuration, of any length but zero.
 
@@ -124,8 +124,8 @@ class RollingOnCircle(_RollingJoint):
         one of them may belong to the ground.
     radii
         Radii of the circle and of the disk [m]; required. In the reference configuration, the
-        distance of the centers must be the sum or the difference of the radii, within 1e-6 of the
-        larger radius, and must not be zero.
+        distance of the centers must not be zero and must be the sum or the difference of the radii,
+        with a tolerance of 1e-6 times the larger radius.
 
     Raises
     ------
