@@ -73,8 +73,8 @@ class RunPlan:
     def scales(self) -> Array:
         """Scale of each coordinate [m or rad], (n,).
 
-        Its amplitude measured by a pilot run or given by the model, if available; otherwise the
-        characteristic length, or 1 for an angle.
+        The scale is the amplitude measured by a pilot run or given by the model, if available;
+        otherwise, it is the characteristic length, or 1 for an angle.
         """
         if self.amplitudes is not None:
             return self.amplitudes.scales

@@ -80,7 +80,7 @@ def build_scene(
 def collect_drawings(mechanism: Mechanism, points: int) -> list[tuple[str, Drawing]]:
     """Return names and drawings of the ground and all parts with an outline.
 
-    Beams are drawn through `points` sections, and rigid bodies through their attachment points.
+    Beams are drawn through `points` sections; for other bodies, see their `Part.draw`.
     """
     parts = list(mechanism.parts.values())
     drawings = [
