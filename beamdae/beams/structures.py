@@ -37,7 +37,7 @@ class Frame(NamedTuple):
     Attributes
     ----------
     beams
-        Beams by the names of their two points, in the order of the member.
+        Beams by the pair of names of their two points, in the order in which the member lists them.
     corners
         Attachment at each point that has a beam, by the name of the point, for joints, loads and
         observables.
