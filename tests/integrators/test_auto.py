@@ -41,7 +41,17 @@ def test_ida_notes_that_its_order_is_limited():
         for mech in mechs
     ]
     assert "use Radau(rtol) or Auto(rtol)" in notes[0]
+    assert "errors, mainly of deflections, may exceed the bound" in notes[0]
     assert notes[1] == ""
+
+
+def test_adaptive_generalized_alpha_notes_what_rtol_does_not_control():
+    adaptive, fixed = (
+        bd.simulate(swing(), bd.GeneralizedAlpha(1e-3, rtol=rtol), t_end=0.1).integrator
+        for rtol in (1e-4, None)
+    )
+    assert "errors of deflections, reactions and positions" in adaptive["note"]
+    assert "note" not in fixed
 
 
 def swing():
