@@ -213,10 +213,12 @@ def resolve_error_control(
 
     - Without stiff modes, positions and velocities are tested and the order is at most 5.
     - With stiff modes, the velocities of deformations and of beams in absolute coordinates are not
-      tested: resolving axial vibrations would cost 20 to 1000 times as much. BDF of orders 3 to 5
-      is unstable near the imaginary axis, where undamped modes lie. The order is therefore limited
-      to 2, unless all stiff modes have damping ratios above 0.62 (for example by strong material
-      damping) and second-order steps would resolve the modes with smaller ratios.
+      tested: resolving axial vibrations would cost 20 to 1000 times as much. Those of rigid bodies
+      and floating frames are tested if all stiff modes have damping ratios above 0.62, for example
+      by strong material damping; otherwise they vibrate, too.
+    - BDF of orders 3 to 5 is unstable near the imaginary axis, where undamped modes lie. With stiff
+      modes, the order is therefore limited to 2, unless their damping ratios are above 0.62 and
+      second-order steps would resolve the modes with smaller ratios.
     - In the index-3 form, only positions are tested, because the error of velocities grows as the
       step shrinks.
     - Testing multipliers would make "ggl", "index2" and, once it drifts, "index1" stall. With
@@ -252,16 +254,14 @@ def resolve_error_control(
         mode.damping_ratio > STABLE_DAMPING_RATIO for mode in modes if mode.frequency > stiff
     )
     if fastest <= stiff:
-        choice, order, reason = (
-            "velocities",
-            _HIGHEST_ORDER,
-            "no mode is much faster than the motion",
-        )
+        choice, order = "velocities", _HIGHEST_ORDER
+        reason = "no mode is much faster than the motion"
     elif overdamped and light <= _RESOLVED_RATIO * rate / np.sqrt(rtol):
         choice, order = "rigid velocities", _HIGHEST_ORDER
         reason = "fast modes have damping ratios above 0.62"
     else:
-        choice, order, reason = "rigid velocities", _LIMITED_ORDER, "fast modes are lightly damped"
+        choice = "rigid velocities" if overdamped else "positions"
+        order, reason = _LIMITED_ORDER, "fast modes are lightly damped"
     if formulation.index == 3:
         choice = "positions"
     if multipliers_matter and formulation.impulses and choice == "velocities":
