@@ -8,6 +8,8 @@ from .analysis.linear_dynamics.steady_rotation import rotation as rotation
 from .analysis.periodic.periodic_continuation import frequency_response as frequency_response
 from .analysis.periodic.periodic_solution import periodic as periodic
 from .analysis.statics.static_equilibrium import equilibrium as equilibrium
+from .analysis_certification import certify_equilibrium as certify_equilibrium
+from .analysis_certification import certify_modes as certify_modes
 from .beams.beam import Beam as Beam
 from .beams.beam_loads import DistributedForce as DistributedForce
 from .beams.beam_loads import MovingForce as MovingForce
@@ -92,6 +94,7 @@ from .report.pictures.mode_shapes import draw_campbell as draw_campbell
 from .report.pictures.mode_shapes import draw_modes as draw_modes
 from .report.pictures.run_animation import animate as animate
 from .report.pictures.time_plots import plot as plot
+from .results.analysis_certificate import AnalysisCertificate as AnalysisCertificate
 from .results.certificate import Certificate as Certificate
 from .results.diagnostics.beam_ranges import BeamRange as BeamRange
 from .results.displays import Animation as Animation

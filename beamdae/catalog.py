@@ -662,6 +662,9 @@ GROUPS = (
             Public("verify", "beamdae.verification"),
             Public("certify", "beamdae.certification"),
             Public("Certificate", "beamdae.results.certificate"),
+            Public("certify_equilibrium", "beamdae.analysis_certification"),
+            Public("certify_modes", "beamdae.analysis_certification"),
+            Public("AnalysisCertificate", "beamdae.results.analysis_certificate"),
         ),
     ),
     Group(

@@ -140,7 +140,12 @@ def certify_run(
 
     start, time_limit = limits
     task = f"accuracy {accuracy:g}"
-    with show_run_progress(t_end or run.model.t_end, task) as show_progress:
+    with (
+        show_run_progress(t_end or run.model.t_end, task) as show_progress,
+        warnings.catch_warnings(),
+    ):
+        # These warnings are printed with the results.
+        warnings.simplefilter("ignore", BeamdaeWarning)
 
         def update(t: float) -> None:
             show_progress("", t)

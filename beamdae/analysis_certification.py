@@ -1,0 +1,262 @@
+"""Equilibria and natural modes with an estimated mesh error.
+
+The error of the finest of at least three meshes, each with elements of half the length, follows
+from the observed ratio of their differences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from beamdae.analysis.linear_dynamics.natural_modes import Modes, modes
+from beamdae.analysis.statics.static_equilibrium import equilibrium
+from beamdae.beams.beam import EXACT_FORMULATION
+from beamdae.beams.remeshing import BaseMesh, choose_base_meshes, with_meshes
+from beamdae.errors import BeamdaeError, require_count, require_positive, short_repr
+from beamdae.model_functions import Model
+from beamdae.parts.mechanism import Mechanism
+from beamdae.results.analysis_certificate import AnalysisCertificate
+from beamdae.results.columns import Header, select_columns
+from beamdae.results.outcome import Status
+
+Array = np.ndarray
+
+_FIRST_ELEMENTS = 2
+_MIN_MESHES = 3
+_MAX_ELEMENTS = 32
+# Factor applied to the error that follows from the ratio of two differences (Richardson).
+_SAFETY_FACTOR = 2.0
+# Largest ratio of successive differences; if they decrease more slowly, the error of a geometric
+# series with this ratio is assumed.
+_MAX_RATIO = 0.9
+# Smallest stated error relative to the accuracy.
+_FLOOR = 1e-3
+_CONTROLLED_UNITS = ("m", "rad")
+
+
+class _Values(NamedTuple):
+    """Values of an analysis on one mesh, and the values to which their errors are relative."""
+
+    result: Any
+    columns: tuple[str, ...]
+    values: Array
+    scales: Array
+
+
+def certify_equilibrium(
+    model: Any, accuracy: float = 0.01, columns: Sequence[str] | str | None = None, **settings: Any
+) -> AnalysisCertificate:
+    """Compute an equilibrium on meshes that are refined until its mesh error is small enough.
+
+    Beams are geometrically exact. Elements are halved, in at least three meshes.
+
+    Parameters
+    ----------
+    model
+        A model function or a mechanism.
+    accuracy
+        Largest error of a column at the end of the path, relative to half its range along the path
+        [-].
+    columns
+        Observed columns, or names of observables, that must be within the accuracy. Defaults to all
+        positions, angles and deflections [m, rad].
+    settings
+        Further arguments of `equilibrium`.
+
+    Returns
+    -------
+    AnalysisCertificate
+        The equilibrium on the finest mesh, with the error of each column.
+
+    Raises
+    ------
+    BeamdaeError
+        If the model or a setting is invalid, a path does not reach its target, or nothing is
+        observed.
+    """
+
+    def evaluate(mechanism: Mechanism) -> _Values:
+        path = equilibrium(mechanism, **settings)
+        if not path.status.success:
+            raise BeamdaeError(f"certify_equilibrium: {path.status.sentence}.")
+        if not path.columns:
+            raise BeamdaeError(
+                "certify_equilibrium: nothing is observed; observe points or quantities with "
+                "mech.observe."
+            )
+        rows = np.stack(list(path.columns.values()), axis=1)
+        # A path of a single row begins at the equilibrium.
+        scales = 0.5 * np.ptp(rows, axis=0) if len(rows) > 1 else np.abs(rows[-1])
+        return _Values(path, tuple(path.columns), rows[-1], scales)
+
+    return _certify("certify_equilibrium", model, accuracy, columns, evaluate)
+
+
+def certify_modes(
+    model: Any, accuracy: float = 0.01, n: int = 6, **settings: Any
+) -> AnalysisCertificate:
+    """Compute natural modes on meshes that are refined until their frequencies are accurate.
+
+    Beams are geometrically exact. Elements are halved, in at least three meshes. Modes of different
+    meshes are matched by their order.
+
+    Parameters
+    ----------
+    model
+        A model function or a mechanism.
+    accuracy
+        Largest relative error of a frequency [-].
+    n
+        Number of modes.
+    settings
+        Further arguments of `modes`.
+
+    Returns
+    -------
+    AnalysisCertificate
+        The modes on the finest mesh, with the error of each frequency.
+
+    Raises
+    ------
+    BeamdaeError
+        If the model or a setting is invalid.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.004)
+    >>> mech = bd.Mechanism()
+    >>> beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), strip))
+    >>> clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    >>> certificate = bd.certify_modes(mech, accuracy=1e-3, n=2)
+    >>> certificate.success, bool(abs(certificate.values[0] - 3.34) < 0.01)
+    (True, True)
+    """
+    count = require_count("certify_modes", "n", n)
+
+    def evaluate(mechanism: Mechanism) -> _Values:
+        result: Modes = modes(mechanism, n=count, **settings)
+        names = tuple(f"mode {k} [Hz]" for k in range(1, len(result) + 1))
+        return _Values(result, names, result.frequencies, result.frequencies)
+
+    return _certify("certify_modes", model, accuracy, None, evaluate)
+
+
+def _certify(
+    name: str,
+    model: Any,
+    accuracy: Any,
+    columns: Sequence[str] | str | None,
+    evaluate: Callable[[Mechanism], _Values],
+) -> AnalysisCertificate:
+    """Evaluate an analysis on finer and finer meshes; `name` is the function, for messages."""
+    accuracy = require_positive(name, "accuracy", accuracy)
+    if isinstance(model, Model):
+        model = model()
+    if not isinstance(model, Mechanism):
+        raise BeamdaeError(f"{name}: expected a model or a mechanism, got {short_repr(model)}.")
+    bases = choose_base_meshes(model, _FIRST_ELEMENTS)
+    notes = tuple(
+        f"{beam}: mesh and theory are not assessed, because {base.fixed_by}."
+        for beam, base in bases.items()
+        if base.fixed_by
+    )
+    refinable = [base for base in bases.values() if not base.fixed_by]
+    levels = [_evaluate(model, bases, 0, True, evaluate)]
+    floor = _FLOOR * accuracy
+    if not refinable:
+        # Without beams, there is no mesh error.
+        error = np.full(len(levels[0].values), floor if not bases else np.nan)
+        return _finish(levels, error, error * 0.0, columns, accuracy, bases, notes)
+    error = np.full(len(levels[0].values), np.inf)
+    while len(levels) < _MIN_MESHES or not _is_within(levels[-1], error, columns, accuracy):
+        halvings = len(levels)
+        if max(base.refined(halvings).elements for base in refinable) > _MAX_ELEMENTS:
+            break
+        levels.append(_evaluate(model, bases, halvings, True, evaluate))
+        if len(levels) >= _MIN_MESHES:
+            error = np.maximum(_estimate_errors(levels), floor)
+    written = levels[-1]
+    if any(not base.is_exact for base in refinable):
+        written = _evaluate(model, bases, len(levels) - 1, False, evaluate)
+    theory = _relative(written.values - levels[-1].values, levels[-1].scales)
+    return _finish(levels, error, theory, columns, accuracy, bases, notes)
+
+
+def _evaluate(
+    mechanism: Mechanism,
+    bases: dict[str, BaseMesh],
+    halvings: int,
+    exact: bool,
+    evaluate: Callable[[Mechanism], _Values],
+) -> _Values:
+    meshes = {name: base.refined(halvings) for name, base in bases.items()}
+    formulations = {
+        name: EXACT_FORMULATION for name, base in bases.items() if exact and base.can_be_exact
+    }
+    return evaluate(with_meshes(mechanism, meshes, formulations))
+
+
+def _estimate_errors(levels: Sequence[_Values]) -> Array:
+    """Return the relative error of the last of at least three meshes."""
+    coarse, middle, fine = (level.values for level in levels[-3:])
+    before, last = np.abs(middle - coarse), np.abs(fine - middle)
+    ratio = np.minimum(last / np.maximum(before, np.finfo(float).tiny), _MAX_RATIO)
+    return _relative(_SAFETY_FACTOR * ratio / (1.0 - ratio) * last, levels[-1].scales)
+
+
+def _relative(differences: Array, scales: Array) -> Array:
+    """Return differences relative to scales; 0 for columns that do not move."""
+    at_rest = scales <= 1e-9 * np.max(scales, initial=0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(at_rest, 0.0, np.abs(differences) / scales)
+
+
+def _required(headers: Sequence[str], columns: Sequence[str] | str | None) -> Array:
+    if columns is None:
+        required = np.array([Header.of(x).unit in _CONTROLLED_UNITS for x in headers], bool)
+        return required if required.any() else np.ones(len(headers), bool)
+    names = [columns] if isinstance(columns, str) else columns
+    selected = {header for name in names for header in select_columns(headers, name)}
+    return np.array([header in selected for header in headers])
+
+
+def _is_within(
+    level: _Values, error: Array, columns: Sequence[str] | str | None, accuracy: float
+) -> bool:
+    return bool(np.all(error[_required(level.columns, columns)] <= accuracy))
+
+
+def _finish(
+    levels: Sequence[_Values],
+    error: Array,
+    theory: Array,
+    columns: Sequence[str] | str | None,
+    accuracy: float,
+    bases: dict[str, BaseMesh],
+    notes: tuple[str, ...],
+) -> AnalysisCertificate:
+    last = levels[-1]
+    if _is_within(last, error, columns, accuracy):
+        status = Status("ok", f"all required columns are within {accuracy:g}")
+    else:
+        status = Status("limited", f"the mesh error requires more than {_MAX_ELEMENTS} elements")
+        if notes:
+            status = Status("failed", "the mesh error is not assessed")
+    return AnalysisCertificate(
+        result=last.result,
+        columns=last.columns,
+        values=last.values,
+        scales=last.scales,
+        mesh=error,
+        theory_as_written=theory,
+        required=_required(last.columns, columns),
+        accuracy=accuracy,
+        status=status,
+        elements={name: base.refined(len(levels) - 1).elements for name, base in bases.items()},
+        meshes=len(levels),
+        notes=notes,
+    )

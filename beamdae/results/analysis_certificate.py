@@ -1,0 +1,112 @@
+"""Certificate of the mesh error of an equilibrium or of natural modes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from beamdae.results.displays import load_views
+from beamdae.results.outcome import Status
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AnalysisCertificate:
+    """Result of an analysis with its mesh error; see `certify_equilibrium` and `certify_modes`.
+
+    The errors are estimated from at least three meshes; they are not a proof. Beams are
+    geometrically exact.
+
+    Attributes
+    ----------
+    result
+        `Equilibrium` or `Modes` on the finest mesh.
+    columns
+        Names of the values.
+    values
+        Values on the finest mesh (columns,): at the end of the path, or frequencies [Hz].
+    scales
+        Values to which errors are relative: half the range along the path, or the frequency.
+    mesh
+        Relative mesh errors (columns,) [-].
+    theory_as_written
+        Relative errors of the formulations that the model specifies (columns,) [-].
+    required
+        True for columns that must be within the accuracy.
+    accuracy
+        Required relative accuracy [-].
+    status
+        "ok" if all required columns are within the accuracy, otherwise "limited" or "failed".
+    elements
+        Number of elements of each beam in the finest mesh.
+    meshes
+        Number of meshes.
+    notes
+        Limits of the certificate.
+    """
+
+    result: Any
+    columns: tuple[str, ...]
+    values: Array
+    scales: Array
+    mesh: Array
+    theory_as_written: Array
+    required: Array
+    accuracy: float
+    status: Status
+    elements: dict[str, int] = field(default_factory=dict)
+    meshes: int = 0
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<AnalysisCertificate of {self.accuracy:g}: {self.status.kind}, {self.reason}>"
+
+    def _repr_html_(self) -> str:
+        return load_views().summarize_certificate_as_html(self)
+
+    @property
+    def success(self) -> bool:
+        """True if all required columns are within the accuracy."""
+        return self.status.success
+
+    @property
+    def reason(self) -> str:
+        """The reason for the status."""
+        return self.status.sentence
+
+    @property
+    def name(self) -> str:
+        """Kind of the result."""
+        return type(self.result).__name__
+
+    @property
+    def budget(self) -> pd.DataFrame:
+        """Table with one row per column: value, scale, mesh error, accuracy and verdict."""
+        import pandas as pd
+
+        words = np.where(self.mesh <= self.accuracy, "yes", "no").tolist()
+        needed = self.required.tolist()
+        rows = {
+            "value": self.values,
+            "scale": self.scales,
+            "mesh": self.mesh,
+            "accuracy": np.full(len(self.mesh), self.accuracy),
+            "certified": [x if y else f"({x})" for x, y in zip(words, needed, strict=True)],
+            "theory as written": self.theory_as_written,
+        }
+        return pd.DataFrame(rows, index=pd.Index(list(self.columns)))
+
+    def facts(self) -> dict[str, str]:
+        """Return status, meshes and notes as texts by name."""
+        beams = [f"{name} with {count} elements" for name, count in self.elements.items()]
+        rows = {
+            "certificate": f"{self.status.kind}: {self.reason}",
+            "meshes": "; ".join([f"{self.meshes} meshes", *beams]),
+        }
+        return rows | ({"notes": " ".join(self.notes)} if self.notes else {})

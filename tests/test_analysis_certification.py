@@ -1,0 +1,86 @@
+"""Mesh errors of equilibria and modes against closed forms and finer meshes."""
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.symbolic.statements import Quantity, Variable
+
+STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
+STRIP = bd.Section.rectangle(STEEL, width=0.02, height=0.004)
+
+
+def cantilever(load=1.0, elements=2, **settings):
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("beam", line, STRIP, elements=elements, **settings))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("load", beam.at(0.7), (0.0, -load)))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+@pytest.mark.slow(reason="a path on 40 elements")
+def test_the_mesh_error_of_a_bent_cantilever_is_covered():
+    result = bd.certify_equilibrium(cantilever(60.0), accuracy=1e-3)
+    assert result.success
+    assert result.meshes >= 3
+    # No element of the reference is longer than 1/40 of the beam.
+    fine = bd.equilibrium(cantilever(60.0, elements=40, formulation="exact"))
+    for column in result.columns:
+        row = result.budget.loc[column]
+        assert abs(fine.columns[column][-1] - row["value"]) <= row["mesh"] * row["scale"]
+
+
+@pytest.mark.slow(reason="four paths")
+def test_the_theory_error_of_linear_strains_in_a_frame_is_stated():
+    written = cantilever(60.0, frame="tangent", strain="linear")
+    stated = bd.certify_equilibrium(written, accuracy=1e-3).budget["theory as written"]
+    # The tip deflects by a third of the length; linear strains do not shorten the beam.
+    assert stated["tip.x [m]"] > 0.5
+
+
+@pytest.mark.slow(reason="modes of 32 elements")
+def test_frequencies_are_covered():
+    result = bd.certify_modes(cantilever(), accuracy=1e-3, n=4)
+    assert result.success
+    fine = bd.modes(cantilever(elements=32, formulation="exact"), n=4)
+    errors = np.abs(result.values / fine.frequencies - 1.0)
+    assert np.all(errors <= result.mesh)
+    # Bernoulli: 1.8751^2 sqrt(EI / rhoA) / (2 pi L^2)
+    first = 1.87510407**2 * np.sqrt(STRIP.EI / (7850.0 * STRIP.area)) / (2.0 * np.pi)
+    assert result.values[0] == pytest.approx(first, rel=1e-3)
+    assert "mode 1 [Hz]" in result._repr_html_()
+
+
+@pytest.mark.slow(reason="modes of 32 elements")
+def test_an_accuracy_beyond_the_meshes_is_refused():
+    result = bd.certify_modes(cantilever(), accuracy=1e-12, n=4)
+    assert not result.success
+    assert result.reason == "the mesh error requires more than 32 elements"
+    assert repr(result).startswith("<AnalysisCertificate of 1e-12: limited")
+
+
+def test_beams_with_custom_quantities_are_not_assessed():
+    mech = cantilever()
+    beam = mech.part("beam")
+    mech.observe(
+        "custom", Quantity((Variable("x", "m"),), (beam.end.piece,), lambda local: local.q[0])
+    )
+    result = bd.certify_equilibrium(mech)
+    assert result.status.kind == "failed"
+    assert result.budget["mesh"].isna().all()
+    assert result.notes[0].startswith("beam: mesh and theory are not assessed")
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: bd.certify_modes(3), "expected a model or a mechanism, got 3"),
+        (lambda: bd.certify_modes(cantilever(), accuracy=-1.0), "accuracy must be positive"),
+        (lambda: bd.certify_equilibrium(cantilever(), columns="tap"), "no column 'tap'"),
+    ],
+)
+def test_invalid_arguments_are_rejected(call, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        call()
