@@ -52,6 +52,12 @@ _RTOL_FOR_FIXED_STEPS = 1e-6  # of the second run, if the first run has fixed st
 # Columns whose half range is below either of these are at rest.
 _REST_TO_OTHERS_RATIO = 1e-9  # relative to the largest half range of a column with the same unit
 _REST_TO_VALUES_RATIO = 1e-12  # relative to the largest value of the column: rounding errors
+_REST_TO_SIZE_RATIO = 1e-12  # relative to the size of the mechanism, or to 1 rad: rounding errors
+# They are also at rest if the half range is below this multiple of rtol, relative to the largest
+# half range with the same unit, and the difference of two runs exceeds the following part of it:
+# positions that joints hold fixed move by errors only (up to 0.002 rtol, their rates 0.009 rtol).
+_UNRESOLVED_TO_RTOL_RATIO = 0.01
+_MIN_NOISE_SHARE = 0.5
 
 # Columns of the tables.
 HALF_RANGE = "half the range"
@@ -172,6 +178,7 @@ def estimate_errors(solution: Solution, progress: Progress | None = None) -> Err
 
 def _estimate(solution: Solution, progress: Progress | None) -> ErrorColumns:
     integrator = _require_own_integrator("error_estimate", solution)
+    name, value = integrator.accuracy
     if len(solution.t) > 1:
         for second in _second_runs(solution, integrator):
             other = _run_again(solution, second.integrator, progress)
@@ -180,7 +187,7 @@ def _estimate(solution: Solution, progress: Progress | None) -> ErrorColumns:
             steps = solution.trajectory.steps, other.trajectory.steps
             factor = second.difference_factor(*steps)
             if factor is not None:
-                return _compare(solution, other, factor)
+                return _compare(solution, other, factor, value if name == "rtol" else 0.0)
     # A single row has no range.
     return _compare(solution, None, np.inf if len(solution.t) > 1 else np.nan)
 
@@ -351,7 +358,8 @@ def compare_methods(
     if other_name == "rtol":
         allowed_error = max(allowed_error, _ALLOWED_ERROR * other_value)
     other = _run_again(solution, by, progress)
-    columns = _compare(solution, other, np.nan if other is None else 1.0)
+    rtol = value if has_rtol else 0.0
+    columns = _compare(solution, other, np.nan if other is None else 1.0, rtol)
     del columns[SIGNED_ERROR]
     # The allowed difference refers to half the range of a complete run.
     is_whole = solution.status.success
@@ -410,11 +418,14 @@ def _run_again(
     return other if other.status.success else None
 
 
-def _compare(solution: Solution, other: Solution | None, fraction: float) -> ErrorColumns:
+def _compare(
+    solution: Solution, other: Solution | None, fraction: float, rtol: float = 0.0
+) -> ErrorColumns:
     """Return half the range of each column, and the difference relative to it.
 
     The relative error is `fraction` times the largest difference, or `fraction` without `other`;
-    the signed error is the difference itself.
+    the signed error is the difference itself. `rtol` is the tolerance of the runs, 0 for fixed
+    steps.
     """
     if other is not None and other.t[-1] < solution.t[-1]:
         # An event may end the second run slightly earlier.
@@ -425,16 +436,20 @@ def _compare(solution: Solution, other: Solution | None, fraction: float) -> Err
     half_range = 0.5 * np.ptp(rows, axis=0)
     error = np.full(len(half_range), fraction)
     signed = np.full(len(half_range), np.nan)
+    is_noise = np.zeros(len(half_range), bool)
     if other is not None:
         differences = rows - _stack_columns(other)
         worst = np.argmax(np.abs(differences), axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
             signed = np.take_along_axis(differences, worst[None], axis=0)[0] / half_range
         error = fraction * np.abs(signed)
-    largest = np.max(np.abs(rows), axis=0)
-    is_at_rest = half_range <= _rest_limits(solution, half_range, largest)
+        is_noise = np.abs(signed) > _MIN_NOISE_SHARE
+    of_kind = _largest_of_kind(solution, half_range)
+    is_at_rest = half_range <= _rest_limits(solution, of_kind, np.max(np.abs(rows), axis=0))
+    is_at_rest |= is_noise & (half_range <= _UNRESOLVED_TO_RTOL_RATIO * rtol * of_kind)
     error = np.where(np.isfinite(half_range), error, np.nan)
-    error, signed = (np.where(is_at_rest & ~np.isnan(error), 0.0, x) for x in (error, signed))
+    if not np.isnan(fraction):
+        error, signed = (np.where(is_at_rest, 0.0, x) for x in (error, signed))
     return {HALF_RANGE: half_range, RELATIVE_ERROR: error, SIGNED_ERROR: signed}
 
 
@@ -444,13 +459,20 @@ def _stack_columns(solution: Solution) -> Array:
     return np.stack(list(columns), axis=1) if columns else np.zeros((len(solution.t), 0))
 
 
-def _rest_limits(solution: Solution, half_range: Array, largest: Array) -> Array:
-    """Return the half range of each column at or below which the column is at rest."""
+def _largest_of_kind(solution: Solution, half_range: Array) -> Array:
+    """Return the largest half range of the columns with the same unit as each column."""
     kinds = [Header.of(name).kind for name in solution.columns]
     of_kind = dict.fromkeys(kinds, 0.0)
     for kind, value in zip(kinds, np.nan_to_num(half_range, posinf=np.inf).tolist(), strict=True):
         of_kind[kind] = max(of_kind[kind], value)
-    return np.maximum(
-        _REST_TO_OTHERS_RATIO * np.array([of_kind[kind] for kind in kinds]),
-        _REST_TO_VALUES_RATIO * largest,
-    )
+    return np.array([of_kind[kind] for kind in kinds])
+
+
+def _rest_limits(solution: Solution, of_kind: Array, largest: Array) -> Array:
+    """Return the half range of each column at or below which the column is at rest."""
+    sizes = {"m": solution.equations.length, "rad": 1.0}
+    rounding = [
+        _REST_TO_SIZE_RATIO * sizes.get(Header.of(name).unit, 0.0) for name in solution.columns
+    ]
+    limits = _REST_TO_OTHERS_RATIO * of_kind, _REST_TO_VALUES_RATIO * largest, np.array(rounding)
+    return np.maximum.reduce(limits)

@@ -56,8 +56,8 @@ def error_rows(
     """Yield one row per run: the largest error over rtol, r, and the cost of the run.
 
     r is NaN for a run that did not reach its end. "r of reference" is the uncertainty of the
-    reference over rtol. Estimated errors, which take a second run, are compared with true ones if
-    `estimate`.
+    reference, including the rounding of stored values, over rtol. Estimated errors, which take a
+    second run, are compared with true ones if `estimate`.
     """
     uncertainties = reference_uncertainties(summary)
     for case in cases:
@@ -91,7 +91,9 @@ def _error_row(
     for heading, names in columns.items():
         row[f"r{heading}"] = errors[heading].max() / rtol
         row[f"r of reference{heading}"] = (
-            uncertainties[list(names)].max() / rtol if names else np.nan
+            (uncertainties[list(names)] + case.reference_rounding(names)).max() / rtol
+            if names
+            else np.nan
         )
     statistics = solution.statistics
     row |= {

@@ -12,7 +12,7 @@ import pandas as pd
 
 import beamdae as bd
 from tolerances.modal import solve_small_vibrations
-from tolerances.tolerance_case import FOLDER, ToleranceCase, relative_deviations
+from tolerances.tolerance_case import FOLDER, STORED_DIGITS, ToleranceCase, relative_deviations
 
 SUMMARY = FOLDER / "summary.csv"
 RTOLS = tuple(10.0**-k for k in range(7, 13))
@@ -51,7 +51,7 @@ def store_reference(case: ToleranceCase, effort: Effort) -> pd.DataFrame:
     """Store the reference of a case, update the summary and return its rows there."""
     table, rows = compute_reference(case, effort)
     FOLDER.mkdir(exist_ok=True)
-    table.to_csv(FOLDER / f"{case.name}.csv", index=False, float_format="%.9g")
+    table.to_csv(FOLDER / f"{case.name}.csv", index=False, float_format=f"%.{STORED_DIGITS}g")
     summary = pd.read_csv(SUMMARY) if SUMMARY.exists() else rows.iloc[:0]
     others = summary[summary["case"] != case.name]
     pd.concat([others, rows]).to_csv(SUMMARY, index=False, float_format="%.2g")

@@ -13,6 +13,7 @@ import pandas as pd
 import beamdae as bd
 
 FOLDER = Path(__file__).parent / "references"
+STORED_DIGITS = 9  # significant digits of the stored references
 # Guaranteed error over rtol.
 UNDAMPED = 100.0
 DAMPED = 30.0
@@ -115,6 +116,16 @@ class ToleranceCase:
     def load_reference(self, columns: tuple[str, ...]) -> np.ndarray:
         """Return columns of the stored reference, (rows, columns)."""
         return pd.read_csv(FOLDER / f"{self.name}.csv")[list(columns)].to_numpy()
+
+    def reference_rounding(self, columns: tuple[str, ...]) -> np.ndarray:
+        """Return the rounding error of columns of the stored reference relative to the amplitude.
+
+        A column whose range is a small part of its values has fewer significant digits.
+        """
+        reference = self.load_reference(columns)
+        largest = np.max(np.abs(reference), axis=0)
+        unit = 10.0 ** (np.floor(np.log10(largest)) + 1 - STORED_DIGITS)
+        return 0.5 * unit / (0.5 * np.ptp(reference, axis=0))
 
     def errors(
         self,
