@@ -1,0 +1,1 @@
+"""Coverage, tightness and cost of certificates on mechanisms with known solutions."""
