@@ -92,7 +92,8 @@ def certify_equilibrium(
         scales = 0.5 * np.ptp(rows, axis=0) if len(rows) > 1 else np.abs(rows[-1])
         return _Values(path, tuple(path.columns), rows[-1], scales)
 
-    return _certify("certify_equilibrium", model, accuracy, columns, evaluate)
+    start = settings.get("start")
+    return _certify("certify_equilibrium", model, accuracy, columns, evaluate, start)
 
 
 def certify_modes(
@@ -142,7 +143,8 @@ def certify_modes(
         names = tuple(f"mode {k} [Hz]" for k in range(1, len(result) + 1))
         return _Values(result, names, result.frequencies, result.frequencies)
 
-    return _certify("certify_modes", model, accuracy, None, evaluate)
+    about = settings.get("about")
+    return _certify("certify_modes", model, accuracy, None, evaluate, about)
 
 
 def _certify(
@@ -151,14 +153,18 @@ def _certify(
     accuracy: Any,
     columns: Sequence[str] | str | None,
     evaluate: Callable[[Mechanism], _Values],
+    start: Any,
 ) -> AnalysisCertificate:
-    """Evaluate an analysis on finer and finer meshes; `name` is the function, for messages."""
+    """Evaluate an analysis on finer and finer meshes; `name` is the function, for messages.
+
+    Beams whose coordinates `start` names keep their meshes.
+    """
     accuracy = require_positive(name, "accuracy", accuracy)
     if isinstance(model, Model):
         model = model()
     if not isinstance(model, Mechanism):
         raise BeamdaeError(f"{name}: expected a model or a mechanism, got {short_repr(model)}.")
-    bases = choose_base_meshes(model, _FIRST_ELEMENTS)
+    bases = choose_base_meshes(model, _FIRST_ELEMENTS, start)
     notes = tuple(
         f"{beam}: mesh and theory are not assessed, because {base.fixed_by}."
         for beam, base in bases.items()

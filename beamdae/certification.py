@@ -82,9 +82,10 @@ _FLOOR = 1e-3
 _MAX_EXACT_COST = 3.0
 _MAX_KEPT_THEORY_SHARE = 0.2
 
-# Columns whose half range is below either of these are at rest; see `verification`.
+# Columns whose half range is below any of these are at rest; see `verification`.
 _REST_TO_OTHERS_RATIO = 1e-9
 _REST_TO_VALUES_RATIO = 1e-12
+_REST_TO_SIZE_RATIO = 1e-12  # for lengths relative to the mechanism, for angles in rad
 # Columns that exceed the accuracy at no more than this fraction of the samples may jump at events;
 # their difference is then measured at matching events.
 _MAX_JUMP_FRACTION = 0.05
@@ -221,7 +222,7 @@ class _Task:
             return {}
         is_small = self.accuracy < _SMALL_ERROR
         elements = _FIRST_ELEMENTS_FOR_SMALL_ERRORS if is_small else _FIRST_ELEMENTS
-        return choose_base_meshes(self.model, elements)
+        return choose_base_meshes(self.model, elements, self.start)
 
     def build(self, halvings: int, exact: bool) -> EquationsOfMotion:
         """Return the equations on a mesh; `exact` replaces floating frames by exact beams."""
@@ -256,6 +257,10 @@ class _Task:
                     Status("limited", f"reached the time limit of {self.time_limit:g} s"), None
                 )
         equations = self.build(halvings, exact)
+        if not equations.observables:
+            raise BeamdaeError(
+                "certify: nothing is observed; observe points or quantities with mech.observe."
+            )
         solution = Radau(rtol, time_limit=remaining).integrate(equations, self.times, self.progress)
         solution = replace(solution, model=self.description)
         run = _Run(solution, halvings, rtol, exact, clock.process_time() - begin)
@@ -306,8 +311,11 @@ class _Run:
         }
         others = np.array([of_kind[kind] for kind in kinds])
         largest = np.max(np.abs(self.rows), axis=0)
+        units = [Header.of(name).unit for name in self.solution.columns]
+        sizes = {"m": self.solution.equations.length, "rad": 1.0}
+        size = np.array([sizes.get(unit, 0.0) for unit in units])
         limit = np.maximum(_REST_TO_OTHERS_RATIO * others, _REST_TO_VALUES_RATIO * largest)
-        return np.asarray(self.half_range <= limit)
+        return np.asarray(self.half_range <= np.maximum(limit, _REST_TO_SIZE_RATIO * size))
 
 
 @dataclass(frozen=True)
@@ -446,10 +454,6 @@ class _Certification:
 
     def _run(self, halvings: int, rtol: float, exact: bool) -> _Run:
         run = self.task.run(halvings, rtol, exact)
-        if not run.solution.columns:
-            raise BeamdaeError(
-                "certify: nothing is observed; observe points or quantities with mech.observe."
-            )
         self._runs.append(run)
         return run
 

@@ -165,6 +165,37 @@ def test_custom_quantities_keep_mesh_and_theory():
     assert result.budget["mesh"].isna().all()
 
 
+def test_a_start_that_names_coordinates_of_a_beam_keeps_its_mesh_and_theory():
+    mech = pendulum()
+    name = bd.equations_of_motion(mech).q_names[0]
+    result = bd.certify(mech, accuracy=0.05, t_end=0.05, start={name: 0.0})
+    assert result.formulations == {"strip": "floating frame"}
+    assert "the start names its coordinates" in result.notes[0]
+
+
+def test_columns_at_rest_are_certified():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
+    block = mech.add(bd.RigidBody("block", 1.0, 0.1, (0.5, 0.4)))
+    mech.add(bd.Weld("weld", mech.ground.at(0.0, 0.0), block.at(0.0, 0.0)))
+    mech.observe("ball", ball.point)
+    mech.observe("block", block.at(0.1, 0.1))
+    result = bd.certify(mech, t_end=0.1)
+    assert result.success
+    assert result.budget.loc["block.angle [rad]", "total"] < 1e-4
+
+
+def test_runs_that_an_event_stops_are_compared_up_to_the_event():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
+    mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
+    mech.observe("bob", bob.point)
+    mech.when("bob.x", crosses=0.3, direction="down", do="stop")
+    result = bd.certify(mech, accuracy=1e-3, t_end=2.0)
+    assert result.success
+    assert result.good_until == result.solution.t[-1] < 1.0
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

@@ -79,7 +79,9 @@ class BaseMesh:
         return self.mesh.divided_at(bounds.tolist())
 
 
-def choose_base_meshes(mechanism: Mechanism, elements: int) -> dict[str, BaseMesh]:
+def choose_base_meshes(
+    mechanism: Mechanism, elements: int, start: Any = None
+) -> dict[str, BaseMesh]:
     """Return the coarsest mesh of each beam by name, with element ends at its attachments.
 
     Parameters
@@ -89,6 +91,9 @@ def choose_base_meshes(mechanism: Mechanism, elements: int) -> dict[str, BaseMes
     elements
         Number of elements of a beam without attachments between its ends. Beams with fewer elements
         as written keep their number; strongly curved beams have more.
+    start
+        Start that replaces the start of the mechanism. Beams whose coordinates it names keep their
+        meshes and formulations.
     """
     beams = {name: part for name, part in mechanism.parts.items() if isinstance(part, Beam)}
     sections: dict[int, set[float]] = {id(beam): set() for beam in beams.values()}
@@ -99,7 +104,7 @@ def choose_base_meshes(mechanism: Mechanism, elements: int) -> dict[str, BaseMes
                 sections[id(attachment.body)].add(float(attachment.s))
         if isinstance(part, SlidingOnBeam):
             sliders.add(id(part.beam))
-    fixed = _fixed_beams(mechanism, beams)
+    fixed = _fixed_beams(mechanism, beams, mechanism.start if start is None else start)
     meshes = {}
     for name, beam in beams.items():
         if id(beam) in fixed:
@@ -172,7 +177,7 @@ def with_meshes(
     return other
 
 
-def _fixed_beams(mechanism: Mechanism, beams: Mapping[str, Beam]) -> dict[int, str]:
+def _fixed_beams(mechanism: Mechanism, beams: Mapping[str, Beam], start: Any) -> dict[int, str]:
     """Return the reason by `id` of each beam whose coordinates must not change."""
     fixed = {
         id(piece.owner): f"the quantity {name!r} refers to its coordinates"
@@ -181,9 +186,9 @@ def _fixed_beams(mechanism: Mechanism, beams: Mapping[str, Beam]) -> dict[int, s
         for piece in quantity.pieces
         if isinstance(piece.owner, Beam)
     }
-    if isinstance(mechanism.start, Mapping):
+    if isinstance(start, Mapping):
         for name, beam in beams.items():
-            if any(coordinate.startswith(f"{name}.") for coordinate in mechanism.start):
+            if any(coordinate.startswith(f"{name}.") for coordinate in start):
                 fixed[id(beam)] = "the start names its coordinates"
     return fixed
 
