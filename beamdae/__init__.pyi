@@ -10,6 +10,7 @@ from .analysis.periodic.periodic_solution import periodic as periodic
 from .analysis.statics.static_equilibrium import equilibrium as equilibrium
 from .analysis_certification import certify_equilibrium as certify_equilibrium
 from .analysis_certification import certify_modes as certify_modes
+from .analysis_certification import certify_periodic as certify_periodic
 from .beams.beam import Beam as Beam
 from .beams.beam_loads import DistributedForce as DistributedForce
 from .beams.beam_loads import MovingForce as MovingForce

@@ -1,4 +1,4 @@
-"""Equilibria and natural modes with an estimated mesh error.
+"""Equilibria, natural modes and periodic motions with an estimated mesh error.
 
 The error of the finest of at least three meshes, each with elements of half the length, follows
 from the observed ratio of their differences.
@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, modes
+from beamdae.analysis.periodic.periodic_solution import periodic
 from beamdae.analysis.statics.static_equilibrium import equilibrium
 from beamdae.beams.beam import EXACT_FORMULATION
 from beamdae.beams.remeshing import BaseMesh, choose_base_meshes, with_meshes
@@ -21,6 +22,7 @@ from beamdae.parts.mechanism import Mechanism
 from beamdae.results.analysis_certificate import AnalysisCertificate
 from beamdae.results.columns import Header, select_columns
 from beamdae.results.outcome import Status
+from beamdae.results.periodic_motion import half_range
 
 Array = np.ndarray
 
@@ -34,6 +36,8 @@ _SAFETY_FACTOR = 2.0
 _MAX_RATIO = 0.9
 # Smallest stated error relative to the accuracy.
 _FLOOR = 1e-3
+# Columns whose scale is below this fraction of the largest one are at rest.
+_REST_TO_OTHERS_RATIO = 1e-9
 _CONTROLLED_UNITS = ("m", "rad")
 
 
@@ -147,6 +151,60 @@ def certify_modes(
     return _certify("certify_modes", model, accuracy, None, evaluate, about)
 
 
+def certify_periodic(
+    model: Any,
+    period: float,
+    accuracy: float = 0.01,
+    columns: Sequence[str] | str | None = None,
+    **settings: Any,
+) -> AnalysisCertificate:
+    """Find a periodic motion on meshes that are refined until its amplitudes are accurate.
+
+    Beams are geometrically exact. Elements are halved, in at least three meshes. Time errors are
+    not estimated: at the default rtol of `periodic`, 1e-8, they are much smaller.
+
+    Parameters
+    ----------
+    model
+        A model function or a mechanism.
+    period
+        Period of the motion [s].
+    accuracy
+        Largest relative error of an amplitude, half the range of a column [-].
+    columns
+        Observed columns, or names of observables, that must be within the accuracy. Defaults to all
+        positions, angles and deflections [m, rad].
+    settings
+        Further arguments of `periodic`.
+
+    Returns
+    -------
+    AnalysisCertificate
+        The periodic motion on the finest mesh, with the error of the amplitude of each column.
+
+    Raises
+    ------
+    BeamdaeError
+        If the model or a setting is invalid, no periodic motion is found, or nothing is observed.
+    """
+
+    def evaluate(mechanism: Mechanism) -> _Values:
+        motion = periodic(mechanism, period, **settings)
+        if not motion.status.success:
+            raise BeamdaeError(f"certify_periodic: {motion.status.sentence}.")
+        observed = motion.solution.columns
+        if not observed:
+            raise BeamdaeError(
+                "certify_periodic: nothing is observed; observe points or quantities with "
+                "mech.observe."
+            )
+        amplitudes = np.array([half_range(column) for column in observed.values()])
+        return _Values(motion, tuple(observed), amplitudes, amplitudes)
+
+    start = settings.get("start")
+    return _certify("certify_periodic", model, accuracy, columns, evaluate, start)
+
+
 def _certify(
     name: str,
     model: Any,
@@ -216,7 +274,7 @@ def _estimate_errors(levels: Sequence[_Values]) -> Array:
 
 def _relative(differences: Array, scales: Array) -> Array:
     """Return differences relative to scales; 0 for columns that do not move."""
-    at_rest = scales <= 1e-9 * np.max(scales, initial=0.0)
+    at_rest = scales <= _REST_TO_OTHERS_RATIO * np.max(scales, initial=0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(at_rest, 0.0, np.abs(differences) / scales)
 

@@ -664,6 +664,7 @@ GROUPS = (
             Public("Certificate", "beamdae.results.certificate"),
             Public("certify_equilibrium", "beamdae.analysis_certification"),
             Public("certify_modes", "beamdae.analysis_certification"),
+            Public("certify_periodic", "beamdae.analysis_certification"),
             Public("AnalysisCertificate", "beamdae.results.analysis_certificate"),
         ),
     ),

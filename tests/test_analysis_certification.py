@@ -53,6 +53,26 @@ def test_frequencies_are_covered():
     assert "mode 1 [Hz]" in result._repr_html_()
 
 
+@pytest.mark.slow(reason="five periodic motions")
+def test_amplitudes_of_a_periodic_motion_are_covered():
+    def driven(**settings):
+        mech = bd.Mechanism()
+        strip = bd.Section.rectangle(STEEL, width=0.02, height=0.004, damping=1e-3)
+        line = bd.Line((0.0, 0.0), (1.0, 0.0))
+        beam = mech.add(bd.Beam("beam", line, strip, **{"elements": 2} | settings))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.Force("load", beam.at(0.7), (0.0, bd.sine(2.0, frequency=8.0))))
+        mech.observe("tip", beam.end)
+        return mech
+
+    result = bd.certify_periodic(driven(), 0.125, accuracy=1e-3, columns=["tip.y", "tip.angle"])
+    assert result.success
+    fine = bd.periodic(driven(elements=16, formulation="exact"), 0.125).amplitudes()["half range"]
+    for column in ("tip.y [m]", "tip.angle [rad]"):
+        row = result.budget.loc[column]
+        assert abs(fine[column] - row["value"]) <= row["mesh"] * row["scale"]
+
+
 @pytest.mark.slow(reason="modes of 32 elements")
 def test_an_accuracy_beyond_the_meshes_is_refused():
     result = bd.certify_modes(cantilever(), accuracy=1e-12, n=4)

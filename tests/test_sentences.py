@@ -206,6 +206,7 @@ TESTED_ELSEWHERE = {
     "certify",
     "certify_equilibrium",
     "certify_modes",
+    "certify_periodic",
     "check",
     "compare",
     "draw_campbell",

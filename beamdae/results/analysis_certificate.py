@@ -1,4 +1,4 @@
-"""Certificate of the mesh error of an equilibrium or of natural modes."""
+"""Certificate of the mesh error of an equilibrium, of natural modes or of a periodic motion."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AnalysisCertificate:
-    """Result of an analysis with its mesh error; see `certify_equilibrium` and `certify_modes`.
+    """Result of an analysis with its mesh error.
+
+    See `certify_equilibrium`, `certify_modes` and `certify_periodic`.
 
     The errors are estimated from at least three meshes; they are not a proof. Beams are
     geometrically exact.
@@ -26,13 +28,15 @@ class AnalysisCertificate:
     Attributes
     ----------
     result
-        `Equilibrium` or `Modes` on the finest mesh.
+        `Equilibrium`, `Modes` or `PeriodicMotion` on the finest mesh.
     columns
         Names of the values.
     values
-        Values on the finest mesh (columns,): at the end of the path, or frequencies [Hz].
+        Values on the finest mesh (columns,): at the end of the path, frequencies [Hz], or
+        amplitudes.
     scales
-        Values to which errors are relative: half the range along the path, or the frequency.
+        Values to which errors are relative: half the range along the path, the frequency, or the
+        amplitude.
     mesh
         Relative mesh errors (columns,) [-].
     theory_as_written
