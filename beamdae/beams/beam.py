@@ -340,6 +340,11 @@ class Beam(Part):
         return self.kinematics.rigid_coordinate_count
 
     @property
+    def frame_follows_section(self) -> bool:
+        """True if the floating frame moves with one section of the body."""
+        return self.kinematics.frame_follows_section
+
+    @property
     def initial_position(self) -> Array:
         """Coordinates [m, rad] in the reference configuration, shape (n,)."""
         return self.kinematics.initial_position

@@ -196,6 +196,11 @@ class Kinematics(ABC):
         return 0
 
     @property
+    def frame_follows_section(self) -> bool:
+        """True if the floating frame moves with one section of the body."""
+        return False
+
+    @property
     @abstractmethod
     def initial_position(self) -> Array:
         """Coordinates in the reference configuration, shape (n,)."""

@@ -151,12 +151,15 @@ class PartCoordinates(NamedTuple):
     rigid_count
         Number of leading coordinates that describe a rigid motion: all coordinates of a rigid body,
         those of the floating frame of a beam, none for a beam in absolute coordinates.
+    follows_section
+        True if the floating frame moves with one section, so that it takes part in its vibrations.
     """
 
     name: str
     rows: slice
     size: float
     rigid_count: int
+    follows_section: bool = False
 
     @property
     def rigid(self) -> slice:

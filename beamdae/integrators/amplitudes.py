@@ -38,10 +38,11 @@ class Amplitudes:
         a body of size L by up to L times the angle. Amplitudes of angles are at most pi/2.
     scales
         Scale of each coordinate [m or rad], (n,): the amplitude of its part, times the size of the
-        part for lengths. Deformations relative to a floating frame have their own amplitudes, and
-        beams in absolute coordinates that of the rotations of their sections relative to the first
-        one; both are at least 1e-2 of the amplitude of the part. A deflection is often a hundred
-        times smaller than the motion of its beam.
+        part for lengths. Deformations relative to a floating frame have the largest amplitude of
+        their kind (u, v or phi) over the nodes, and beams in absolute coordinates that of the
+        rotations of their sections relative to the first one; both are at least 1e-2 of the
+        amplitude of the part. A deflection is often a hundred times smaller than the motion of its
+        beam.
     rate
         Highest rate of the parts [1/s]: root mean square of the velocities divided by the standard
         deviation of the positions. The standard deviation of an angle is limited to its value over
@@ -82,8 +83,9 @@ class Amplitudes:
             if is_at_rest:
                 continue
             least = _MIN_DEFORMATION_SHARE * by_part[part.name]
-            for row in range(part.deformations.start, part.deformations.stop):
-                scales[row] = sizes[row] * max(_round_to_two_digits(half_ranges[row]), least)
+            for rows in _group_deformations(equations, part):
+                amplitude = _round_to_two_digits(float(np.max(half_ranges[rows])))
+                scales[rows] = sizes[rows] * max(amplitude, least)
             rotations = q[:, part.rows][:, angles[part.rows]]
             if part.rigid_count == 0 and rotations.shape[1] > 1:
                 bending = 0.5 * float(np.max(np.ptp(rotations - rotations[:, :1], axis=0)))
@@ -101,6 +103,14 @@ class Amplitudes:
             and np.any(variance[part.rows] > 0.0)
         ]
         return cls(by_part, scales, _round_to_two_digits(max(rates, default=0.0)))
+
+
+def _group_deformations(equations: EquationsOfMotion, part: PartCoordinates) -> list[list[int]]:
+    """Return the rows of the deformations of each kind, such as u1, u2, ... of all nodes."""
+    groups: dict[str, list[int]] = {}
+    for row in range(part.deformations.start, part.deformations.stop):
+        groups.setdefault(equations.coordinates[row].name.rstrip("0123456789"), []).append(row)
+    return list(groups.values())
 
 
 def _min_share(part: PartCoordinates) -> float:

@@ -116,7 +116,7 @@ class ErrorControl:
     ----------
     policy
         Components in the error test: "positions"; also "rigid velocities" (of rigid bodies and
-        floating frames); also "velocities"; or "all" (with multipliers).
+        chord frames); also "velocities"; or "all" (with multipliers).
     max_order
         Highest BDF order.
     reason
@@ -189,7 +189,7 @@ class ErrorControl:
         tested = np.full(equations.n, self.policy in ("velocities", "all"))
         if self.policy == "rigid velocities":
             for part in equations.parts:
-                tested[part.rigid] = True
+                tested[part.rigid] |= not part.follows_section
         return tested
 
 
@@ -214,7 +214,7 @@ def resolve_error_control(
     - Without stiff modes, positions and velocities are tested and the order is at most 5.
     - With stiff modes, the velocities of deformations and of beams in absolute coordinates are not
       tested: resolving axial vibrations would cost 20 to 1000 times as much. Those of rigid bodies
-      and floating frames are tested if all stiff modes have damping ratios above 0.62, for example
+      and chord frames are tested if all stiff modes have damping ratios above 0.62, for example
       by strong material damping; otherwise they vibrate, too.
     - BDF of orders 3 to 5 is unstable near the imaginary axis, where undamped modes lie. With stiff
       modes, the order is therefore limited to 2, unless their damping ratios are above 0.62 and

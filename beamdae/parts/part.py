@@ -86,6 +86,11 @@ class Part:
         return len(self.coordinates)
 
     @property
+    def frame_follows_section(self) -> bool:
+        """True if the floating frame moves with one section of the body."""
+        return False
+
+    @property
     def initial_position(self) -> Array:
         """Values of the n coordinates in the reference configuration, shape (n,)."""
         return np.zeros(0)

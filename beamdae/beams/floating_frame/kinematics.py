@@ -112,6 +112,11 @@ class FloatingFrame(FormulationKinematics):
         return FRAME_SIZE
 
     @property
+    def frame_follows_section(self) -> bool:
+        """True if the floating frame moves with one section of the body."""
+        return self.frame == "tangent"
+
+    @property
     def initial_position(self) -> Array:
         """Coordinates in the reference configuration, shape (n,)."""
         return self._without_deformation([*self.origin, self.frame_angle])

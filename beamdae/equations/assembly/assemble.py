@@ -188,6 +188,7 @@ def _part_coordinates(
             coordinate_map.slice_of(part),
             largest_distance(np.asarray(part.outline, float)) or length,
             part.rigid_coordinate_count,
+            part.frame_follows_section,
         )
         for part in parts
         if coordinate_map.sizes[id(part)]

@@ -57,7 +57,7 @@ class Ida(AdaptiveIntegrator):
         errors were 20 to 170 rtol in positions and 160 to 1400 rtol in velocities.
     error_control
         Components in the error test: "positions"; "rigid velocities" (positions, and velocities of
-        rigid bodies and floating frames); "velocities" (with positions); or "all" (with
+        rigid bodies and chord frames); "velocities" (with positions); or "all" (with
         multipliers). "auto" chooses by formulation and by the stiffness of the mechanism.
     max_order
         Highest order, 1 to 5. "auto" is 2 if fast modes are undamped or lightly damped, otherwise
