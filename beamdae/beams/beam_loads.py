@@ -100,9 +100,9 @@ class DistributedForce(Part):
         a formula `law(s, x, y, t)` that returns the two components, where s [m] is the arc length,
         (x, y) [m] the position of the deformed axis in the inertial frame and t [s] the time.
     axes
-        "inertial" (default) for a dead load, or "section" for a follower load with components
-        normal to the section and, within it, to the left: a force p per length from the right is
-        (0, p).
+        "inertial" (default) for a dead load, or "section" for a follower load. The first component
+        of a follower load is normal to the section and the second lies in the section, positive to
+        the left; a force p per length from the right is (0, p).
 
     Raises
     ------

@@ -20,20 +20,20 @@ from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, 
 
 @dataclass(frozen=True, eq=False)
 class RayleighDamping(Part):
-    """Proportional damping of a beam: forces -(mass M + stiffness K) v.
+    """Proportional damping of a beam: forces -(`mass` M + `stiffness` K) v.
 
-    The mass term acts on velocities in the inertial frame, -mass rho A r' per length and
-    -mass rho I (theta' + phi') on the sections. This term damps the rigid motion of the beam as
-    well, like a viscous fluid. By this term, vibrations about a frame at rest decay as
-    exp(-mass t / 2). By the stiffness term, a mode of angular frequency w has the damping ratio
-    stiffness * w / 2.
+    M is the mass matrix, K the stiffness matrix and v the vector of velocities. The mass term acts
+    on velocities in the inertial frame, -mass rho A r' per length and -mass rho I (theta' + phi')
+    on the sections. Like a viscous fluid, this term also damps the rigid motion of the beam. It
+    makes vibrations about a frame at rest decay as exp(-mass t / 2). The stiffness term gives a
+    mode of angular frequency w the damping ratio stiffness * w / 2.
 
     In a floating frame, K is the constant stiffness of the undeformed beam (linear strains). For
     amplitudes that are small compared to the radius of gyration of the section, the stiffness term
     is then equivalent to `Section.damping` (Kelvin-Voigt). For larger amplitudes of thin beams, use
     `Section.damping`: K treats the shortening of a bent beam as axial strain, so this damping
     increases with the square of the amplitude. For `formulation="exact"`, the stiffness term uses
-    the strain rates of the deformed beam and equals `Section.damping`.
+    the strain rates of the deformed beam and has the effect of an equal `Section.damping`.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class AirDrag(Part):
     """Quadratic drag on a strip in still air: the force -coefficient |v_n| v_n per length.
 
     v_n is the component of the velocity in the inertial frame that lies in the plane of the
-    deformed section, across the axis; the force acts in the same direction.
+    deformed section, across the axis; the force is opposite to this component.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class AirDrag(Part):
 def _damping_statement(
     part: str, beam: Beam, kernel: ForceKernel, coefficients: list[float]
 ) -> ForceStatement:
-    """Return one copy of the kernel per element; append the coefficients to the element data."""
+    """Return the statement of a kernel whose data are the element data and `coefficients`."""
     elements = beam.kinematics.data(np.zeros(2))
     repeated = np.repeat(np.array(coefficients)[:, None], elements.shape[1], axis=1)
     piece = Piece(beam, beam.kinematics.operator)

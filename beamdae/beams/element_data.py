@@ -161,7 +161,10 @@ def assemble_point_data(
 def assemble_element_data(
     points: Array, section: Section | VaryingSection, gravity: Array
 ) -> Array:
-    """Return the data of each element as a column: points, constant section, gravity."""
+    """Return the data of all elements, one column each: points, constant section, gravity.
+
+    `points` are the values of `assemble_point_data`; `gravity` has the shape (2,) [m/s^2].
+    """
     constant = attrgetter(*SECTION_VALUES)(section) if isinstance(section, Section) else ()
     values = np.array([*constant, *gravity])
     return np.concatenate([points, np.repeat(values[:, None], points.shape[1], axis=1)])
@@ -192,7 +195,7 @@ def compute_prestrains(curve: PlaneCurve, free: PlaneCurve | None, s: Array) -> 
 
 
 def require_free_curve(part: str, free: Any, curve: PlaneCurve) -> None:
-    """Raise BeamdaeError unless `free` is a curve nearly as long as `curve`."""
+    """Raise BeamdaeError unless `free` is a curve of the length of `curve`, up to 1 %."""
     free = require_curve(f"{part}, free_curve", free)
     if not abs(curve.length - free.length) <= _MAX_INITIAL_STRAIN * free.length:
         raise BeamdaeError(

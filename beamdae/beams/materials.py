@@ -39,7 +39,7 @@ class Material:
     rho
         Density [kg/m^3].
     yield_stress
-        Yield stress [Pa]; optional, the default of `SectionForces.safety`.
+        Yield stress [Pa], optional; used by `SectionForces.safety` if no other value is passed.
 
     Raises
     ------

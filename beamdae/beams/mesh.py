@@ -84,13 +84,13 @@ class Mesh:
         return replace(self, origin=origin, angle=angle)
 
     def divided_at(self, bounds: Sequence[float]) -> Mesh:
-        """Return the mesh with these arc lengths of the element ends [m]; see `bounds`."""
+        """Return a mesh whose elements end at the arc lengths `bounds` [m]; see `Mesh`."""
         return replace(self, elements=len(bounds) - 1, bounds=tuple(map(float, bounds)))
 
     def has_end_at(self, s: float, tolerance: float = 0.0) -> bool:
-        """Return True if an element ends at the arc length s [m], except for rounding errors.
+        """Return True if an element ends at the arc length `s` [m], up to rounding errors.
 
-        `tolerance` is a further distance, relative to the mean element length.
+        `tolerance` is an additional distance, relative to the mean element length.
         """
         gaps = np.abs(self.element_bounds - s) / self.curve.length
         return bool(gaps.min() <= ARC_LENGTH_TOLERANCE + tolerance / self.elements)
@@ -98,9 +98,10 @@ class Mesh:
     def with_ends_at(self, arc_lengths: Sequence[float]) -> Mesh:
         """Return a mesh with element ends at the given ascending arc lengths [m].
 
-        Elements are at most as long as those of this mesh, which has elements of equal length. The
-        result is this mesh if its elements end there already, or if the beam would be divided into
-        many more elements.
+        This mesh must have n elements of equal length; the elements of the result are at most as
+        long. An arc length does not become an element end if its distance from the preceding one or
+        from an end of the beam is at most 1e-4 of the element length. Return this mesh if its
+        elements already end at all arc lengths, or if more than 2 n + 8 elements would be needed.
         """
         if all(map(self.has_end_at, arc_lengths)):
             return self

@@ -19,7 +19,7 @@ from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import Mechanism
 from beamdae.symbolic.statements import Quantity
 
-# Nodes per element of all meshes; elements with fewer nodes converge with a lower order.
+# Nodes per element of new meshes; elements with fewer nodes converge with a lower order.
 _NODES = 4
 # Curvature times element length in the coarsest mesh [rad]; half the value at which `Beam` warns
 # about errors of 1 % in the compliance.
@@ -30,20 +30,20 @@ _CURVATURE_SAMPLES = 65
 
 @dataclass(frozen=True)
 class BaseMesh:
-    """Coarsest mesh of a beam, of which finer meshes halve all elements.
+    """Coarsest mesh of a beam; each finer mesh halves all elements.
 
     Attributes
     ----------
     beam
         The beam as written.
     mesh
-        The mesh. Elements end at all attachments if `is_aligned`.
+        The coarsest mesh.
     is_aligned
-        False if joints, masses or loads act inside elements of the mesh and of all finer meshes.
+        False if joints, masses or loads may act inside elements. Always True if `fixed_by` is set.
     has_slider
-        True if a point slides along the beam.
+        True if a point slides along the beam. Always False if `fixed_by` is set.
     fixed_by
-        Reason why mesh and formulation must stay as they are written, or an empty string.
+        Reason why the mesh and the formulation of the beam must not change; empty if they may.
     """
 
     beam: Beam
@@ -68,7 +68,10 @@ class BaseMesh:
         return self.beam.formulation == CUSTOM_FORMULATION
 
     def refined(self, halvings: int) -> Mesh:
-        """Return the mesh with each element halved `halvings` times; the mesh itself if fixed."""
+        """Return the mesh with each element halved `halvings` times.
+
+        The mesh is returned unchanged if `fixed_by` is set.
+        """
         if self.fixed_by:
             return self.mesh
         count = 2**halvings
@@ -82,15 +85,18 @@ class BaseMesh:
 def choose_base_meshes(
     mechanism: Mechanism, elements: int, start: Any = None
 ) -> dict[str, BaseMesh]:
-    """Return the coarsest mesh of each beam by name, with element ends at its attachments.
+    """Return the coarsest mesh of each beam, by name.
+
+    Elements end at the attachments, except for custom kinematics, for beams that must keep their
+    mesh, and if too many elements would be necessary; see `Mesh.with_ends_at`.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     elements
-        Number of elements of a beam without attachments between its ends. Beams with fewer elements
-        as written keep their number; strongly curved beams have more.
+        Number of elements of a beam without attachments between its ends. A beam that has fewer
+        elements as written keeps its number; a strongly curved beam may have more.
     start
         Start that replaces the start of the mechanism. Beams whose coordinates it names keep their
         meshes and formulations.
@@ -178,7 +184,7 @@ def with_meshes(
 
 
 def _fixed_beams(mechanism: Mechanism, beams: Mapping[str, Beam], start: Any) -> dict[int, str]:
-    """Return the reason by `id` of each beam whose coordinates must not change."""
+    """Return the reasons why coordinates of beams must not change, by the `id` of the beam."""
     fixed = {
         id(piece.owner): f"the quantity {name!r} refers to its coordinates"
         for name, quantity in _named_quantities(mechanism)

@@ -401,7 +401,7 @@ class VaryingSection:
         raise AttributeError(name)
 
     def law_from(self, start: float) -> SectionLaw:
-        """Return the section law of the part of the beam that begins at arc length `start` [m]."""
+        """Return the section as a function of the arc length measured from `start` [m]."""
         return lambda s: self.at(start + s)
 
 
@@ -440,7 +440,7 @@ def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) 
     Returns
     -------
     Taper
-        The `section` of a `Beam`.
+        Value for the parameter `section` of `Beam`.
 
     Raises
     ------

@@ -2,9 +2,9 @@
 
 The axes of neighboring elements meet at small angles, but the second derivative of the constraint
 requires a track with two continuous derivatives. The track consists of quintics between the nodes
-of the beam; their slopes and curvatures at the nodes are central differences over five nodes. Two
-points beyond each end are extrapolated by the quartic through the five nodes next to this end, or
-by the polynomial through all nodes if there are fewer than five.
+of the beam. Slope and second derivative at a node are those of the quartic through the five nearest
+nodes, or of the polynomial through all nodes if there are fewer than five. For equidistant nodes,
+they are computed as central differences, with two points extrapolated beyond each end of the beam.
 """
 
 from __future__ import annotations
@@ -389,7 +389,7 @@ class SlidingOnBeam(Part):
 
     @property
     def reaction(self) -> Quantity:
-        """Force (Fx, Fy) [N] of the beam on the body of `a`, inertial components."""
+        """Force (Fx, Fy) [N] of the beam on the body of `a`, in inertial axes."""
         columns = (Variable("Fx", "N"), Variable("Fy", "N"))
         values, _ = FormulaExpression.of(_reaction, ())
         return Quantity(columns, (), values, joint=self.name)
@@ -409,7 +409,7 @@ class SlidingOnBeam(Part):
         Returns
         -------
         Quantity
-            Columns Fx, Fy [N]; for a body of `a` with an orientation also M [N m], which is zero.
+            Columns Fx, Fy [N]. For "a", also M [N m], which is zero, unless `a` is a particle.
 
         Raises
         ------

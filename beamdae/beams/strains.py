@@ -73,8 +73,8 @@ class _StrainElement(Protocol):
 class InterpolatedStrains:
     """Strains at a section, interpolated between the stiffness points of its element.
 
-    `numbers` are the interpolation weights of the points, followed by the values at all points of
-    each name in `layout.stiffness_point` except the quadrature weight.
+    `numbers` are the interpolation weights of the points; then follow, for each quantity in
+    `layout.stiffness_point` except the quadrature weight, its values at all points.
     """
 
     element: _StrainElement

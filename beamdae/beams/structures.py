@@ -173,7 +173,7 @@ def welded_beams(
     closed: bool = False,
     **settings: Any,
 ) -> list[Beam]:
-    """Add a beam divided into `bodies` beams of equal length that are welded end to start.
+    """Add a beam that consists of `bodies` beams of equal length, welded end to start.
 
     The strains of a floating frame, eqs. (5) and (6) of Pan & Liu (2012), hold for moderate
     rotations relative to the frame. A beam divided into n bodies can bend n times as far for the
@@ -184,7 +184,7 @@ def welded_beams(
     mechanism
         The `Mechanism` to which the beams are added.
     name
-        Name of a single beam; several beams are named "name 1", "name 2", ...
+        Name of the beam if `bodies` is 1; otherwise, the beams are named "name 1", "name 2", ...
     curve, section
         Curve and section of the whole beam, as in `Beam`.
     bodies
@@ -204,8 +204,8 @@ def welded_beams(
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, or `closed` is set for a single body or for a curve whose ends do
-        not meet.
+        If an argument is invalid, or `closed` is True for a single body or for a curve whose ends
+        do not meet.
 
     Warns
     -----

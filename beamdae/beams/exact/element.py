@@ -143,7 +143,7 @@ def exact_kernel(element: ExactElement) -> ForceKernel:
 
 
 def _inertial_work(element: ExactElement, local: Local, data: ElementData) -> tuple[SX, SX, SX]:
-    """Return generalized inertial forces and weight, kinetic energy and gravity energy."""
+    """Return generalized forces of inertia and weight, kinetic energy and potential of gravity."""
     q, v, a = (ca.reshape(z, NODE_SIZE, element.nodes) for z in (local.q, local.v, local.a))
     free_fall = ca.vertcat(data.gravity, 0)
     force, kinetic, potential = SX.zeros(NODE_SIZE, element.nodes), SX(0), SX(0)

@@ -299,9 +299,9 @@ def _interpolate(row: np.ndarray, nodal: SX, component: int) -> SX:
 def floating_frame_kernel(element: FloatingFrameElement) -> ForceKernel:
     """Return the virtual work of one element: inertia, weight, elasticity and material damping.
 
-    Eqs. (10), (11), (15) and (21) of Pan & Liu (2012). The inertial forces are the density times
-    the acceleration of material points. Unlike in the paper, the rotary inertia is consistent: the
-    kinetic energy of rotation is 1/2 rho I (theta' + phi')^2, while eq. (8) leads to
+    Eqs. (10), (11), (15) and (21) of Pan & Liu (2012). Inertial forces follow from the mass per
+    length and the acceleration of the axis. Unlike in the paper, the rotary inertia is consistent:
+    the kinetic energy of rotation is 1/2 rho I (theta' + phi')^2, while eq. (8) leads to
     1/2 rho I (phi'^2 + phi^2 theta'^2).
     """
     local = Local(element.size, element.n_data)
@@ -318,7 +318,7 @@ def floating_frame_kernel(element: FloatingFrameElement) -> ForceKernel:
 def _inertial_work(
     element: FloatingFrameElement, local: Local, data: ElementData
 ) -> tuple[SX, SX, SX]:
-    """Return generalized inertial forces and weight, kinetic energy and gravity energy."""
+    """Return generalized forces of inertia and weight, kinetic energy and potential of gravity."""
     axis = AxisMotion(local.q, local.v, local.a, data.gravity)
     on_origin, on_angle = SX.zeros(2), SX(0)
     on_nodes = SX.zeros(NODE_SIZE * element.nodes)
