@@ -74,7 +74,7 @@ _BENDING_ERROR_OF_FORCES = {4: (3, 0.036), 3: (3, 0.16), 2: (2, 1.6)}
 _BENDING_ERROR_OF_MOMENTS = {4: 0.6, 3: 0.6, 2: 2.0}
 # Close to an element end, the error by a moment is proportional to 1 - xi^2 with this factor.
 _SLOPE_OF_MOMENT_ERROR = 3.6
-_MAX_ATTACHMENT_ERROR = 2e-4  # of a given mesh, without a warning
+_MAX_ATTACHMENT_ERROR = 2e-4  # relative error of deflections above which `prepare` warns
 
 # Winkler & Bach: the bending stiffness of a curved rectangle is EI (1 + 0.15 (h/R)^2); the stress
 # at its inner surface differs from the stress of a straight beam by h / (3 R).
@@ -115,12 +115,13 @@ class Beam(Part):
         length s [m] that returns a `Section`.
     elements
         Number of elements, or the arc lengths of the element ends [m], ascending from 0 to the
-        length of the curve. With a number, the elements have equal arc length, unless a joint, a
+        length of the curve. With a number n, the elements have equal arc length, unless a joint, a
         mass, a load or another part is attached between two element ends. The first assembly (run,
-        check or analysis) then divides the beam at its attachments into at least this number of
-        elements, none of which is longer than with equal lengths. Inside an element, the error of
-        deflections would be of order 3 for a force (2 for 2-node elements) and of order 1 for a
-        moment.
+        check or analysis) then divides the beam at its attachments into at least n elements, none
+        of which is longer than with equal lengths. A beam that would need more than 2 n + 8
+        elements is not divided, and neither is one with custom `kinematics`. An attachment inside
+        an element causes an error of deflections, which is of order 3 in the element length for a
+        force (2 for 2-node elements) and of order 1 for a moment.
     strain
         Strain measure of the floating frame:
 
@@ -133,24 +134,24 @@ class Beam(Part):
     elements_shape
         "curved" (default, as in the paper) or "straight" (polygon through points of the curve).
     continuity
-        Displacements that neighboring elements of the floating frame share at their common node, in
-        addition to the section rotation: "cartesian" (default), the displacement vector, or
-        "local", its components along and across the axis (as in the paper, curved elements only).
+        Quantity that neighboring elements share at their common node, in addition to the section
+        rotation: "cartesian" (default), the displacement vector, or "local", its components along
+        and across the axis (as in the paper, curved elements only). Floating frame only.
         With "local", the small angle at which the axes of the elements meet is neglected, which
         limits convergence to order 2 instead of 4 and more (measured, see validation/).
     nodes
         Nodes per element: 4 (default, cubic, as in the paper), 3 or 2 (linear, always straight).
     quadrature
-        Gauss points of the stiffness terms: "reduced" (default), nodes - 1, or "full", nodes.
-        Reduced quadrature needs about half as many elements for the same error (measured, see
-        validation/). With full quadrature, 2-node elements and curved 3-node elements lock, and
-        curved 4-node elements lose accuracy on slender arcs.
+        Number of Gauss points per element for the stiffness terms: nodes - 1 with "reduced"
+        (default), nodes with "full". Reduced quadrature needs about half as many elements for the
+        same error (measured, see validation/). With full quadrature, 2-node elements and curved
+        3-node elements lock, and curved 4-node elements lose accuracy on slender arcs.
     frame
         Position of the floating frame: "chord", from end to end (default if the distance between
         the ends is at least a tenth of the length), or "tangent", on the start section (as in the
         paper; otherwise the default). The strains hold for moderate rotations relative to the
         frame. In a chord frame, a beam can bend several times as far for the same error, and
-        integrators need as few as half the steps (measured, see validation/). With "nonlinear"
+        integrators may need only half as many steps (measured, see validation/). With "nonlinear"
         strains and a curve whose tangent rotates by more than 90 degrees, the tangent frame is more
         accurate. `Solution.validity` reports the rotations of a run. If these are too large, use
         `welded_beams` or strain="exact". A beam with formulation="exact" has no floating frame:
@@ -159,8 +160,8 @@ class Beam(Part):
         Initial velocity of the start point [m/s] and angular velocity [rad/s] of the beam, moving
         as a rigid body; made consistent with the joints.
     kinematics
-        Custom kinematics in place of `formulation`: a function of (name, mesh, section) that
-        returns a `Kinematics`, such as a subclass of that class.
+        Custom kinematics in place of `formulation`: a subclass of `Kinematics`, or a function of
+        (name, mesh, section) that returns an instance of one.
     free_curve
         Stress-free shape of a beam that is bent in the reference configuration, where it carries
         the moment M = EI (1/R_free - 1/R). The position of this curve is irrelevant. Its length may
@@ -170,8 +171,8 @@ class Beam(Part):
         - "floating frame" (default): small strains and moderate rotations relative to a frame that
           moves with the beam.
         - "exact": positions and angles of the sections in the inertial frame and the exact strains
-          r'.t - 1, r'.n and psi' - psi0' of axes t, n that rotate with the section, valid for any
-          deformation. The mass matrix is constant. For fast, large rotations, the floating frame
+          r'.t - 1, r'.n and psi0' - psi', valid for any deformation, with the axes t, n that rotate
+          with the section. The mass matrix is constant. For fast, large rotations, the floating frame
           with strain="exact" needs fewer steps (measured, see validation/).
 
     Raises
@@ -185,8 +186,8 @@ class Beam(Part):
     -----
     BeamdaeWarning
         If the elements are too long or the section is too high for the curvature of the axis. At
-        assembly, if an attachment inside an element of a given mesh changes deflections by more
-        than 2e-4.
+        assembly, if an attachment inside an element causes a relative error of more than 2e-4 in
+        deflections.
 
     Examples
     --------
@@ -273,9 +274,11 @@ class Beam(Part):
         return self._requested_mesh.bounds is not None or self._make_kinematics is not None
 
     def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> None:
-        """Place element ends at attachments, unless the mesh is final; warn if this is too late.
+        """Place element ends at attachments, and make the mesh final.
 
-        The first assembly makes the mesh final, because its equations refer to the coordinates.
+        The mesh is not changed if it is final already, because the equations of an assembly refer
+        to its coordinates, or if `has_fixed_coordinates` is True. Warn if an attachment that
+        remains inside an element causes a relative error of more than 2e-4 in deflections.
         """
         sections = [x for x in attached if x.attachment.s is not None]
         if not self._has_final_mesh and not has_fixed_coordinates:
@@ -336,7 +339,7 @@ class Beam(Part):
 
     @property
     def rigid_coordinate_count(self) -> int:
-        """Number of leading coordinates that describe a rigid motion: those of the frame."""
+        """Number of leading coordinates that describe a rigid motion: those of a floating frame."""
         return self.kinematics.rigid_coordinate_count
 
     @property
@@ -365,7 +368,7 @@ class Beam(Part):
         return [ForceStatement(self.name, kernel, (piece,), self.kinematics.data(gravity))]
 
     def ranges(self) -> list[RangeStatement]:
-        """Return the validity range of the strains; empty for strains that are always valid."""
+        """Return the data for assessing the strains, as at most one statement."""
         validity = self.kinematics.strain_validity
         if validity is None:
             return []
@@ -434,8 +437,8 @@ class Beam(Part):
             Arc length [m]; not at an end of a beam with a chord frame, because the chord follows
             its ends.
         axes
-            Axes of the displacement: "inertial", "frame" (the floating frame) or "local" (the
-            undeformed tangent frame at `s`).
+            Axes of the displacement: "inertial", "frame" (the axes of the frame) or "local" (the
+            tangent frame at `s` of the undeformed beam).
 
         Returns
         -------
@@ -445,7 +448,8 @@ class Beam(Part):
         Raises
         ------
         BeamdaeError
-            If `s` is at an end of a chord frame or outside the beam, or `axes` is unknown.
+            If `s` is at an end of a chord frame or outside the beam, `axes` is unknown, or custom
+            kinematics have no frame.
         """
         require_choice(self.name, "axes", axes, ("inertial", "frame", "local"))
         deformation = self.kinematics.deformation(self._require_arc_length(s), axes)
@@ -616,7 +620,7 @@ class BeamAttachment(Attachment):
 
     @property
     def operator(self) -> sp.csr_array:
-        """Matrix that selects the local coordinates of the section."""
+        """Matrix that maps the beam coordinates to the local coordinates of the section."""
         return self._material_point.operator
 
     @property
@@ -693,7 +697,7 @@ def _parse_elements(
 def _warn_about_attachments_inside_elements(
     part: str, mesh: Mesh, section: Section | VaryingSection, attached: Sequence[AttachedPart]
 ) -> None:
-    """Warn about the attachment that causes the largest error, if it lies inside an element."""
+    """Warn about the attachment with the largest error, unless this error is negligible."""
     if not attached:
         return
     errors = attachment_errors(mesh, section, attached)
@@ -702,9 +706,9 @@ def _warn_about_attachments_inside_elements(
         other, attachment = attached[worst]
         message = (
             f"{part}: {other.name} is attached at s = {attachment.s:.6g} m, inside an element, "
-            f"which changes deflections by about {errors[worst]:.1g}; end an element there "
-            "(elements=[...]), or give a larger number of elements and add all parts before the "
-            "first run or check."
+            f"which causes a relative error of about {errors[worst]:.1g} in deflections; end "
+            "an element there (elements=[...]), or give a larger number of elements and add all "
+            "parts before the first run or check."
         )
         warnings.warn(message, BeamdaeWarning, stacklevel=3)
 
@@ -712,7 +716,7 @@ def _warn_about_attachments_inside_elements(
 def attachment_errors(
     mesh: Mesh, section: Section | VaryingSection, attached: Sequence[AttachedPart]
 ) -> Array:
-    """Return the relative error of deflections caused by each attachment inside an element.
+    """Estimate the relative error of deflections that each attachment inside an element causes.
 
     The shape functions of an element represent neither the jump of the bending moment at a
     concentrated moment nor the kink of the bending moment and the jump of the shear force at a
@@ -729,8 +733,8 @@ def attachment_errors(
     Returns
     -------
     ndarray
-        Estimates, shape (len(attached),), from errors measured on beams on two supports or a clamp;
-        zero at element ends.
+        Estimates, shape (len(attached),), fitted to errors measured on beams on two supports or a
+        clamp; zero for attachments at element ends.
     """
     order, bending = _BENDING_ERROR_OF_FORCES[mesh.nodes]
     located = [mesh.locate(float(x.attachment.s or 0.0)) for x in attached]
@@ -752,7 +756,7 @@ def attachment_errors(
 
 
 def _measure_curvature(mesh: Mesh, section: Section | VaryingSection) -> Mapping[str, float]:
-    """Return the largest curvature times element length, and times section height if known."""
+    """Return the largest curvature times element length and, if known, times section height."""
     s = mesh.gauss_arc_lengths(mesh.nodes)
     curvature = np.abs(mesh.curve.curvature(s))
     turns = curvature * np.repeat(mesh.element_lengths, mesh.nodes)

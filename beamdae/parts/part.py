@@ -107,7 +107,7 @@ class Part:
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """Time laws on which the part depends; integrators stop at the breakpoints of the laws."""
+        """Time laws on which the part depends; integrators restart at their breakpoints."""
         return ()
 
     @property
@@ -181,7 +181,8 @@ class Part:
         attached
             Attachments on this part, with the parts that refer to them.
         has_fixed_coordinates
-            True if the start or a quantity that cannot be rebuilt refers to the coordinates.
+            True if the coordinates must not change, because the start or a quantity that cannot be
+            rebuilt refers to them.
         """
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing | None:
