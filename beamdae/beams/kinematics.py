@@ -28,14 +28,7 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
-from beamdae.symbolic.statements import (
-    SX,
-    ForceKernel,
-    Local,
-    RangeKernel,
-    StrainDefectKernel,
-    Variable,
-)
+from beamdae.symbolic.statements import SX, ForceKernel, Local, RangeKernel, Variable
 
 Array = np.ndarray
 
@@ -163,15 +156,16 @@ class StrainValidity(NamedTuple):
         Largest deflection / length, rotation [rad] and strain of an element.
     data
         Data of the kernel, one column per element.
-    defect
-        Forces that the strains lack; None for exact strains.
+    error
+        Coefficients (a, b) of the relative error a r + b r^2 of the deformation at a rotation
+        r [rad]; None for exact strains.
     remedies
         Settings that extend the valid range.
     """
 
     kernel: RangeKernel
     data: Array
-    defect: StrainDefectKernel | None = None
+    error: tuple[float, float] | None = None
     remedies: tuple[str, ...] = ()
 
 
