@@ -93,7 +93,8 @@ _MAX_JUMP_FRACTION = 0.05
 # exponential fits better than a power of time.
 _MIN_GROWTH = 1e3
 _MIN_FITTED_SAMPLES = 20
-_SATURATION = 0.3  # of half the range
+# Larger differences, relative to half the range, do not decrease in proportion to the error.
+_SATURATION = 0.3
 _CONTROLLED_UNITS = ("m", "rad")
 _AS_WRITTEN = "as written"
 
@@ -488,13 +489,13 @@ class _Certification:
         finer = self._run(halvings, first.rtol / _RTOL_STEP, self._exact)
         if not self._has_mesh:
             difference = self._compare(first, finer)
-            time = self._time_ratio(first, finer) * difference.largest
+            time = _reduce(difference.largest, self._time_ratio(first, finer))
             self._set(time, np.zeros(len(time)))
             return self._refine_further()
         middle = self.task.run(halvings, first.rtol, self._exact)
         self._runs.insert(-1, middle)
-        mesh = self._mesh_ratio(first, middle) * self._compare(first, middle).largest
-        time = self._time_ratio(middle, finer) * self._compare(middle, finer).largest
+        mesh = _reduce(self._compare(first, middle).largest, self._mesh_ratio(first, middle))
+        time = _reduce(self._compare(middle, finer).largest, self._time_ratio(middle, finer))
         self._set(time, mesh)
         self._last_difference = _compare(first, finer, self.task.accuracy)
         return self._refine_further()
@@ -567,8 +568,8 @@ class _Certification:
             sums = np.maximum(self._time + self._mesh, np.finfo(float).tiny)
             time_share = self._time / sums if run.rtol < last.rtol else np.zeros(len(sums))
         d = difference.largest
-        by_time = self._time_ratio(last, run) * time_share * d
-        by_mesh = self._mesh_ratio(last, run) * (1.0 - time_share) * d
+        by_time = time_share * _reduce(d, self._time_ratio(last, run))
+        by_mesh = (1.0 - time_share) * _reduce(d, self._mesh_ratio(last, run))
         self._set(
             by_time if run.rtol < last.rtol else self._time,
             by_mesh if run.halvings > last.halvings else self._mesh,
@@ -730,6 +731,15 @@ class _Certification:
         beyond = np.flatnonzero(~is_within)
         index = max(int(beyond[0]) - 1, 0) if len(beyond) else len(difference.t) - 1
         return float(difference.t[index]), growth_rate
+
+
+def _reduce(differences: Array, ratio: float) -> Array:
+    """Return the error of the finer run, given the ratio of error and difference.
+
+    The ratio holds for small differences only: runs of a chaotic motion differ by its range, with
+    any tolerance.
+    """
+    return np.where(differences > _SATURATION, differences, ratio * differences)
 
 
 def _refinement(errors: Array, target: float, base: float, order: float) -> int:

@@ -137,6 +137,14 @@ def test_a_chaotic_double_pendulum_is_refused_with_a_lyapunov_time():
     assert error[within][["upper.x [m]", "lower.y [m]"]].max().max() < 0.01
 
 
+@pytest.mark.slow(reason="runs at rtol down to 1e-9")
+def test_a_chaotic_double_pendulum_is_refused_at_ten_percent():
+    # The runs differ by the range of the motion, which no ratio may reduce.
+    result = bd.certify(double_pendulum(2.6), accuracy=0.1, t_end=20.0)
+    assert not result.success
+    assert result.budget["total"].max() > 0.3
+
+
 def test_only_the_named_columns_are_required():
     result = bd.certify(pendulum(), accuracy=0.05, columns="tip", t_end=0.05)
     verdicts = result.budget["certified"]
