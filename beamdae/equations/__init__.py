@@ -1,7 +1,8 @@
 """Equations of motion: data, assembly, formulations for integrators, and consistent starts.
 
 Here: the equations as data, their structure, energy balance, hash and failure diagnosis; assembly/
-builds them, formulations/ derives residuals and Jacobians, starts/ consistent initial conditions.
+builds them, formulations/ derives residuals and Jacobians, and starts/ computes consistent initial
+conditions.
 May import: beams, parts, symbolic, native, linear, model_functions and below.
 To extend: add a form of the equations to formulations/, and cache the data it derives from a
 structure with `@cache_on_owner`.

@@ -35,8 +35,8 @@ def diagnose_failure(
     ahead
         A slightly later time [s], at which forces may no longer be finite.
     residual
-        Residual of a first-order form at the point where the run stopped: rows of velocities,
-        forces and constraints.
+        Residual of a first-order form where the run stopped, or None: the entries of q' = v, then
+        of the forces and of the constraints.
 
     Returns
     -------

@@ -39,7 +39,7 @@ class PartLaw(NamedTuple):
     numbers: Array
 
     def size(self, times: Array, branches: Array) -> Array:
-        """Return |law| at times [s], (rows, k), with one branch per row, (rows,); nan becomes 0."""
+        """Return |law|, (rows, k), at `times` [s] on one branch per row; nan becomes 0."""
         rows = np.stack(np.broadcast_arrays(times, branches[:, None]), axis=-1).reshape(-1, 2)
         sizes = np.abs(self.function(rows, self.numbers)).reshape(times.shape)
         return np.where(np.isnan(sizes), 0.0, sizes)

@@ -133,7 +133,7 @@ def _intern_equal(structure: Structure) -> Structure:
 
 
 def cache_on_owner(build: Callable[Concatenate[K, P], T]) -> Callable[Concatenate[K, P], T]:
-    """Cache results of a function of a structure or of equations of motion on that object.
+    """Cache the results of a function on its first argument, a structure or equations of motion.
 
     Results must be immutable, because runs share them.
     """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -81,6 +82,25 @@ def test_a_coordinate_without_equilibrium_is_named():
 def test_impossible_starts_are_rejected(start, words):
     with pytest.raises(bd.BeamdaeError, match=words):
         bd.simulate(slider_crank(), t_end=0.1, start=start)
+
+
+def test_positions_without_admissible_velocities_are_rejected():
+    """At y = 0, one constraint requires x' = 0 and the other 2 x' + 1 = 0."""
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 3), ca.SX.sym("v", 3)
+    x, y, z = ca.vertsplit(q)
+    system = bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=[1.0, 1.0, 1.0],
+        force=[0.0, 0.0, 0.0],
+        constraints=[x**2 + y**2 - 1.0, x**2 + y**2 * z - 1.0 + t],
+        q0=[0.6, 0.8, 1.0],
+        v0=[0.0, 0.0, 0.0],
+        names=("x", "y", "z"),
+    )
+    with pytest.raises(bd.BeamdaeError, match=r"no velocities satisfy .* specify other positions"):
+        bd.simulate(system, t_end=0.1, start={"y": 0.0})
 
 
 def test_large_changes_of_the_start_are_reported(tmp_path):

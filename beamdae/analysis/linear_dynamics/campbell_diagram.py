@@ -97,7 +97,7 @@ def campbell(
     speeds
         Rotation speeds [rad/s]; modes are followed in this order.
     n
-        Number of modes to follow, starting with the lowest at the first speed.
+        Number of modes to follow: those with the smallest |eigenvalue| at the first speed.
     center
         Center of rotation (x, y) in the reference configuration [m].
     damping

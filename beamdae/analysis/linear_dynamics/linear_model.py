@@ -53,8 +53,8 @@ class LinearModel:
         Names and units of the states: independent coordinates of the mechanism, then independent
         velocities.
     inputs
-        Names and units of the inputs, such as "push.Fy" [N]; for drivers the acceleration,
-        "motor.angle_ddot" [rad/s^2].
+        Names and units of the inputs, such as "push.Fy" [N]. The input of a driver is its
+        acceleration, such as "motor.angle_ddot" [rad/s^2].
     outputs
         Names and units of the observed columns.
     state_values, output_values
@@ -63,7 +63,7 @@ class LinearModel:
     about
         Description of the state.
     warnings
-        Limits of the validity of the result.
+        Sentences, for example if the state is not an equilibrium.
     """
 
     A: Array
@@ -100,7 +100,7 @@ class LinearModel:
         Parameters
         ----------
         frequencies
-            Frequencies f [Hz], k of them.
+            Frequencies f [Hz], (k,).
 
         Returns
         -------
@@ -155,8 +155,8 @@ def linearize(
     model, about, t
         See `modes`.
     inputs
-        Names of forces, moments and drivers. Defaults to all of them. Parts that are not named keep
-        their value at the state.
+        Names of forces, moments and drivers. Defaults to all of them. Those that are not named keep
+        the values that they have at the state.
     outputs
         Names of observables. Defaults to all of them.
 
@@ -209,7 +209,7 @@ class ModelInput(NamedTuple):
     force
         Change of F per unit of the law of the part, (n,).
     constraints
-        Change of the constraints per unit of the law, by name; empty for loads.
+        Change of each constraint per unit of the law, by name of its multiplier; empty for loads.
     """
 
     quantity: Variable
@@ -380,7 +380,7 @@ class _StateReduction:
     def _differentiate_outputs(
         self, observables: Sequence[Observable], dq: Array, dv: Array, dlam: Array
     ) -> tuple[Array, Array, tuple[Variable, ...]]:
-        """Return derivatives of the outputs with respect to (x, w, u), their values and names."""
+        """Return the Jacobian of the outputs with respect to (x, w, u), and values and names."""
         lin, full = self.lin, self.lin.full_equations
         # Multipliers of inactive or redundant constraints are zero; row -1 refers to the appended
         # zero.
@@ -409,9 +409,10 @@ class _StateReduction:
 
 
 def _independent_coordinates(rows: Array, scales: Array) -> tuple[Array, Array]:
-    """Return indices of independent coordinates with rows @ dq = 0, and Z: dq = Z dq[indices].
+    """Return the indices of independent coordinates, and the matrix Z with rows @ Z = 0.
 
-    They are chosen by QR factorization with column pivoting of the scaled rows.
+    All dq with rows @ dq = 0 are dq = Z dq[indices]. The indices are chosen by QR factorization
+    with column pivoting of the scaled rows.
     """
     n = rows.shape[1]
     matrix = rows * scales

@@ -69,7 +69,7 @@ class Linearization:
     tangent
         Matrices of the linearized equations.
     warnings
-        Limits of the validity of the result.
+        Sentence that names the fastest coordinate if the state is at rest but not an equilibrium.
     zero_square
         Squared frequencies up to this magnitude [1/s^2] are treated as zero.
     rotation
@@ -265,9 +265,10 @@ def _release(e: EquationsOfMotion, tangent_at: TangentFunction, rest: State) -> 
 
 
 def _is_unbalanced(e: EquationsOfMotion, tangent: Tangent, state: State, force: Array) -> bool:
-    """Return True if accelerations exceed rounding errors: the state is not an equilibrium.
+    """Return True if the state is not an equilibrium.
 
-    `force` is F + G^T lam at zero acceleration.
+    That is, an inertial force exceeds both rounding errors and 1e-6 of the largest force. `force`
+    is F + G^T lam at zero acceleration.
     """
     inertia = np.abs(tangent.mass @ state.a)
     reactions = np.abs(tangent.reactions @ state.lam)

@@ -41,7 +41,7 @@ _DIFFERENCE_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, repr=False)
 class Modes:
-    """Natural modes of a mechanism about a state, by magnitude of the eigenvalue; see `modes`.
+    """Natural modes of a mechanism about a state, in ascending order of |eigenvalue|; see `modes`.
 
     Small motions about the state are sums of Re(shape exp(eigenvalue t)).
 
@@ -56,14 +56,14 @@ class Modes:
         Mode shapes, (k, n), normalized to x^H M x = 1 and as real as possible; in the rotating
         frame if the state is a steady rotation.
     kinds
-        "vibration"; "free motion" (eigenvalue zero); "decay" (without oscillation); or "unstable"
-        (growing).
+        Kind of each mode: "free motion" (zero eigenvalue), "unstable" (growing), "vibration"
+        (oscillating) or "decay" (decaying without oscillation).
     q
         Coordinates of the state, (n,).
     mechanism
         Mechanism for pictures of the modes, or None.
     warnings
-        Limits of the validity of the result.
+        Sentences if the state is unstable or not an equilibrium, or if there are no modes.
     """
 
     about: str
@@ -85,12 +85,15 @@ class Modes:
 
     @property
     def frequencies(self) -> Array:
-        """Damped natural frequencies |Im l| / (2 pi) [Hz], (k,); zero without oscillation."""
+        """Damped natural frequencies |Im l| / (2 pi) [Hz] of the eigenvalues l, (k,)."""
         return np.abs(self.eigenvalues.imag) / (2.0 * np.pi)
 
     @property
     def damping_ratios(self) -> Array:
-        """Damping ratios -Re l / |l| [-], (k,): 1 for decay, negative for growth, 0 if free."""
+        """Damping ratios -Re l / |l| [-] of the eigenvalues l, (k,).
+
+        They are 1 for decay without oscillation, negative for growth and 0 for free motions.
+        """
         size = np.abs(self.eigenvalues)
         return -self.eigenvalues.real / np.where(size > 0.0, size, 1.0) + 0.0
 
@@ -101,7 +104,7 @@ class Modes:
 
     @cached_property
     def shares(self) -> dict[str, Array]:
-        """Fractions of the kinetic energy of each mode [-], (k,) by part name; their sum is 1."""
+        """Fraction of the kinetic energy of each mode in each part [-]: (k,) by part name."""
         e = self._linearization.equations
         momentum = self._linearization.tangent.mass @ self.shapes.T
         energy = np.real(self.shapes.conj().T * momentum)
@@ -112,7 +115,7 @@ class Modes:
     def effective_masses(self) -> Array:
         """Effective modal masses |x^H M r|^2 along x and y [kg], (k, 2).
 
-        r is the unit translation of all coordinates along the axis. If only the ground supports the
+        r is the unit translation of all points along the axis. If only the ground supports the
         mechanism, the effective masses of all modes add up to the mass that can move.
         """
         lin = self._linearization
@@ -123,7 +126,7 @@ class Modes:
         return np.where(masses > _MASS_ROUNDING * total, masses, 0.0)
 
     def table(self) -> pd.DataFrame:
-        """Return one row per mode: frequency, damping, growth, effective masses, moving parts."""
+        """Return one row per mode: frequency, damping, growth, effective masses, kind and parts."""
         import pandas as pd
 
         columns: dict[str, Any] = {
@@ -206,8 +209,8 @@ def modes(
         - `solution.at(time)`: an instant of a run, with its velocities frozen.
         - an `Equilibrium`: at rest at the end of its path, under the loads at this point.
     n
-        Number of modes; the eigenvalues of smallest magnitude are kept. None returns all modes,
-        computed by dense matrices.
+        Number of modes to return, those with the smallest |eigenvalue|. None returns all modes,
+        computed with dense matrices.
     damping
         Set False for undamped modes, from the symmetric parts of M and K alone.
     t
@@ -295,7 +298,7 @@ class EigenSolution(NamedTuple):
 def solve_eigenproblem(lin: Linearization, count: int | None, damped: bool = True) -> EigenSolution:
     """Return the `count` modes with the smallest |eigenvalue|, or all modes if `count` is None.
 
-    The damping matrix is ignored if `damped` is False.
+    If `damped` is False, only the symmetric parts of M and K enter, and damping is ignored.
     """
     undamped = SymmetricProblem(lin).solve(count)
     if not damped or is_conservative(lin):
@@ -307,7 +310,11 @@ def solve_eigenproblem(lin: Linearization, count: int | None, damped: bool = Tru
 
 
 def is_conservative(lin: Linearization) -> bool:
-    """Return True if the matrices are symmetric and forces do not depend on velocities."""
+    """Return True if the eigenproblem is symmetric and undamped.
+
+    That is, K and M are symmetric, C is zero, reactions act along the gradients of the constraints,
+    and constraints on velocities do not depend on positions.
+    """
     tangent = lin.tangent
     if tangent.damping.nnz and abs(tangent.damping).max() > 0.0:
         return False
@@ -333,7 +340,10 @@ def _is_symmetric(matrix: sp.csc_array) -> bool:
 def _normalize(
     lin: Linearization, values: Array, shapes: Array, count: int | None
 ) -> EigenSolution:
-    """Return the lowest modes, sorted and scaled to x^H M x = 1, as real as possible."""
+    """Return the `count` modes with the smallest |eigenvalue|, sorted and scaled to x^H M x = 1.
+
+    The phase of each shape is chosen so that the shape is as real as possible.
+    """
     mass = lin.tangent.mass
     order = np.argsort(np.abs(values), kind="stable")[:count]
     values, shapes = values[order], shapes[:, order]

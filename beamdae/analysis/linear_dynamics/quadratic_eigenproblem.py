@@ -89,9 +89,9 @@ class QuadraticProblem:
     def solve(self, count: int | None) -> tuple[Array, Array]:
         """Return the eigenvalues nearest to the shift, (k,) [1/s], and their mode shapes, (n, k).
 
-        The modes are not sorted. There are at least `count` if that many are found; if `count` is
-        None, all are returned. Each conjugate pair is represented by the eigenvalue with positive
-        imaginary part.
+        The modes are not sorted, and there are usually more than `count`. If `count` is None, only
+        modes that are lost in rounding are missing. Each conjugate pair is represented by the
+        eigenvalue with positive imaginary part.
         """
         e, n = self.e, self.e.n
         available = 2 * (n - e.m) + len(e.nonholonomic_rows)
@@ -140,7 +140,10 @@ class QuadraticProblem:
         return np.concatenate([solution, x + s * solution])
 
     def _select(self, values: Array, shapes: Array) -> tuple[Array, Array]:
-        """Keep one eigenvalue per conjugate pair and free motion; remove rounding errors."""
+        """Remove rounding errors; keep one eigenvalue of each conjugate pair.
+
+        Zero eigenvalues are replaced by one per independent free motion.
+        """
         tangent = self.tangent
         stiffness, mass, damping = tangent.stiffness, tangent.mass, tangent.damping
         inertia = np.abs(np.einsum("ij,ij->j", shapes.conj(), mass @ shapes))

@@ -69,7 +69,8 @@ def rotation(speed: float, center: tuple[float, float] = (0.0, 0.0)) -> Rotation
     The ground is a turntable: joints to the ground rotate with it, and drivers keep their value at
     the time `t` of the analysis. Coordinates refer to the corotating frame, so that frequencies are
     as measured by a strain gauge on the mechanism. Forces must rotate with the mechanism: weight,
-    loads of fixed direction, and springs and dampers to the ground off the center are rejected.
+    loads of fixed direction, and springs and dampers attached to the ground away from the center
+    are rejected.
 
     Parameters
     ----------
@@ -169,7 +170,7 @@ class RotatingCoordinates:
         return vector
 
     def translation_vector(self, axis: int) -> Array:
-        """Return the coordinate rates (n,) of a unit translation along x (0) or y (1)."""
+        """Return the change of coordinates (n,) in a unit translation along x (0) or y (1)."""
         vector = np.zeros(self.n)
         vector[(self.x, self.y)[axis]] = 1.0
         return vector
@@ -191,7 +192,8 @@ def find_steady_rotation(
     rotation
         Speed and center of the rotation.
     guess
-        Coordinates (n,) at which the iteration begins. Defaults to the reference configuration.
+        Coordinates (n,) at which the iteration begins. Defaults to the start positions of `e`,
+        corrected to satisfy the constraints.
 
     Raises
     ------
@@ -309,6 +311,6 @@ def _require_rotating_forces(
         worst = int(np.argmax(np.where(is_different, difference, 0.0)))
         raise BeamdaeError(
             f"{e.q_names[worst]}: the forces on this coordinate do not rotate with the "
-            "mechanism; remove such forces: weight, loads of fixed direction, "
-            "and springs and dampers to the ground off the center."
+            "mechanism; remove such forces: weight, loads of fixed direction, and springs "
+            "and dampers attached to the ground away from the center."
         )

@@ -84,7 +84,7 @@ class SymmetricProblem:
         self.mode_count, self.zero_square = self.e.n - self.e.m, lin.zero_square
 
     def solve(self, count: int | None) -> UndampedModes:
-        """Return at least the `count` modes nearest to zero; all modes if `count` is None.
+        """Return at least the `count` modes with the smallest |w^2|; all modes if `count` is None.
 
         Raises
         ------
@@ -182,7 +182,7 @@ def quadratic_form_rounding(matrix: sp.csc_array, shapes: Array) -> Array:
 
 
 def _shift_below(squares: Array) -> float:
-    """Return a shift s > 0 below the smallest magnitude of `squares` that exceeds rounding."""
+    """Return a shift s > 0 below the smallest nonzero |square|, or 1 if all are zero."""
     size = np.abs(squares)
     nonzero = size[size > max(_DENSE_ZERO_RATIO * np.max(size, initial=0.0), _MIN_INVERTIBLE)]
     return _SHIFT_RATIO * float(np.min(nonzero)) if len(nonzero) else 1.0

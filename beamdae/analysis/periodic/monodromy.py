@@ -46,7 +46,7 @@ _TINY = 1e-300
 
 @dataclass(frozen=True)
 class VariationalEquations:
-    """Equations of motion linearized along runs; redundant constraints must be removed."""
+    """Equations of motion, without redundant constraints, linearized along runs."""
 
     equations: EquationsOfMotion
 
@@ -88,10 +88,10 @@ class VariationalEquations:
         return scales[:, None] * la.null_space(unit_rows)
 
     def propagate(self, trajectory: Trajectory, disturbances: Array, refinement: int = 0) -> Array:
-        """Return the disturbances (2 n, k) of (q, v) at the end of a run from initial disturbances.
+        """Propagate initial `disturbances` (2 n, k) of (q, v) to the end of a run.
 
-        Without refinement, each step covers four steps of the run; every level of refinement halves
-        the steps.
+        Without refinement, each step covers up to four steps of the run; each level of `refinement`
+        halves the steps.
         """
         y = disturbances
         for interval in trajectory.intervals:
@@ -148,7 +148,6 @@ class VariationalEquations:
     def _propagate_sparse(
         self, interval: Interval, h: float, stage_times: Array, y: Array
     ) -> Array:
-        """Propagate disturbances through one step by a sparse factorization."""
         size, pattern = self.form.size, self.form.pattern
         full = np.zeros((size, y.shape[1]))
         full[: len(y)] = y
@@ -172,7 +171,7 @@ class VariationalEquations:
 
 
 def _step_nodes(t: Array, refinement: int) -> Array:
-    """Return every fourth of the times `t`; each refinement doubles the number of nodes."""
+    """Return every fourth of the times `t` and the last one; each refinement halves the steps."""
     stride = 2 ** max(_COARSEST_LEVEL - refinement, 0)
     nodes = t[np.unique(np.append(np.arange(0, len(t), stride), len(t) - 1))]
     parts = 2 ** max(refinement - _COARSEST_LEVEL, 0)

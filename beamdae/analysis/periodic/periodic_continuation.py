@@ -41,8 +41,8 @@ from beamdae.results.periodic_motion import floquet_multipliers
 Array = np.ndarray
 
 _NAME = "frequency_response"
-# Maximum number of Newton iterations of the corrector, and largest correction, relative to the
-# amplitudes and the range of the parameter.
+# Maximum number of Newton iterations of the corrector, and largest permitted correction, relative
+# to the amplitudes and the range of the parameter.
 _MAX_ITERATIONS = 8
 _MAX_CHANGE = 0.3
 # Step of the finite difference with respect to the parameter, relative to its range.
@@ -84,7 +84,7 @@ def frequency_response(
     model
         Model function, called as `model(**{parameter: value})`.
     parameter
-        Name of one of its numeric parameters.
+        Name of a numeric parameter of the model.
     between
         Values of the parameter at which the curve begins and ends, ascending or descending.
     period
@@ -93,13 +93,14 @@ def frequency_response(
     integrator
         Integrator. Defaults to Radau(1e-8).
     step, longest_step
-        First and largest step along the curve, in which changes of the state are relative to the
-        amplitudes and changes of the parameter are relative to its range.
+        Length of the first step and largest permitted length of a step along the curve. Changes of
+        the state are measured relative to the amplitudes, changes of the parameter relative to its
+        range.
     settle
         Number of periods to run before the first periodic motion is sought, 0 to 10 000.
     tolerance
-        Largest difference between the states at the end and at the start of a period, relative to
-        the amplitudes.
+        Largest permitted difference between the states at the end and at the start of a period,
+        relative to the amplitudes.
     most_points
         Maximum number of points on the curve, at least 2.
     begin
@@ -108,14 +109,14 @@ def frequency_response(
     Returns
     -------
     FrequencyResponse
-        The motions in order along the curve. `status` gives the reason for its end, or for the
-        failure to find a first motion.
+        The motions in order along the curve. `status` states why the curve ends, or why no first
+        motion was found.
 
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, loads or drivers are not periodic, or events stop the run or
-        switch parts.
+        If an argument is invalid, loads or drivers are not periodic, parts are inactive, or events
+        stop the run, switch parts or cause impacts.
 
     Warns
     -----
@@ -327,7 +328,10 @@ class ResponseCurve:
         return None, _NOT_CONVERGED
 
     def _differentiate_by_parameter(self, point: CurvePoint) -> Array:
-        """Return the derivative (k,) of the deviation by the parameter, times its range."""
+        """Return the derivative (k,) of the deviation with respect to the parameter.
+
+        The derivative is multiplied by the range of the parameter.
+        """
         result = point.result
         period_map = self._period_map(point.value + _DIFFERENCE_STEP * self._range)
         n = period_map.equations.n
@@ -364,11 +368,14 @@ def _cosine(point: CurvePoint, next_point: CurvePoint) -> float:
 
 
 def _extended_jacobian(result: ShootingResult, by_parameter: Array) -> Array:
-    """Return the derivative (k, k + 1) of the deviation by basis components and parameter."""
+    """Return the Jacobian (k, k + 1) of the deviation with respect to the state and the parameter.
+
+    The state is expressed in terms of the basis of `result`.
+    """
     by_state = result.monodromy - np.eye(len(result.deviation))
     return np.column_stack([by_state, by_parameter])
 
 
 def _reduce_direction(result: ShootingResult, direction: Array) -> Array:
-    """Return a direction in terms of basis components and the parameter, (k + 1,)."""
+    """Return `direction` in terms of the basis of `result` and the parameter, (k + 1,)."""
     return np.append(result.projection @ direction[:-1], direction[-1])

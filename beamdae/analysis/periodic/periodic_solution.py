@@ -69,8 +69,8 @@ def periodic(
         Number of periods to run before the first iteration, 0 to 10 000, to approach a stable
         motion.
     tolerance
-        Largest difference between the states at the end and at the start of the period, relative to
-        the amplitudes; positive.
+        Largest permitted difference between the states at the end and at the start of the period,
+        relative to the amplitudes; positive.
 
     Returns
     -------
@@ -81,8 +81,8 @@ def periodic(
     Raises
     ------
     BeamdaeError
-        If loads or drivers are not periodic, events stop the run or switch parts, or an argument is
-        invalid.
+        If an argument is invalid, loads or drivers are not periodic, parts are inactive, or events
+        stop the run, switch parts or cause impacts.
 
     Warns
     -----
@@ -138,7 +138,7 @@ def periodic(
 
 
 def _refine_multipliers(period_map: PeriodMap, result: ShootingResult) -> tuple[Array, float]:
-    """Return the Floquet multipliers, and the last change of their largest modulus."""
+    """Return the Floquet multipliers, and the last change of the largest modulus by refinement."""
     variational = VariationalEquations(period_map.equations)
     multipliers, error = floquet_multipliers(result.monodromy), np.inf
     for refinement in range(1, _MAX_REFINEMENTS + 1):

@@ -29,11 +29,11 @@ MAX_SETTLING_PERIODS = 10_000
 _OUTPUT_TIMES = 201
 _FULL_TURN = 2.0 * np.pi
 # Loads are periodic if, after a period, forces change by less than this fraction of the largest
-# force, and constraints by less than this fraction of the size of the mechanism or of 1 rad. They
+# force, and constraints by less than this fraction of the size of the mechanism or of 1 rad. Both
 # are compared at this number of times.
 _REPETITION_TOLERANCE = 1e-6
 _COMPARED_TIMES = 11
-# Maximum number of Newton iterations, and largest correction relative to the amplitudes.
+# Maximum number of Newton iterations, and largest permitted correction relative to the amplitudes.
 _MAX_ITERATIONS = 25
 _MAX_CHANGE = 3.0
 # Below this deviation, Newton's method stops after this many iterations that do not halve it.
@@ -180,7 +180,10 @@ class PeriodMap:
             )
 
     def full_revolutions(self, solution: Solution) -> Array:
-        """Return the full revolutions of angles in a period [rad], (n,)."""
+        """Return 2 pi times the number of full revolutions of each angle in a period [rad], (n,).
+
+        Other coordinates have zeros.
+        """
         last = solution.trajectory.intervals[-1].state.q[-1]
         first = solution.trajectory.intervals[0].state.q[0]
         return self._full_turns(first, last)
@@ -208,8 +211,8 @@ class PeriodMap:
     def state_scales(self, solution: Solution) -> Array:
         """Return natural sizes (2 n,) of (q, v).
 
-        Coordinates have their amplitude, limited to the size of the mechanism or 1 rad; velocities
-        have the same value times 2 pi / period.
+        The size of a coordinate is its amplitude, but at most the size of the mechanism or 1 rad.
+        The size of a velocity is that of its coordinate times 2 pi / period.
         """
         amplitudes = Amplitudes.from_trajectory(solution.equations, solution.trajectory).scales
         scales = np.minimum(amplitudes, self.equations.position_scales)
@@ -235,7 +238,7 @@ class ShootingResult(NamedTuple):
     deviation
         State at the end of the period minus the state at its start, in terms of `basis`, (k,).
     relative_deviation
-        Largest absolute component of this difference in (q, v), relative to `scales`.
+        Largest absolute component of the same difference in terms of (q, v), relative to `scales`.
     """
 
     solution: Solution
@@ -248,7 +251,13 @@ class ShootingResult(NamedTuple):
 
     @classmethod
     def from_state(cls, period_map: PeriodMap, q: Array, v: Array) -> ShootingResult:
-        """Return the result of one period from a consistent (q, v); raises like `PeriodMap.run`."""
+        """Run one period from a consistent state (q, v) and compute its monodromy matrix.
+
+        Raises
+        ------
+        IncompleteRunError
+            If the run ends early.
+        """
         solution = period_map.run(q, v)
         scales = period_map.state_scales(solution)
         variational = VariationalEquations(period_map.equations)

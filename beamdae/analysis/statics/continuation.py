@@ -57,7 +57,8 @@ class PathCriticalPoint:
     row
         Index of the point in the path.
     index
-        Number of eigenvalues below the vanishing eigenvalue.
+        Index, from 0, of the vanishing eigenvalue among all eigenvalues in ascending order. Always
+        0 under loads without a potential, for which no eigenvalues are computed.
     """
 
     kind: str
@@ -118,17 +119,18 @@ class ContinuationSettings:
     by_arc_length
         True to control steps by arc length instead of `target_control`.
     max_step
-        Largest change of `target_control` in a step or, by arc length, largest motion of a
-        coordinate in natural sizes.
+        Largest permitted change of `target_control` in a step or, by arc length, largest permitted
+        motion of a coordinate in natural sizes.
     max_load_step
-        Largest change of the load factor in steps by arc length: in the first step, and in all
-        steps if the targets are load factors.
+        Largest permitted change of the load factor in steps by arc length: in the first step, and
+        in all steps if the targets are load factors.
     norm
         Norm of path increments.
     max_points
         Maximum number of points.
     stop_at_branch_point
-        Number of the branch point at which to stop, counted from 1; 0 for none.
+        Number of the branch point at which `follow_path` stops, counted from 1 in each call; 0
+        never stops.
     """
 
     target_control: Control
@@ -147,7 +149,7 @@ def follow_path(
     targets: Sequence[float],
     direction: PathDirection | None = None,
 ) -> None:
-    """Extend `path` in place from its end to each target in turn.
+    """Extend `path` in place from its end to each target in turn; set `status` if it ends early.
 
     `direction` is the initial direction of the path for steps by arc length. By default, the load
     factor changes towards the first target if the targets are load factors, and increases
@@ -193,7 +195,7 @@ def _take_step(
     target: float,
     direction: PathDirection | None,
 ) -> tuple[PathDirection | None, bool]:
-    """Append the points of one step; return its final direction, and True at the target."""
+    """Append the points of a step; return its final direction, and True if it reaches `target`."""
     begin, norm, target_control = path.end, settings.norm, settings.target_control
     sign, control = 1.0, target_control
     if settings.by_arc_length:
@@ -242,7 +244,7 @@ def _take_step(
 
 
 def _max_arc_step(settings: ContinuationSettings, direction: PathDirection, last: float) -> float:
-    """Return the largest step by arc length.
+    """Return the largest permitted step by arc length.
 
     `last` is the step that the previous step proposes, or infinity for the first step. The change
     of the load factor is limited in every step if the load factor is the target, otherwise only in

@@ -50,7 +50,8 @@ class SegmentCriticalPoint:
     kind
         `LIMIT`, `BRANCH` or `FLUTTER`.
     index
-        Number of eigenvalues below the vanishing eigenvalue.
+        Index, from 0, of the vanishing eigenvalue among all eigenvalues in ascending order. Always
+        0 under loads without a potential, for which no eigenvalues are computed.
     """
 
     position: float
@@ -72,7 +73,7 @@ class PathSegment:
     control_values
         Values of the control at both points.
     directions
-        Path tangents with respect to the control at both points; None where undefined.
+        Tangents of the path at both points; the second is None if it is undefined.
     """
 
     corrector: Corrector
@@ -200,10 +201,11 @@ class PathSegment:
         return rates[0] * rates[1] < 0.0
 
     def _locate_touch(self) -> SegmentCriticalPoint | None:
-        """Return the extremum of the load factor without an eigenvalue sign change, or None.
+        """Return the extremum of the load factor at which an eigenvalue is nearly zero, or None.
 
-        A path that branches off another one has such an extremum where both cross; there, an
-        eigenvalue touches zero.
+        A path that branches off another one has such an extremum where both cross; there, the
+        eigenvalue touches zero (`BRANCH`). If the eigenvalue changes sign instead, the point is a
+        `LIMIT`.
         """
 
         def load_rate(point: EquilibriumPoint) -> float:
@@ -264,7 +266,7 @@ class PathSegment:
 
 
 def _nearest_root(positions: Array, values: Sequence[float], near: float) -> float:
-    """Return the real root of the interpolating polynomial nearest to `near`, or `near`."""
+    """Return the root nearest to `near` of the interpolating polynomial; `near` if none is real."""
     unit = positions[1] - positions[0]
     roots = np.roots(np.polyfit((positions - near) / unit, values, len(positions) - 1))
     real = roots[np.abs(roots.imag) < _REAL_ROOT_TOLERANCE].real

@@ -231,8 +231,8 @@ class Loading:
     multiplier_rows
         Index in the full equations of each multiplier of `systems`.
     reduction
-        Equations without redundant constraints, which restore all reactions; None if no constraint
-        is removed.
+        Reduction that removed redundant constraints and restores their reactions; None if no
+        constraint was removed.
     """
 
     full_equations: EquationsOfMotion

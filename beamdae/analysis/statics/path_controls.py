@@ -59,7 +59,7 @@ class DisplacementControl:
 
     @classmethod
     def from_name(cls, equations: EquationsOfMotion, name: str, time: Array) -> DisplacementControl:
-        """Return the control for the column `name`, with or without its unit.
+        """Return the control for the column `name`, which may include the unit.
 
         Raises
         ------
@@ -164,12 +164,12 @@ class StepNorm:
     factor: float
 
     def max_norm(self, x: Array, mu: float = 0.0) -> float:
-        """Return the largest of x / `scale` and mu / `factor` in magnitude."""
+        """Return the largest absolute entry of q / `scale` and mu / `factor`."""
         by_position = float(np.max(np.abs(x[: len(self.scale)] / self.scale), initial=0.0))
         return max(by_position, abs(mu) / self.factor)
 
     def dual(self, direction: PathDirection) -> tuple[Array, float]:
-        """Return the row vector that yields the inner product of `direction` with an increment."""
+        """Return the weights of x, (n + m,), and mu in the inner product with `direction`."""
         along = np.zeros_like(direction.x)
         along[: len(self.scale)] = direction.x[: len(self.scale)] / self.scale**2
         return along, direction.mu / self.factor**2

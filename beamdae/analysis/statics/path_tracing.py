@@ -85,7 +85,7 @@ class PathSettings:
     def from_arguments(
         cls, to: Any, control: Any, step: Any, switch: Any, max_points: Any
     ) -> PathSettings:
-        """Validate the arguments of `equilibrium`.
+        """Validate arguments of `equilibrium` and return them as settings.
 
         Raises
         ------
@@ -137,7 +137,7 @@ class PathSettings:
         }
 
     def for_earlier_stage(self) -> PathSettings:
-        """Return settings that apply the full load by load control, for stages before the last."""
+        """Return the settings of stages before the last: load control up to the full load."""
         return PathSettings("", (1.0,), LOAD, None, (), self.max_points)
 
 
@@ -163,7 +163,7 @@ class EquilibriumPath(NamedTuple):
     factors
         Load factors of all stages at each point, (points, stages).
     critical
-        Critical points; `row` is an index of `points`.
+        Critical points; `row` is an index into `points`.
     status
         Status at the end of the path.
     iterations
@@ -183,8 +183,8 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
     Raises
     ------
     BeamdaeError
-        If no equilibrium is found at which the path begins, or a column is the target but is not
-        an observed position or no load is scaled.
+        If no equilibrium is found at which the path begins; or if the targets are values of a
+        column that is not an observed position, or no load is scaled to reach them.
     """
     if not loading.stages and settings.column:
         raise BeamdaeError(
@@ -387,7 +387,7 @@ def _end_status(path: StagePath, system: LoadedEquations, control: str) -> Statu
 
 
 def _remedy(path: StagePath, e: EquationsOfMotion, control: str) -> str:
-    """Return the likely reason why no step converges and a remedy, to end a message."""
+    """Return a remedy, with the likely reason why no step converges, to end a message; or ""."""
     if control == DISPLACEMENT and len(path.points) == 1:
         return "; check that the loads move the prescribed column"
     if control == DISPLACEMENT:

@@ -50,13 +50,13 @@ class Stability:
         forces without a potential and if unknown. S is the diagonal matrix of the natural sizes of
         the coordinates, Z an orthonormal basis of the motions, divided by S, that the joints allow.
     modes
-        Mode shapes, (n, number of eigenvalues), scaled so that the largest component equals its
-        natural size.
+        Mode shapes, (n, number of eigenvalues), scaled so that the largest absolute component,
+        relative to its natural size, is 1.
     negative_count
         Number of negative eigenvalues; for forces without a potential, number of squared
         frequencies that are negative or complex. -1 if unknown.
     zero_tolerance
-        Eigenvalues up to this magnitude are rounding errors of zero [J].
+        Eigenvalues up to this magnitude [J] are zero up to rounding.
     """
 
     eigenvalues: Array
@@ -76,7 +76,10 @@ class Stability:
         return max(self.negative_count - int(np.sum(is_rounding)), -1)
 
     def eigenvalue(self, index: int) -> float:
-        """Return eigenvalue `index` [J] of all, ascending from 0; nan if it was not computed."""
+        """Return the eigenvalue [J] at `index` in ascending order; nan if it was not computed.
+
+        `index` counts all eigenvalues from 0, including those that are not in `eigenvalues`.
+        """
         position = self._array_index(index)
         return (
             float(self.eigenvalues[position])
@@ -85,7 +88,7 @@ class Stability:
         )
 
     def mode(self, index: int) -> Array:
-        """Return the shape (n,) of the mode of eigenvalue `index`, counted from 0."""
+        """Return the mode shape (n,) of the eigenvalue at `index`; see `eigenvalue`."""
         return self.modes[:, self._array_index(index)]
 
     def _array_index(self, index: int) -> int:
@@ -159,7 +162,7 @@ def _count_unstable_modes(stiffness: Array, inertia: Array) -> int:
 def _build_stability(
     eigenvalues: Array, modes: Array, scale: Array, zero: float, negative_count: int | None = None
 ) -> Stability:
-    """Scale the modes; pass `negative_count` if some negative eigenvalues are missing."""
+    """Scale the modes; `negative_count` is required if negative eigenvalues are missing."""
     modes = modes / np.max(np.abs(modes), axis=0, initial=_TINY)
     count = int(np.sum(eigenvalues < 0.0)) if negative_count is None else negative_count
     return Stability(eigenvalues, scale[:, None] * modes, count, zero)

@@ -63,15 +63,15 @@ def equilibrium(
         several target values of an observed position instead. Each target becomes a row of the
         path.
     control
-        Quantity prescribed in each step. "load": the load factor (default). "displacement": the
-        column of `to` (default if `to` names a column); passes limit points. "arc length":
-        pseudo-arc length (Keller 1977; default with `switch`); passes limit points and turning
-        points of the displacement.
+        Quantity prescribed in each step. "load": the load factor (default if `to` contains load
+        factors). "displacement": the column of `to` (default if `to` names a column); passes limit
+        points. "arc length": pseudo-arc length (Keller 1977; always the default with `switch`);
+        passes limit points and turning points of the displacement.
     step
-        Largest step. "load": change of mu; defaults to 0.1 of the distance to the farthest target.
-        "displacement": change of the column; defaults to 0.05 of this distance. "arc length":
-        motion relative to the size of the mechanism, or in rad; defaults to 0.05, or less if the
-        target is near.
+        Largest permitted step. "load": change of mu; defaults to 0.1 of the distance to the
+        farthest target. "displacement": change of the column; defaults to 0.05 of this distance.
+        "arc length": motion of a coordinate relative to the size of the mechanism, or in rad;
+        defaults to 0.05, or less if the target is near.
     switch
         Number of the branch point, counted from 1, at which to switch to the crossing path, by arc
         length; negative numbers select the opposite side. A list switches repeatedly; numbers are

@@ -68,7 +68,8 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     ------
     BeamdaeError
         If `mechanism` is not a Mechanism, no body can move, a part or an observable does not fit
-        the mechanism, memory does not suffice for a run, or no such start exists.
+        the mechanism, redundant="minimum norm" meets parts that can be switched, memory does not
+        suffice for a run, or the initial conditions cannot be satisfied.
 
     Warns
     -----
@@ -156,7 +157,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
 def _prepare_parts(mechanism: Mechanism, start: Any) -> None:
     """Let each part adapt its coordinates to the attachments of all parts.
 
-    Exempt are parts with coordinates to which the `start` or a quantity refers.
+    A part keeps its coordinates if `start` or a quantity that cannot be rebuilt refers to them.
     """
     attached: dict[int, list[AttachedPart]] = {}
     for part in mechanism.parts.values():
@@ -198,10 +199,10 @@ def _part_coordinates(
 def _require_drawn_attachments(
     mechanism: Mechanism, coordinate_map: CoordinateMap, q0: Array, length: float
 ) -> None:
-    """Reject attachments whose position at q0 differs from `Attachment.point`.
+    """Reject attachments whose position at q0 differs from `Attachment.point` by over 1 %.
 
-    Joints are defined by these points. If the positions differed, a joint would connect points that
-    are drawn apart.
+    The difference is relative to `length`. Joints are defined by these points. If the positions
+    differed, a joint would connect points that are drawn apart.
     """
     attachments = [a for part in mechanism.parts.values() for a in part.attachments]
     if not attachments:

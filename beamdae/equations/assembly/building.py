@@ -79,8 +79,8 @@ def build_equations(
     """Build equations of motion from the statements of parts.
 
     Statements that share a kernel become one term. Its copies differ in their numbers and in the
-    rows of the operator that gathers their local coordinates. For the other arguments, see
-    `EquationsOfMotion`.
+    rows of the operator that gathers their local coordinates. For arguments that are not
+    statements, see `EquationsOfMotion`.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def build_observable(
     numbers: NumberStore,
     rows: dict[str, slice],
 ) -> Observable:
-    """Return the observable of a quantity, whose numbers are appended to `numbers`.
+    """Return the observable of a quantity; append the numbers of the quantity to `numbers`.
 
     `rows` maps the name of each part with constraints to the slice of its multipliers.
 
@@ -307,7 +307,7 @@ class NumberStore:
         return np.concatenate([np.zeros(0), *self._arrays])
 
     def store(self, values: Array) -> slice:
-        """Append values column by column; return their slice of p."""
+        """Append `values` column by column; return their slice of p."""
         begin = self._end
         self._arrays.append(np.asarray(values, float).ravel(order="F"))
         self._end += len(self._arrays[-1])

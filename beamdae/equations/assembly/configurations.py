@@ -53,7 +53,7 @@ class MechanismConfigurations:
     initially_inactive
         Names of the parts that are inactive at the start of a run.
     frozen_gaps
-        Gaps of joints that events before the start activated "as they are", by name.
+        Gaps of joints that events before the start activated "as they are", by name of the joint.
     """
 
     mechanism: Mechanism

@@ -115,8 +115,8 @@ class ConstrainedSystem(HasOrigin):
     BeamdaeError
         If symbols repeat or are not all SX or all MX, numbers, names or units have the wrong length
         or are invalid, names of coordinates or columns repeat, breakpoints do not ascend, a scale
-        or `time_scale` is not positive, or an event does more than stop the run or record. The
-        shapes and symbols of expressions are checked only when `equations` is evaluated.
+        or `time_scale` is not positive, or the action of an event is neither "stop" nor "record".
+        The shapes and symbols of expressions are checked only when `equations` is evaluated.
 
     Examples
     --------
@@ -373,7 +373,7 @@ def _stack_constraints(
 
 
 def _group_into_bodies(names: Sequence[str], length: float) -> tuple[PartCoordinates, ...]:
-    """Return one part for successive names with the same text before the last dot."""
+    """Return one part per group of successive names with the same text before the last dot."""
     bodies, row = [], 0
     for body, group in groupby(names, lambda name: name.rpartition(".")[0] or name):
         count = len(list(group))

@@ -73,7 +73,7 @@ def map_coordinates(mechanism: Mechanism) -> CoordinateMap:
 def locate_attachments(
     attachments: Sequence[Attachment], q: Array, coordinates: CoordinateMap
 ) -> Array:
-    """Return the positions of attachments, (count, 2) [m], at global coordinates q, (n,)."""
+    """Return the positions (count, 2) [m] of attachments at the global coordinates `q`, (n,)."""
     positions = np.empty((len(attachments), 2))
     # Attachments with the same formula are evaluated together by one compiled function.
     kinds: dict[tuple[Callable[..., Any], int, int], list[tuple[int, Array, Any]]] = {}

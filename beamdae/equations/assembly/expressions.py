@@ -53,8 +53,8 @@ class Expressions:
         Raises
         ------
         BeamdaeError
-            If an argument is not a symbol, sizes differ, symbols are used twice, or a parameter is
-            neither a number nor a law.
+            If an argument is not a symbol, `q` and `v` differ in size, SX and MX are mixed, symbols
+            are used twice, or a parameter is neither a number nor a law.
         """
         symbols = {"t": t, "q": q, "v": v} | ({} if lam is None else {"lam": lam})
         for name, symbol in symbols.items():
@@ -112,7 +112,7 @@ class Expressions:
         name
             Name of the expression in messages.
         on
-            Symbols allowed in the expression, besides the parameters.
+            Names of the symbols that the expression may contain besides the parameters.
         observed
             True for output columns, which may contain nan and inf.
 
@@ -267,7 +267,7 @@ def parse_names(name: str, values: Any, n: int) -> tuple[Any, ...]:
     Raises
     ------
     BeamdaeError
-        If `values` is not a sequence of n or no entries.
+        If `values` is not a sequence, or has neither n nor zero entries.
     """
     entries = tuple(require_sequence(KIND, name, values, f"a list of {n} strings"))
     if entries and len(entries) != n:

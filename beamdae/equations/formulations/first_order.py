@@ -110,7 +110,8 @@ class FirstOrderForm:
     pattern
         CSC pattern of the Jacobian, (size, size).
     sums
-        Sums of the residual and of the Jacobian over (y, y').
+        Plans of the sums of kernels that evaluate the residual and the Jacobian, with the inputs
+        (y, y').
     """
 
     equations: EquationsOfMotion

@@ -31,7 +31,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class StaticSums:
-    """Sums over (q, 0, lam) and the pattern of the tangent, see `StaticEquations`."""
+    """Plans of the sums with inputs (q, 0, lam), and the tangent pattern of `StaticEquations`."""
 
     residual: SumPlan
     tangent: SumPlan

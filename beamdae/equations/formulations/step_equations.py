@@ -64,8 +64,8 @@ class StepEquations:
         CSC pattern of the iteration matrix in (d, lam_bar[, eta_bar, r]). The entries of r that can
         differ from zero remain unknowns, so that the matrix is a sum of local matrices.
     sums
-        Sums of the equations, of G(q_n)^T eta_bar and of the iteration matrix, over
-        (q, v, a, lam, q_n, eta_bar).
+        Plans of the sums of kernels that evaluate the equations, G(q_n)^T eta_bar and the iteration
+        matrix, with the inputs (q, v, a, lam, q_n, eta_bar).
     """
 
     equations: EquationsOfMotion
@@ -126,7 +126,7 @@ class StepBuffers:
     motion
         Inputs (q, v, a, lam, q_n, eta_bar) of the sums.
     velocity_rows
-        Rows in which g_dot replaces g.
+        Rows in which g_dot / c_v replaces g.
     residual, anchor, matrix
         See `StepEquations.sums`.
     """

@@ -78,8 +78,8 @@ class ConsistencySolver(StateEvaluator):
     ) -> tuple[Array, Array]:
         """Return accelerations (n,) and multipliers (m,) for consistent q and v, (n,) each.
 
-        With a `stiff_time` T [s], M + T^2 K replaces M, which multiplies the acceleration of modes
-        of angular frequency w by 1 / (1 + (w T)^2).
+        With a `stiff_time` T [s], M + T^2 K replaces M. The accelerations of modes of angular
+        frequency w are then multiplied by 1 / (1 + (w T)^2).
 
         Raises
         ------
@@ -257,10 +257,10 @@ class ConsistencySolver(StateEvaluator):
     def _solve_with_friction(
         self, time: Array, q: Array, v: Array, gamma: Array, stiff_time: float
     ) -> tuple[Array, Array]:
-        """Solve M a + F(0, lam) + G^T lam = 0, G a = gamma, by Newton's method from lam = 0.
+        """Solve M a + F(lam) + G^T lam = 0, G a = gamma by Newton's method from lam = 0.
 
-        dF/dlam is exact, so that the first iteration gives the solution if friction is proportional
-        to the reactions.
+        F is evaluated at a = 0, and M includes T^2 K with T = `stiff_time`. dF/dlam is exact, so
+        that the first iteration gives the solution if friction is proportional to the reactions.
         """
         e, pattern = self.equations, self.sums.saddle_pattern
         solver, coefficients = create_factorization(pattern), (stiff_time**2, 0.0, 1.0)

@@ -93,7 +93,7 @@ def require_independent_constraints(evaluator: StateEvaluator, time: Array, q: A
 
 
 def _are_clearly_independent(rows: sp.csr_array) -> bool:
-    """Return True if inverse iteration bounds the eigenvalues of rows @ rows.T away from zero."""
+    """Return True if the lowest eigenvalue of rows @ rows.T is above 1e-8 by inverse iteration."""
     try:
         factors = splu(sp.csc_array(rows @ rows.T), "MMD_AT_PLUS_A", 0.0)
     except RuntimeError:
@@ -239,7 +239,7 @@ def analyze_constraint_rank(evaluator: StateEvaluator, time: Array, q: Array) ->
 def find_dependent_sets(
     evaluator: StateEvaluator, time: Array, q: Array, v: Array, constraint_rank: ConstraintRank
 ) -> tuple[DependentSet, ...]:
-    """Return a minimal dependent set for each redundant constraint, in ascending order.
+    """Return one minimal dependent set per redundant constraint, in the order of the constraints.
 
     Parameters
     ----------

@@ -131,7 +131,7 @@ def _impose_positions(
     selection: sp.csr_array,
     values: Array,
 ) -> tuple[Array, Array]:
-    """Return positions with these selected values, by Newton's method, and the remaining gaps."""
+    """Return positions whose selected coordinates have `values`, and the remaining gaps."""
 
     def constraints(q: Array) -> tuple[Array, sp.csc_array]:
         gaps = np.concatenate([solver.position_gaps(time, q), selection @ q - values])
@@ -170,9 +170,13 @@ def _project_velocities(
     error = max(np.max(np.abs(g_dot), initial=0.0), np.max(deviations, initial=0.0))
     if not error <= _VELOCITY_TOLERANCE * size:
         values = ", ".join(f"{e.q_names[k]}{_RATE_SUFFIX} = {requested[k]:g}" for k in prescribed)
+        if not values:
+            raise BeamdaeError(
+                "start: no velocities satisfy the joints and drivers at these positions; specify "
+                "other positions or change a time law."
+            )
         raise BeamdaeError(
-            f"start: the joints do not allow {values or 'the velocities as drawn'}; specify "
-            "fewer or different velocities."
+            f"start: the joints do not allow {values}; specify fewer or different velocities."
         )
     v[prescribed] = requested[prescribed]
     return v

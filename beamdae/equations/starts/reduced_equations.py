@@ -49,7 +49,7 @@ class ReducedEquations:
         return f"minimum norm: {names} {follow} from the others, and reactions have minimum norm"
 
     def require_agreement(self, time: Array) -> None:
-        """Reject redundant constraints that contradict others or are independent nearby.
+        """Reject removed constraints that contradict others or are independent at nearby positions.
 
         Raises
         ------
@@ -76,10 +76,11 @@ class ReducedEquations:
                 )
 
     def restore_reactions(self, times: Array, q: Array, lam: Array) -> Array:
-        """Return multipliers of all constraints, (rows, m), with equal forces and minimum norm.
+        """Return the minimum-norm multipliers of all constraints, (rows, m), that replace `lam`.
 
-        The norm weights each multiplier by the length of the scaled gradient of its constraint, so
-        that forces and moments are comparable.
+        They exert the same forces as the multipliers `lam` of the independent constraints. The norm
+        weights each multiplier by the length of the scaled gradient of its constraint, so that
+        forces and moments are comparable.
 
         Parameters
         ----------

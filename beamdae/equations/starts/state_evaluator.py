@@ -38,7 +38,7 @@ _UNIT_COEFFICIENTS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 @dataclass(frozen=True)
 class ForceBlock:
-    """Block of F in the saddle-point matrix: stiffness, damping and mass.
+    """Block c0 K + c1 C + c2 M of the saddle-point matrix; see `StateEvaluator.saddle_matrix`.
 
     Attributes
     ----------
