@@ -26,7 +26,7 @@ FrozenGaps = Mapping[str, FrozenGap]
 
 
 class State(NamedTuple):
-    """Coordinates, velocities, accelerations and multipliers, as vectors or rows of vectors."""
+    """Coordinates, velocities, accelerations and multipliers: vectors, or one row per time."""
 
     q: Array
     v: Array
@@ -127,9 +127,9 @@ class EventTerm:
     side: int = 0
 
     def evaluate_difference(self, p: Array, times: Array, q: Array, v: Array, lam: Array) -> Array:
-        """Return the monitored column minus `crosses`, (rows,), at rows of times and states.
+        """Return the monitored column minus `crosses`, (rows,), for states in rows.
 
-        Times are (t, branch).
+        The rows of `times` are (t, branch); `p` are the numbers of the equations.
         """
         o = self.observable
         local = (np.asarray(o.operator @ x.T).T for x in (q, v))
@@ -180,8 +180,8 @@ class Start(NamedTuple):
     description
         Text that describes the request.
     q, v
-        Requested coordinates and velocities, (n,) each, before joints make them consistent. For
-        "equilibrium", the equilibrium positions and zero.
+        Requested coordinates and velocities, (n,) each, before they are made consistent. For
+        "equilibrium", the equilibrium positions and zero velocities.
     moves
         True if the positions differ from "as drawn".
     """
@@ -327,7 +327,7 @@ class Configuration:
     inactive
         Names of the inactive parts.
     frozen_gaps
-        Gaps of joints that events activated "as they are", by name.
+        Gaps of joints that events activated "as they are", by name of the joint.
     """
 
     equations: EquationsOfMotion
@@ -336,11 +336,11 @@ class Configuration:
     frozen_gaps: FrozenGaps = field(default_factory=dict)
 
     def select_multipliers(self, lam: Array) -> Array:
-        """Return rows of the active multipliers, given rows `lam` of all multipliers."""
+        """Return the active multipliers in rows, given all multipliers in rows `lam`."""
         return lam[:, self.multiplier_rows]
 
     def expand_multipliers(self, lam: Array, m: int) -> Array:
-        """Return rows of all `m` multipliers, zero for inactive parts, given the active ones."""
+        """Return all `m` multipliers in rows, zero for inactive parts, given the active `lam`."""
         multipliers = np.zeros((len(lam), m))
         multipliers[:, self.multiplier_rows] = lam
         return multipliers
@@ -376,7 +376,7 @@ class Configurations(Protocol):
         """Names of the parts that are inactive at the start of a run."""
 
     def starting_with(self, inactive: frozenset[str], frozen_gaps: FrozenGaps) -> Configurations:
-        """Return the configurations of a run that starts with these parts inactive."""
+        """Return a copy with these parts inactive and these gaps frozen at the start of a run."""
 
     def initial_configuration(self, whole: EquationsOfMotion) -> Configuration:
         """Return the configuration at the start of a run."""
