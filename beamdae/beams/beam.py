@@ -172,8 +172,8 @@ class Beam(Part):
           moves with the beam.
         - "exact": positions and angles of the sections in the inertial frame and the exact strains
           r'.t - 1, r'.n and psi0' - psi', valid for any deformation, with the axes t, n that rotate
-          with the section. The mass matrix is constant. For fast, large rotations, the floating frame
-          with strain="exact" needs fewer steps (measured, see validation/).
+          with the section. The mass matrix is constant. For fast, large rotations, the floating
+          frame with strain="exact" needs fewer steps (measured, see validation/).
 
     Raises
     ------
