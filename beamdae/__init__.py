@@ -1,4 +1,4 @@
-"""beamdae: curved beams in flexible multibody systems, on SUNDIALS IDA and generalized-alpha.
+"""beamdae: flexible multibody systems with curved beams; IDA, Radau and generalized-alpha.
 
 The public names are listed in `catalog`; each is imported when it is first used.
 """

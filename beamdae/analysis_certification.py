@@ -55,18 +55,19 @@ def certify_equilibrium(
 ) -> AnalysisCertificate:
     """Compute an equilibrium on meshes that are refined until its mesh error is small enough.
 
-    Beams are geometrically exact. Elements are halved, in at least three meshes.
+    Elements are halved, in at least three meshes and down to at most 32 elements per beam. Beams
+    are geometrically exact, except beams with custom kinematics or a mesh that must not change.
 
     Parameters
     ----------
     model
         A model function or a mechanism.
     accuracy
-        Largest error of a column at the end of the path, relative to half its range along the path
-        [-].
+        Largest permitted error of a column at the end of the path, relative to half the range of
+        the column along the path [-].
     columns
         Observed columns, or names of observables, that must be within the accuracy. Defaults to all
-        positions, angles and deflections [m, rad].
+        positions, angles and deflections [m, rad] or, if there are none, to all columns.
     settings
         Further arguments of `equilibrium`.
 
@@ -105,15 +106,16 @@ def certify_modes(
 ) -> AnalysisCertificate:
     """Compute natural modes on meshes that are refined until their frequencies are accurate.
 
-    Beams are geometrically exact. Elements are halved, in at least three meshes. Modes of different
-    meshes are matched by their order.
+    Elements are halved, in at least three meshes and down to at most 32 elements per beam. Beams
+    are geometrically exact, except beams with custom kinematics or a mesh that must not change.
+    Modes of different meshes are matched by their order.
 
     Parameters
     ----------
     model
         A model function or a mechanism.
     accuracy
-        Largest relative error of a frequency [-].
+        Largest permitted relative error of a frequency [-].
     n
         Number of modes.
     settings
@@ -173,7 +175,7 @@ def certify_periodic(
         Largest relative error of an amplitude, half the range of a column [-].
     columns
         Observed columns, or names of observables, that must be within the accuracy. Defaults to all
-        positions, angles and deflections [m, rad].
+        positions, angles and deflections [m, rad] or, if there are none, to all columns.
     settings
         Further arguments of `periodic`.
 
@@ -213,7 +215,7 @@ def _certify(
     evaluate: Callable[[Mechanism], _Values],
     start: Any,
 ) -> AnalysisCertificate:
-    """Evaluate an analysis on finer and finer meshes; `name` is the function, for messages.
+    """Evaluate an analysis on successively finer meshes; `name` begins the messages.
 
     Beams whose coordinates `start` names keep their meshes.
     """
@@ -265,7 +267,7 @@ def _evaluate(
 
 
 def _estimate_errors(levels: Sequence[_Values]) -> Array:
-    """Return the relative error of the last of at least three meshes."""
+    """Return the estimated relative errors on the finest of at least three meshes."""
     coarse, middle, fine = (level.values for level in levels[-3:])
     before, last = np.abs(middle - coarse), np.abs(fine - middle)
     ratio = np.minimum(last / np.maximum(before, np.finfo(float).tiny), _MAX_RATIO)
@@ -273,7 +275,7 @@ def _estimate_errors(levels: Sequence[_Values]) -> Array:
 
 
 def _relative(differences: Array, scales: Array) -> Array:
-    """Return differences relative to scales; 0 for columns that do not move."""
+    """Return |differences| / scales, or 0 where a scale is below 1e-9 of the largest scale."""
     at_rest = scales <= _REST_TO_OTHERS_RATIO * np.max(scales, initial=0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(at_rest, 0.0, np.abs(differences) / scales)

@@ -99,9 +99,9 @@ PAGES = {
     ),
     "checks": (
         "Checks and verification",
-        "Checks of a mechanism before a run, and error estimates after a run.",
+        "Checks of a mechanism before a run, error estimates after a run, and certificates.",
     ),
-    "errors": ("Errors and warnings", "Exceptions and warnings raised by beamdae."),
+    "errors": ("Errors and warnings", "Exceptions and warnings of beamdae."),
 }
 
 GROUPS = (
@@ -683,7 +683,7 @@ INTEGRATORS = {public.command: public for public in NAMES.values() if public.com
 
 
 def attributes_by_module() -> dict[str, list[str]]:
-    """Return the public names of each module, by the module name relative to `beamdae`."""
+    """Return the public names of each module; keys are module paths without `beamdae.`."""
     names: dict[str, list[str]] = {}
     for public in NAMES.values():
         names.setdefault(public.module.removeprefix("beamdae."), []).append(public.name)

@@ -111,11 +111,12 @@ def certify(
 ) -> Certificate:
     """Simulate a model to a required accuracy and return the solution with its error budget.
 
-    The integrator is `Radau`. The tolerance and the meshes of all beams are refined until the
-    estimated sum of the errors of time integration, mesh and beam theory is within `accuracy`, for
-    each required column and over the whole run. Elements end at the attachments of a beam. Beams
-    are geometrically exact in the solution, unless floating frames are accurate enough and much
-    faster; the budget also lists the theory error of the formulations that the model specifies.
+    The integrator is `Radau`. The tolerance and the meshes are refined until the estimated sum of
+    the errors of time integration, mesh and beam theory is within `accuracy`, for each required
+    column and over the whole run, or until a limit is reached. Where possible, elements end at the
+    attachments of a beam. Beams are geometrically exact in the solution, unless their formulation
+    or mesh must not change, or floating frames are accurate enough and much faster; the budget also
+    lists the theory error of the formulations that the model specifies.
 
     The budget is an estimate by comparison of runs, not a proof. It does not include errors of the
     beam theory of Reissner itself, materials, joints and data.
@@ -126,10 +127,11 @@ def certify(
         A model function, a mechanism, a constrained system or equations of motion. For the last
         two, the budget contains the time error only.
     accuracy
-        Largest error of a column relative to half its range [-], from 1e-6 to 0.1.
+        Largest permitted error of a column relative to half its range [-], from 1e-6 to 0.1.
     columns
         Observed columns, or names of observables, that must be within the accuracy. Defaults to all
-        positions, angles and deflections [m, rad]. The budget lists the other columns as well.
+        positions, angles and deflections [m, rad] or, if there are none, to all columns. The budget
+        lists the other columns as well.
     t_end
         End time [s]. Defaults to the model's end time.
     output_step
@@ -138,9 +140,9 @@ def certify(
     start
         "as drawn", "equilibrium", or positions and velocities by name; see `simulate`.
     time_limit
-        Maximum wall time of all runs [s]. Defaults to no limit.
+        Maximum total wall time of all runs [s]. Defaults to no limit.
     progress
-        Function called repeatedly with the time reached [s] in each run; see `simulate`.
+        Function called repeatedly during each run with the time reached [s]; see `simulate`.
 
     Returns
     -------
@@ -151,7 +153,8 @@ def certify(
     Raises
     ------
     BeamdaeError
-        If the model or a setting is invalid, or nothing is observed.
+        If the model or a setting is invalid, nothing is observed, or the time limit is reached
+        before the first run.
     KeyboardInterrupt
         If the first run is interrupted.
 
@@ -242,7 +245,7 @@ class _Task:
         return {name: base.refined(halvings).elements for name, base in self.base_meshes.items()}
 
     def run(self, halvings: int, rtol: float, exact: bool) -> _Run:
-        """Run the model with one setting.
+        """Run the model on one mesh with one tolerance.
 
         Raises
         ------
@@ -281,7 +284,7 @@ class _RunError(Exception):
 
 @dataclass(frozen=True)
 class _Run:
-    """A completed run; `halvings` counts from the coarsest mesh."""
+    """A run; `halvings` is how often the elements of the coarsest mesh were halved."""
 
     solution: Solution
     halvings: int
@@ -304,7 +307,7 @@ class _Run:
 
     @cached_property
     def is_at_rest(self) -> Array:
-        """True for columns that move by rounding errors only."""
+        """True for columns whose half range is negligible, such as rounding errors."""
         kinds = [Header.of(name).kind for name in self.solution.columns]
         of_kind = {
             kind: max(x for k, x in zip(kinds, self.half_range, strict=True) if k == kind)
@@ -461,7 +464,7 @@ class _Certification:
     # The algorithm.
 
     def result(self) -> Certificate:
-        """Run and refine until the required columns are within the accuracy."""
+        """Refine until the required columns are within the accuracy or a limit is reached."""
         try:
             status = self._refine()
         except _RunError as problem:
@@ -501,7 +504,7 @@ class _Certification:
         return self._refine_further()
 
     def _first_run(self, rtol: float) -> _Run:
-        """Return the first run with exact beams; coarse settings that fail are refined once."""
+        """Return the first run with exact beams; if it fails, repeat it once, refined."""
         halvings = 0
         try:
             return self._run(halvings, rtol, exact=True)
@@ -511,7 +514,7 @@ class _Certification:
         return self._run(halvings + self._has_mesh, rtol / _RTOL_STEP, exact=True)
 
     def _choose_formulation(self, first: _Run) -> None:
-        """Compare the formulations of the model with exact beams."""
+        """Keep the formulations of the model if they are accurate and much faster than exact."""
         if not any(base.can_be_exact and not base.is_exact for base in self._beams):
             return
         try:
@@ -562,7 +565,11 @@ class _Certification:
         return Status("ok", f"all required columns are within {accuracy:g} of half their range")
 
     def _update(self, difference: _Difference, last: _Run, run: _Run) -> None:
-        """Set the errors of `run`; attribute its difference by the errors of `last`."""
+        """Set the errors of `run` from its difference to `last`.
+
+        If mesh and tolerance both change, the difference is divided between mesh and time in the
+        ratio of the errors of `last`.
+        """
         time_share = np.ones(len(self._time))
         if run.halvings > last.halvings:
             sums = np.maximum(self._time + self._mesh, np.finfo(float).tiny)
@@ -717,7 +724,10 @@ class _Certification:
         )
 
     def _describe_growth(self, difference: _Difference, errors: Array) -> tuple[float, float]:
-        """Return the time up to which the budget holds [s] and the growth rate [1/s] or NaN."""
+        """Return the time [s] up to which errors are within the accuracy, and the growth rate.
+
+        The growth rate [1/s] is NaN if the errors do not grow exponentially.
+        """
         required = self._required
         envelope = np.maximum.accumulate(difference.rows[:, required], axis=0)
         growth_rate = _growth_rate(difference.t, np.max(envelope, axis=1))
@@ -743,7 +753,7 @@ def _reduce(differences: Array, ratio: float) -> Array:
 
 
 def _refinement(errors: Array, target: float, base: float, order: float) -> int:
-    """Return the exponent of `base` by which to refine, so that the errors reach the target."""
+    """Return n such that refinement by `base`**n should reduce the errors to the target."""
     excess = float(np.max(errors, initial=0.0)) / target
     if not excess > 1.0:
         return 0
@@ -751,7 +761,7 @@ def _refinement(errors: Array, target: float, base: float, order: float) -> int:
 
 
 def _growth_rate(t: Array, error: Array) -> float:
-    """Return the exponential growth rate [1/s] of an error, or NaN if it does not fit."""
+    """Return the exponential growth rate [1/s] of an error, or NaN if no exponential fits."""
     positive = error[error > 0.0]
     if not len(positive):
         return np.nan

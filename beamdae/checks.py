@@ -273,9 +273,10 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
 
 
 def _plan_start(equations: EquationsOfMotion, end: float) -> tuple[ConsistencySolver, Any, str]:
-    """Return the start solver, the consistent state or None, and the reason against a run or "".
+    """Return the start solver, the consistent state or None, and the reason why no run is possible.
 
-    If the model has at most 1500 constraints, the solver and the state exclude dependent ones.
+    The reason is empty if the model can be run. If the model has at most 1500 constraints, the
+    solver and the state exclude dependent constraints.
     """
     independent, problem = equations, ""
     reduction = None

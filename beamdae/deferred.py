@@ -1,8 +1,8 @@
 """Deferred imports, by which methods of lower layers call functions of higher layers.
 
 Methods such as `Mechanism.draw` and `Solution.plot` are provided for convenience and call functions
-of higher layers, which lower layers must not import at the top of a module. The methods import
-these functions by name when they are called, always through this module.
+of higher layers, which lower layers must not import at the top of a module. When called, such a
+method imports its function by name through this module.
 """
 
 from __future__ import annotations

@@ -28,8 +28,8 @@ _MIN_LIMIT = 0.5
 def available_memory() -> float:
     """Return the memory [bytes] that this process can still allocate; infinite if unknown.
 
-    The result is the smaller of the free memory of the machine and, if `ulimit -v` sets a limit,
-    the unused address space divided by 2.8.
+    The result is the smaller of the free memory of the machine (the total memory on systems without
+    /proc/meminfo) and, if `ulimit -v` sets a limit, the unused address space divided by 2.8.
     """
     return min(_free_physical_memory(), _free_address_space())
 
@@ -64,7 +64,7 @@ def _free_address_space() -> float:
 def require_memory(part: str, purpose: str, required: float, remedy: str) -> None:
     """Raise BeamdaeError unless `required` bytes of memory are available.
 
-    The message states that `purpose` needs this memory, both sizes, and `remedy`.
+    The message contains `purpose`, the required and the available memory, and `remedy`.
     """
     available = available_memory()
     if required > available:
@@ -81,11 +81,11 @@ def format_gigabytes(size: float) -> str:
 
 @contextmanager
 def limit_memory(memory: float | None) -> Iterator[None]:
-    """Limit this process to `memory` [GB] beyond its present size within the context.
+    """Within the context, limit this process to `memory` [GB] beyond its present size.
 
-    The limit is at least 0.5 GB beyond the present size. Allocations beyond the limit raise
-    MemoryError, even while a model is built and no run checks the memory. If `memory` is None or
-    the system has no file /proc/self/status, no limit is set.
+    The limit is at least 0.5 GB beyond the present size, unless a lower limit exists. Allocations
+    beyond the limit raise MemoryError, even while a model is built and no run checks the memory. If
+    `memory` is None or the system has no file /proc/self/status, no limit is set.
     """
     present = _read_status("VmData")
     if memory is None or present is None:

@@ -75,9 +75,9 @@ def simulate(
         - positions and velocities by name, such as {"crank.angle": 0.3, "crank.angle_dot": 5.0};
         - a `Solution` of the same model, or the path of a checkpoint (see `Solution.checkpoint`):
           the run resumes from the last state, and `Solution.followed_by` joins the two runs;
-        - an `Equilibrium`: at rest at its end, under the loads of the model.
+        - an `Equilibrium`: at rest at the end of its path, under the loads of the model.
     accept_changes
-        Set True to resume from a run of a model with the same coordinates but different parameters,
+        True to resume from a run of a model with the same coordinates but different parameters,
         numbers or formulas; the differences are reported as a warning.
 
     Returns
@@ -249,7 +249,7 @@ def as_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
 
 
 def _read_checkpoint(start: Any) -> Checkpoint | None:
-    """Return a checkpoint if `start` is a result, a checkpoint or the path of one, else None."""
+    """Return the checkpoint if `start` is or contains one, or is the path of a file; else None."""
     if isinstance(start, Solution):
         return Checkpoint.of(start)
     if isinstance(start, Equilibrium):

@@ -92,7 +92,7 @@ class _SecondRun:
     same_method: bool = True
 
     def difference_factor(self, steps: int, other_steps: int) -> float | None:
-        """Return error of the first run / difference, or None if the runs have the same steps."""
+        """Return error of the first run / difference, or None if the step counts hardly differ."""
         ratio = other_steps / max(steps, 1)
         if self.same_method and _MAX_STEP_COUNT_RATIO < ratio < 1.0 / _MAX_STEP_COUNT_RATIO:
             return None
@@ -107,8 +107,8 @@ class _SecondRun:
 def error_estimate(solution: Solution) -> pd.DataFrame:
     """Estimate the error of each observed column, including forces and reactions.
 
-    The motion is integrated again, more accurately, and the estimate is the largest difference of
-    the two runs times a factor. The second run has a tenth of the tolerance:
+    The motion is integrated again, and the estimate is the largest difference of the two runs times
+    a factor. If the run has a tolerance, the second run has a tenth of it, but at least 1e-10:
 
     - after `Radau`, or `Ida` with orders up to 5, the same method, and the factor is
       1.75 / (1 - (n / n2)^p), at most 3, with the numbers of steps n and n2 and the order p;
@@ -131,10 +131,10 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     -------
     pandas.DataFrame
         One row per observed column: half of its range [unit of the column]; the estimated largest
-        error relative to half the range [-]; and the signed error [-], the run minus the more
-        accurate run where their difference is largest, relative to half the range. Errors of
-        columns at rest are 0. They are NaN for columns that are not finite, and infinite if no
-        second run reached the end.
+        error relative to half the range [-]; and the signed error [-], the run minus the second run
+        at the time of their largest difference, relative to half the range. Errors of columns at
+        rest are 0. Errors are NaN for columns that are not finite, and infinite if no second run
+        allows an estimate.
 
     Raises
     ------
@@ -235,7 +235,7 @@ def _second_runs(solution: Solution, integrator: Integrator) -> Iterator[_Second
 
 
 def _with_accuracy(integrator: Integrator, value: float, max_steps: int | None = None) -> Any:
-    """Return the integrator with another step or rtol, and with a limit of steps if it has one."""
+    """Return a copy with `value` as step or rtol, and with `max_steps` if this setting exists."""
     changes: dict[str, Any] = {integrator.accuracy.name: value}
     if max_steps is not None and hasattr(integrator, "max_steps"):
         changes["max_steps"] = max_steps
@@ -245,8 +245,8 @@ def _with_accuracy(integrator: Integrator, value: float, max_steps: int | None =
 def accuracy_warning(solution: Solution, errors: Mapping[str, Any]) -> str:
     """Return a warning if the error of a position, angle or deflection exceeds the bound, else "".
 
-    The bound on the error relative to half the range is 30 rtol if all beams of the mechanism have
-    material damping, otherwise 100 rtol.
+    The bound on the error relative to half the range is 30 rtol if the mechanism has beams and all
+    of them have material damping, otherwise 100 rtol.
 
     Parameters
     ----------
@@ -287,7 +287,7 @@ def accuracy_warning(solution: Solution, errors: Mapping[str, Any]) -> str:
 
 
 def _guaranteed_ratio(solution: Solution) -> float:
-    """Return the guaranteed error of positions and angles relative to half the range and rtol."""
+    """Return the bound on errors of positions and angles, divided by half the range and by rtol."""
     mechanism = solution.equations.mechanism
     parts = [] if mechanism is None else mechanism.parts.values()
     beams = [part for part in parts if isinstance(part, Beam)]
@@ -409,7 +409,7 @@ def _require_own_integrator(name: str, solution: Any) -> Integrator:
 def _run_again(
     solution: Solution, integrator: Integrator, progress: Progress | None
 ) -> Solution | None:
-    """Repeat the run with `integrator`; return None if the repeated run is not completed."""
+    """Repeat the run; return None if it has a single row or the repeated run is not completed."""
     if len(solution.t) < 2:
         return None
     other = integrator.integrate(solution.equations, solution.t, progress)
@@ -421,11 +421,11 @@ def _run_again(
 def _compare(
     solution: Solution, other: Solution | None, fraction: float, rtol: float = 0.0
 ) -> ErrorColumns:
-    """Return half the range of each column, and the difference relative to it.
+    """Return half the range, the relative error and the signed error of each column.
 
-    The relative error is `fraction` times the largest difference, or `fraction` without `other`;
-    the signed error is the difference itself. `rtol` is the tolerance of the runs, 0 for fixed
-    steps.
+    The signed error is the largest difference of the runs over half the range, with its sign; the
+    relative error is its magnitude times `fraction`, or `fraction` without `other`. `rtol` is the
+    tolerance of the run, 0 for fixed steps.
     """
     if other is not None and other.t[-1] < solution.t[-1]:
         # An event may end the second run slightly earlier.

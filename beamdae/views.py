@@ -29,5 +29,5 @@ __all__ = [
 
 
 def save_plot(plot: Plot, path: str | Path) -> Path:
-    """Write a plot to a file and return its path, see `Plot.save`."""
+    """Write a plot to a file and return the path of the file; see `Plot.save`."""
     return save_figure(plot.figure, require_picture_path("Plot.save", path))

@@ -105,7 +105,7 @@ def create_console() -> Console:
 
 
 def create_progress_console() -> Console | None:
-    """Return a console on standard error, or None if it cannot display a progress bar."""
+    """Return a console on standard error, or None if no progress bar can be displayed there."""
     console = Console(stderr=True, markup=False, highlight=False, emoji=False)
     return console if console.is_terminal and not console.is_dumb_terminal else None
 

@@ -167,8 +167,8 @@ def _format_counts(progress: StudyProgress) -> str:
 def estimate_remaining_time(progress: StudyProgress, start: float) -> float | None:
     """Return the remaining time of a study [s], or None before the first run has ended.
 
-    If the study provides no estimate, the mean time per finished run since the clock time `start`
-    [s] is extrapolated.
+    If the study provides no estimate, the mean time per finished run since `start`, a value of
+    `time.monotonic` [s], is extrapolated.
     """
     fresh = progress.done - progress.stored
     missing = progress.total - progress.done

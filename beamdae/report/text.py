@@ -9,7 +9,7 @@ def make_printable(text: str) -> str:
 
 
 def shorten_text(text: str, most: int) -> str:
-    """Return the printable text, with "…" as its middle if longer than `most` characters."""
+    """Return the printable text, with its middle replaced by "…" beyond `most` characters."""
     text = make_printable(text)
     if len(text) <= most:
         return text

@@ -22,8 +22,8 @@ class AnalysisCertificate:
 
     See `certify_equilibrium`, `certify_modes` and `certify_periodic`.
 
-    The errors are estimated from at least three meshes; they are not a proof. Beams are
-    geometrically exact.
+    The errors are estimated from at least three meshes, unless no beam can be refined; the
+    certificate is not a proof. Beams are geometrically exact where possible.
 
     Attributes
     ----------
@@ -86,12 +86,12 @@ class AnalysisCertificate:
 
     @property
     def name(self) -> str:
-        """Kind of the result."""
+        """Class name of the result, "Equilibrium" or "Modes"."""
         return type(self.result).__name__
 
     @property
     def budget(self) -> pd.DataFrame:
-        """Table with one row per column: value, scale, mesh error, accuracy and verdict."""
+        """Table with value, scale, mesh error, accuracy, verdict and theory error per column."""
         import pandas as pd
 
         words = np.where(self.mesh <= self.accuracy, "yes", "no").tolist()

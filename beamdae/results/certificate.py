@@ -30,7 +30,7 @@ class ErrorBudget:
     half_range
         Half the range of each column in the unit of the column, (columns,).
     time
-        Error of the time integration, (columns,), as all following arrays.
+        Error of the time integration, (columns,), like all following arrays.
     mesh
         Error of the meshes of the beams; NaN if it is not assessed.
     theory
@@ -52,7 +52,7 @@ class ErrorBudget:
 
     @property
     def total(self) -> Array:
-        """Sum of the assessed errors."""
+        """Sum of the time error and the assessed mesh and theory errors, (columns,)."""
         assessed = np.nan_to_num(self.mesh) + np.nan_to_num(self.theory)
         return np.asarray(self.time + assessed)
 
@@ -67,7 +67,7 @@ class CertificateRun(NamedTuple):
     rtol
         Relative tolerance.
     elements
-        Number of elements of all beams.
+        Total number of elements of all beams.
     steps
         Number of steps.
     processor_time
@@ -83,10 +83,10 @@ class CertificateRun(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Certificate:
-    """Solution with an error budget, see `certify`.
+    """Solution with an error budget; see `certify`.
 
     The budget is an estimate from the differences of several runs, not a proof. It refers to the
-    model: planar beams of Reissner, the given materials, joints and data.
+    model: planar Reissner beams with the given materials, joints and data.
 
     Attributes
     ----------
@@ -102,11 +102,12 @@ class Certificate:
     good_until
         Time [s] up to which all required columns are within the accuracy.
     growth_rate
-        Exponential growth rate of the error [1/s], or NaN if the error does not grow exponentially.
-        Its inverse is the Lyapunov time.
+        Exponential growth rate of the error [1/s]; its inverse is the Lyapunov time. NaN if the
+        accuracy is reached or no exponential growth is found.
     event_shift
-        Largest difference [s] of the times of events between the last two runs. If a column jumps
-        at events, its error is measured at matching events.
+        Largest difference [s] between the times of matching events in the last two runs, or 0 if
+        events were not matched. If a column jumps at events, its error is measured at matching
+        events.
     formulations, elements
         Formulation and number of elements of each beam in the solution, by name.
     runs
@@ -154,8 +155,9 @@ class Certificate:
         """Table with one row per observed column; errors are relative to half the range.
 
         The columns are half the range (in the unit of the column), the errors of time integration,
-        mesh and theory, their total, the accuracy, and "certified": "yes" or "no", in parentheses
-        if the certificate does not require the column.
+        mesh and theory, their total, the accuracy, "certified" ("yes" or "no", in parentheses if
+        the certificate does not require the column), and the theory error of the formulations that
+        the model specifies.
         """
         import pandas as pd
 

@@ -30,7 +30,7 @@ class EventRecord:
     t
         Time of the crossing [s].
     branch
-        Time inside the interval that selects the active piece of piecewise laws [s].
+        Time inside the integration interval [s], by which piecewise laws select their piece.
     state
         State at the crossing, before the actions of the event.
     impulses
@@ -52,7 +52,7 @@ class EventRecord:
     done: bool = True
 
     def as_dict(self) -> dict[str, Any]:
-        """Return name, direction, time and impulses as a JSON-compatible dictionary."""
+        """Return the record without state and branch as a JSON-compatible dictionary."""
         record: dict[str, Any] = {
             "event": self.name,
             "direction": self.direction,

@@ -126,7 +126,7 @@ class FrequencyResponse:
     def folds(self) -> list[float]:
         """Parameter values at which the curve folds back.
 
-        Each value is the vertex of a parabola, the parameter over the arc length of the curve,
+        Each value is taken at the vertex of a parabola (parameter over arc length of the curve)
         through the three nearest points.
         """
         values = np.array([point.parameter for point in self.points])
@@ -136,8 +136,8 @@ class FrequencyResponse:
     def peaks(self, column: str) -> list[tuple[float, float]]:
         """Return (parameter, half range) at each peak of the curve of an observed column.
 
-        Each peak is the vertex of a parabola, the half range over the arc length of the curve,
-        through the three nearest points. The ends of the curve are not peaks.
+        Each peak is the vertex of a parabola (half range over arc length of the curve) through the
+        three nearest points. The ends of the curve are not peaks.
 
         Parameters
         ----------
@@ -186,7 +186,10 @@ class FrequencyResponse:
 
     @property
     def _arc_length(self) -> Array:
-        """Arc length along the curve (k,), computed from columns scaled to a range of 1."""
+        """Arc length along the curve (k,), with all coordinates scaled to a range of 1.
+
+        The coordinates are the parameter and the half ranges of the observed columns.
+        """
         values = np.array([point.parameter for point in self.points])
         sizes = np.array([list(map(half_range, p.solution.columns.values())) for p in self.points])
         rows = np.concatenate([values[:, None], sizes], axis=1)

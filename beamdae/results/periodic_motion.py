@@ -27,7 +27,7 @@ class PeriodicMotion:
     Attributes
     ----------
     solution
-        One period of the motion, or the run that ended the search by stopping early.
+        One period of the motion. If a run of the search stopped early, this run.
     period
         Period [s].
     multipliers

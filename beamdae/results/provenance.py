@@ -18,7 +18,7 @@ _MAX_ENTRIES = 16  # longer lists, such as measured points, are replaced by thei
 
 
 def describe_provenance(equations: EquationsOfMotion) -> dict[str, Any]:
-    """Return the hash of the equations, and gravity and parts of the mechanism, if there is one.
+    """Return the hash of the equations and, for a mechanism, its gravity and parts.
 
     The dictionary is JSON-compatible.
     """

@@ -46,7 +46,7 @@ class Interval:
     rows
         States at the nodes: q (k, n), v (k, n), a (k, n) and lam (k, m).
     branch
-        Time inside the interval that selects the active piece of piecewise laws [s].
+        Time inside the interval [s], by which piecewise laws select their piece.
     nodes_per_step
         Number of nodes per step: 1 for methods without stages, otherwise the number of stages.
     configuration
@@ -216,7 +216,7 @@ class Trajectory:
         return sum(len(interval.t) - 1 for interval in self.intervals)
 
     def interval_index(self, times: Array) -> Array:
-        """Return the index of the interval of each time; of two adjoining ones, the earlier."""
+        """Return the index of the interval of each time; at a boundary, of the earlier interval."""
         starts = np.array([interval.t[0] for interval in self.intervals])
         return np.clip(np.searchsorted(starts, times, side="left") - 1, 0, None)
 

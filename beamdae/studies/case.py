@@ -113,7 +113,7 @@ class Case:
         return simulate(self.configured(), self.integrator, t_end, output_step, progress)
 
     def mechanism_fingerprint(self, digests: DigestCache | None = None) -> str:
-        """Return a hash of everything the equations of motion depend on.
+        """Return a hash of what the equations depend on, except files that the model reads.
 
         The hash covers the model (its code, the values that the code refers to, and the files it
         declares), the parameters, the versions of Python and packages, and the source code of

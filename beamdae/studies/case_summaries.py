@@ -24,9 +24,9 @@ _CROSSOVER_LEVELS = 200  # errors, equally spaced in the logarithm, at which ser
 def summarize_cases(cases: pd.DataFrame) -> pd.DataFrame:
     """Return the fastest integrator per error level, observed orders and crossovers by group.
 
-    Only successful cases with an error are included. To find the fastest integrator, an error that
-    the reference cannot resolve is replaced by its upper bound, ten times the uncertainty of the
-    reference; orders and crossovers are computed without such errors.
+    Only successful cases with a known error are included. To find the fastest integrator, an error
+    that the reference cannot resolve is replaced by its upper bound, ten times the uncertainty of
+    the reference; orders and crossovers are computed without such errors.
 
     Case A is considered faster than case B only if the median wall time of A is below the shortest
     wall time of B. The shortest wall time of a case with a single run is estimated as its wall time
@@ -121,7 +121,7 @@ def _fit_orders(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _find_crossovers(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the error levels below which a different series becomes the fastest.
+    """Return summary lines with the error levels below which another series is the fastest.
 
     Between the runs of a series, log(wall time) is interpolated linearly in log(error).
     """

@@ -44,8 +44,8 @@ def compare(
     cases
         Cases to run.
     reference
-        Solution that errors are measured against, or a case that is run to obtain one. Without a
-        reference, no errors are computed.
+        Solution that errors are measured against, or a case that is run to obtain this solution.
+        Without a reference, no errors are computed.
     columns
         Observed columns used for the errors. Defaults to all positions and angles that move.
     t_end, output_step
@@ -59,7 +59,7 @@ def compare(
     DataFrame
         One row per case. "error [-]" is the largest difference from the reference over `columns`
         and all times that the run has reached, relative to half the range of each column. Further
-        columns contain the final, maximum and root mean square error of each of these columns.
+        columns contain the final, maximum and root mean square error of each column in `columns`.
 
     Raises
     ------

@@ -139,7 +139,7 @@ class Study:
                 )
 
     def computes_errors(self, runs: int) -> bool:
-        """Return whether errors are computed for a group with this number of different runs."""
+        """Return True if errors are computed for a group with this number of different runs."""
         if self.errors is not None:
             return self.errors
         if self.over is None and self.references == ():

@@ -12,7 +12,7 @@ from beamdae.errors import BeamdaeError, require_iterable, short_repr, suggest
 from beamdae.results.columns import Header, observed_columns, select_columns
 
 RELATIVE_TIME_TOLERANCE = 1e-12  # output times within it are considered equal
-# Relative to the largest motion in the same unit; points at joints move by less.
+# Ratio of ranges in the same unit; points that joints hold fixed move by less.
 _MIN_RELATIVE_MOTION = 1e-6
 _POSITION_UNITS = ("m", "rad")
 _REACTION_UNITS = ("N", "N m")
@@ -87,7 +87,7 @@ def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -
 
 
 def select_reaction_columns(reference: pd.DataFrame) -> list[str]:
-    """Return observed forces and moments that vary by over 1e-6 of the largest in their unit."""
+    """Return forces and moments whose range exceeds 1e-6 of the largest range in their unit."""
     forces = [c for c in observed_columns(reference) if Header.of(c).unit in _REACTION_UNITS]
     return _select_moving_columns(reference, forces, _MIN_RELATIVE_MOTION)
 

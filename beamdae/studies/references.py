@@ -1,4 +1,4 @@
-"""Reference solutions of studies; the difference of two methods is their uncertainty."""
+"""Reference solutions of studies, with the difference between two methods as uncertainty."""
 
 from __future__ import annotations
 

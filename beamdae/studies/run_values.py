@@ -53,7 +53,7 @@ def collect_run_values(solution: Solution) -> dict[str, Any]:
 
 
 def summarize_wall_times(times: Sequence[float]) -> dict[str, float]:
-    """Return the median wall time [s] of repeated runs, and the extremes of several runs."""
+    """Return the median wall time [s] and, for several runs, the shortest and the longest."""
     summary = {WALL_TIME_COLUMN: float(np.median(times))}
     if len(times) > 1:
         summary |= {MIN_WALL_TIME_COLUMN: min(times), MAX_WALL_TIME_COLUMN: max(times)}
@@ -146,7 +146,7 @@ def describe_event_mismatch(values: Mapping[str, Any], reference: Mapping[str, A
 
 
 def is_event_count(column: str) -> bool:
-    """Return whether a column of the case table contains event counts."""
+    """Return True if a column of the case table contains event counts."""
     return column.startswith("event ") and column.endswith(", times")
 
 

@@ -28,9 +28,9 @@ class Limits:
     Attributes
     ----------
     time
-        Wall time of each repetition [s], without building the equations.
+        Maximum wall time of each repetition [s], excluding the assembly of the equations.
     memory
-        Peak memory of the process [GB].
+        Maximum memory of the process [GB].
     patience
         Wall time [s] within which the simulated time must advance by 1e-5 of the end time.
 
@@ -61,7 +61,8 @@ class Task:
     Attributes
     ----------
     key
-        `Case.fingerprint`.
+        Hash of everything the outcome depends on: `Case.fingerprint`, in sweeps with outputs
+        combined with a hash of the outputs.
     case
         The case.
     t_end, output_step
@@ -182,7 +183,7 @@ def serialize_with_model(task: Task, model: Any, models: SerializedModels) -> by
 
 
 def _is_plain(value: Any) -> bool:
-    """Return whether a value is a number, a string or None, and refers to no other object."""
+    """Return True if a value is a number, a string or None, and refers to no other object."""
     return type(value) in (bool, int, float, str, type(None)) or isinstance(value, np.generic)
 
 

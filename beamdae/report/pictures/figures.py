@@ -56,7 +56,7 @@ def mask_huge_values(table: Columns) -> dict[str, Array]:
 def varying_columns(table: Columns) -> list[str]:
     """Return the observed columns that vary, excluding rates and columns that contain only nan.
 
-    If all of these columns are constant, return all of them.
+    If all remaining columns are constant, return all of them.
     """
     columns = [c for c in observed_columns(table) if not Header.of(c).suffix.endswith("_dot")]
     values = {c: np.asarray(table[c], float) for c in columns}

@@ -78,7 +78,7 @@ def _measure_text(axis: Axes, text: str) -> Array:
 def _candidate_boxes(anchor: Array, size: Array) -> tuple[Array, Array]:
     """Return candidate boxes (k, 4), as lower left and upper right corner, and distances [pt].
 
-    The distances contain a small preference for directions near the upper right.
+    The distances include a small penalty for directions away from the upper right.
     """
     boxes, distances = [], []
     angles = 0.25 * math.pi + 2.0 * math.pi * np.arange(_DIRECTION_COUNT) / _DIRECTION_COUNT

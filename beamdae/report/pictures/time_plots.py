@@ -106,7 +106,7 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
 
 
 def _line_styles(count: int) -> list[dict[str, Any]]:
-    """Return a line style for each of `count` runs; 28 styles differ, and then repeat.
+    """Return a line style for each of `count` runs; the styles repeat after 28 runs.
 
     The numbers of colors and dashes have no common divisor, so that all their pairs occur.
     """
@@ -213,7 +213,7 @@ def save_comparison_figure(
     uncertainty: float,
     title: str,
 ) -> Path:
-    """Plot characteristic columns of several runs and their errors over time in an image file.
+    """Plot characteristic columns and errors of several runs over time; write an image file.
 
     Parameters
     ----------

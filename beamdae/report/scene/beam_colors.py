@@ -135,9 +135,8 @@ def compute_beam_colors(name: str, solution: Solution, what: Any, times: Array) 
 def available_colors(solution: Solution, times: Array, first: Any = None) -> list[BeamColors]:
     """Return the color quantities that the viewer of an animation can select.
 
-    The quantity `first`, if given, is followed by stress and bending moment. These are omitted if
-    they cannot be computed: both if the run has no beams, and the stress if a section does not
-    define its height.
+    The quantity `first`, if given, is followed by stress and bending moment. Both are omitted if
+    the run has no beams; stress is also omitted if a section does not define its height.
 
     Raises
     ------

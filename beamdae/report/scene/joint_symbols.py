@@ -144,9 +144,9 @@ def _draw_slot(part: Any, builder: SceneBuilder, offset: float) -> None:
 def find_travel(
     a: Attachment, b: Attachment, direction: Any, builder: SceneBuilder, margin: float = 0.0
 ) -> tuple[float, float]:
-    """Return the limits (low, high) of the travel of b along a direction in the axes of a [m].
+    """Return the lowest and highest position [m] of `b` along `direction` in the axes of `a`.
 
-    Both ends include an overhang and the `margin` [m].
+    Both limits are extended by an overhang and by `margin` [m].
     """
     position = builder.relative_position(builder.add_attachment(a), builder.add_attachment(b))
     x = position @ unit_vector(direction)
@@ -189,7 +189,7 @@ def draw_driver(part: Driver, builder: SceneBuilder) -> None:
 
 
 def draw_gear(part: Gear, builder: SceneBuilder) -> None:
-    """Draw a line between the points and, for two meshing wheels, the pitch circles."""
+    """Draw a line between the points and, for meshing wheels without a shape, the pitch circles."""
     a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
     builder.add_link("gear", a, b)
     distance = math.dist(part.a.point, part.b.point)

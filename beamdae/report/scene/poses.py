@@ -24,7 +24,7 @@ _SMALLEST_SHAPE = 1e-300  # avoids division by zero for a mode without motion
 
 
 class Poses(Protocol):
-    """Map from attachments to poses: x, y [m] and rotation [rad] from the reference."""
+    """Map from attachments to x, y [m] and rotation from the reference configuration [rad]."""
 
     def __call__(self, attachments: Sequence[Attachment]) -> Array:
         """Return the poses, (frames, attachments, 3)."""

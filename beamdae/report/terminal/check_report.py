@@ -46,7 +46,7 @@ def describe_check(check: Any) -> Mapping[str, str]:
     if check.spectrum is not None:
         facts |= _describe_frequencies(check.spectrum)
     elif check.start is not None:
-        facts["frequencies"] = "not computed: too many coordinates"
+        facts["frequencies"] = "not computed: too many coordinates or constraints"
     for mesh in check.meshes:
         facts[f"mesh of {mesh.beam}"] = (
             f"{mesh.verdict}; error of the arc length {mesh.length_error:.2g}, of curvature times "

@@ -29,16 +29,17 @@ class Quality:
     Attributes
     ----------
     max_residual
-        Largest residual |F + G^T lam|, relative to the largest constraint, applied or elastic force
+        Largest residual |F + G^T lam|, relative to the largest entry of G^T lam and of F at a = 0
         [-].
     max_position_drift, max_velocity_drift
         Largest constraint violations |g| [m or rad] and |g_dot| [m/s or rad/s].
     energy_imbalance
         Largest |energy - work of loads - work of drivers + dissipated energy - initial energy|
-        relative to the energy exchanged [-]: the largest of the kinetic energy, the range of the
-        strain energy (with springs and the potentials of force laws), the range of the potential of
-        gravity, and the works. The reference is at least the rounding noise: 1e-8 times the largest
-        force times the length of the mechanism, plus 1e-11 times the largest energy.
+        relative to the energy exchanged [-]. The energy exchanged is the largest of the kinetic
+        energy, the range of the strain energy (with springs and the potentials of force laws), the
+        range of the potential of gravity, and the magnitudes of the works. It is at least the
+        rounding noise: 1e-8 times the largest force times the length of the mechanism, plus 1e-11
+        times the largest energy.
     """
 
     max_residual: float
@@ -84,8 +85,7 @@ class EnergyLedger:
         Energies (k, 3) [J], powers (k, 3) [W] and norms (k, 5) at the k nodes of each interval, see
         `measures.plan_balance`.
     works
-        Works (steps, 3) from the start of the run to each step of an interval, one array per
-        interval [J].
+        Works (steps, 3) [J] from the start of the run to each step, one array per interval.
     """
 
     trajectory: Trajectory
@@ -176,7 +176,7 @@ class EnergyLedger:
         return Imbalance(residual, scale, scale)
 
     def time_above(self, residual: float) -> float:
-        """Return the fraction of the run with |F + G^T lam| above `residual` or equal to nan."""
+        """Return the fraction of the run time with |F + G^T lam| above `residual` or nan."""
         durations = [np.diff(i.t, prepend=i.t[0]) for i in self.trajectory.intervals]
         is_above = ~(self._step_norms[:, 0] <= residual)
         duration = self.trajectory.end - self.trajectory.start

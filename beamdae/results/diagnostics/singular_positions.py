@@ -115,7 +115,10 @@ def _find_in_stretch(
 
 
 def _select_minima(values: Array) -> Array:
-    """Return the indices of samples near possible zeros, one per interval below the threshold."""
+    """Return the indices of at most 64 samples near which the function may vanish.
+
+    These are steep minima above the threshold and the first sample of each stretch below it.
+    """
     is_low = values < _SINGULAR_RATIO * values.max()
     following = np.append(values[1:], np.inf)
     preceding = np.append(np.inf, values[:-1])

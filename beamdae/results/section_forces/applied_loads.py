@@ -149,7 +149,6 @@ class _LoadCollector:
         self._start = self._evaluate_motion(self._sections_at(np.zeros(1)))[:, 0, :2]
 
     def add_inertia_and_weight(self, gravity: Array) -> None:
-        """Add weight and d'Alembert forces."""
         mesh = self._beam.mesh
         s, weights = mesh.gauss_arc_lengths(mesh.nodes), mesh.gauss(mesh.nodes)[0]
         xi_weights = np.tile(gauss_points(mesh.nodes)[1], mesh.elements)
@@ -179,7 +178,6 @@ class _LoadCollector:
                 self._add_at_section(entry.part, float(s), force.sum(axis=1))
 
     def collect(self) -> AppliedLoads:
-        """Return all loads added so far."""
         weights = gauss_points(self._beam.mesh.nodes)[1]
         for part, loads in self._distributed.items():
             wrenches = np.stack([wrench for _, wrench in loads], axis=1)
@@ -246,7 +244,7 @@ class _LoadCollector:
         return np.concatenate(columns, axis=1)
 
     def _add_at_section(self, part: Part, s: float, force: Array) -> None:
-        """Add a generalized force on the local coordinates of the section at s [m]."""
+        """Add a generalized force on the local coordinates of the section at arc length `s` [m]."""
         wrench = self._equivalent_wrenches(self._sections_at(np.array([s])), force)[:, 0]
         if part.load_distribution == "points":
             self._arc_lengths.append(np.full(self._rows, s))

@@ -220,7 +220,7 @@ def _accumulate_loads(beam: Beam, loads: AppliedLoads, s: Array, before: Array) 
 
 
 def _integrate_polynomials(points: int, xi: Array) -> Array:
-    """Return integrals of the Lagrange polynomials of Gauss points from -1 to xi.
+    """Return the integrals from -1 to `xi` of the Lagrange polynomials of the Gauss points.
 
     The shape is (len(xi), points).
     """

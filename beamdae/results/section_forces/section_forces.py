@@ -33,7 +33,7 @@ class Safety:
     stress
         Von Mises equivalent stress [Pa].
     yield_stress
-        Yield stress [Pa]: the argument of `SectionForces.safety`, or that of the material.
+        Yield stress [Pa] passed to `SectionForces.safety`; by default, `Material.yield_stress`.
     t
         Time [s].
     s
@@ -55,8 +55,9 @@ class SectionForces:
     """Section forces of a beam: axial force N, shear force Q and bending moment M.
 
     N [N] and Q [N] are the components, normal and parallel to the deformed section, of the force
-    that the beam beyond the section exerts on the beam before the section: tension N is positive,
-    and Q is positive to the left. M [N m] is positive if it stretches the left side of the beam.
+    that the beam beyond the section exerts on the beam before the section: N is positive in
+    tension, and Q is positive to the left. M [N m] is positive if it stretches the left side of the
+    beam.
     The section forces are in equilibrium with all loads on the beam before the section: joint
     reactions, concentrated and distributed forces, weight and inertia. N, Q and M therefore equal
     the reactions at the ends, jump at concentrated forces, and are accurate between nodes, unlike

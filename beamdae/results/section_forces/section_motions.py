@@ -40,13 +40,13 @@ def position_and_angle(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> S
 
 
 def section_motion(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> SX:
-    """Return (x, y, rotation) of a section and the second time derivatives, as an expression."""
+    """Return (x, y, rotation) of a section and their second time derivatives as an expression."""
     position = position_and_angle(local, motion)
     return ca.vertcat(position, local.ddot(position))
 
 
 def section_jacobian(local: Local, motion: Callable[[SX], tuple[SX, SX]]) -> SX:
-    """Return the Jacobian of (x, y, rotation) with respect to local coordinates, by columns."""
+    """Return the columns of d(x, y, rotation)/d(local coordinates), stacked in one vector."""
     return ca.vec(ca.densify(ca.jacobian(position_and_angle(local, motion), local.q)))
 
 

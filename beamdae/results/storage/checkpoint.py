@@ -192,7 +192,7 @@ class Checkpoint:
         return checkpoint
 
     def start_equations(self, equations: EquationsOfMotion) -> EquationsOfMotion:
-        """Return the equations with this state, and its active parts and events, as the start.
+        """Return the equations that start from this state, with its active parts and events.
 
         Raises
         ------

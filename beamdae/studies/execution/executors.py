@@ -284,7 +284,7 @@ def _require_address(source: str, address: str) -> None:
 def create_executor(part: str, prefix: str, workers: Any, scheduler: Any) -> Executor:
     """Return a `DaskPool` if the address `scheduler` is given, otherwise a `LocalPool`.
 
-    Messages call the arguments `jobs` and `scheduler`, after `prefix`.
+    In messages, the arguments are called `jobs` and `scheduler`, preceded by `prefix`.
 
     Raises
     ------

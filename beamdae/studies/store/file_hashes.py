@@ -29,7 +29,7 @@ def _installed_folders() -> tuple[str, ...]:
 
 @cache
 def is_installed(file: str) -> bool:
-    """Return whether a file belongs to Python, a package, the system or a cache."""
+    """Return True if a file belongs to Python, a package, the system or a cache."""
     return file.startswith("<frozen ") or file.startswith(_installed_folders())
 
 

@@ -85,7 +85,7 @@ def _source_path(compiled: str) -> str:
 
 
 def _is_read_by_module() -> bool:
-    """Return whether an imported user module opens the file; modules may cache the content."""
+    """Return True if an imported user module opens the file; modules may cache the content."""
     frame = sys._getframe(_HOOK_FRAMES)
     while frame is not None:
         module = sys.modules.get(frame.f_globals.get("__name__", ""))
@@ -102,7 +102,7 @@ def _is_read_by_module() -> bool:
 
 @contextmanager
 def record_file_reads() -> Iterator[FileReads]:
-    """Record the files that any thread reads in this block and that imported modules have read.
+    """Record the files read in this block by any thread, and before by imported modules.
 
     The yielded dict maps names to signatures; it is complete at the end of the block.
     """
@@ -127,8 +127,8 @@ def digest_reads(reads: Mapping[str, FileSignature], home: Path) -> dict[str, st
     """Return the hashes of files by name; absolute names become relative to `home`.
 
     Relative names stay valid if a model is moved together with its files. Folders, and files that
-    this process has written, are omitted. A file that has changed since it was read gets a text
-    that differs from every hash.
+    this process has written, are omitted. If a file has changed since it was read, a text that
+    differs from every hash takes the place of the hash.
     """
     digests: dict[str, str | None] = {}
     for name, signature in sorted(reads.items()):
@@ -143,7 +143,7 @@ def digest_reads(reads: Mapping[str, FileSignature], home: Path) -> dict[str, st
 
 
 def are_unchanged(reads: Mapping[str, FileSignature]) -> bool:
-    """Return whether the files have not changed since they were read."""
+    """Return True if the files have not changed since they were read."""
     return all(file_signature(os.path.abspath(name)) == x for name, x in reads.items())
 
 

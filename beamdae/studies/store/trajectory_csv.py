@@ -15,7 +15,7 @@ from beamdae.results.storage.files import escape_cell
 def format_trajectory(table: pd.DataFrame) -> bytes:
     """Return a table of floats as CSV.
 
-    Except for escaped headers (see `escape_cell`), the result is the same as that of
+    Except for escaped headers (see `escape_cell`), the result equals the output of
     `DataFrame.to_csv`, which takes twice as long.
     """
     text = io.StringIO()

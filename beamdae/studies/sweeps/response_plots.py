@@ -289,7 +289,10 @@ def plot_maps(
 
 
 def _draw_map(axis: Axes, x: ParameterScale, y: ParameterScale, heights: Array) -> None:
-    """Draw cells with contour lines, or dots if few pairs were run; crosses mark missing values."""
+    """Draw cells, or dots if few pairs were run; crosses mark missing values.
+
+    Contour lines are added if all cells have values and both parameters are numeric.
+    """
     cells = np.full((len(y.ticks), len(x.ticks)), np.nan)
     rows = np.searchsorted(y.ticks, y.positions)
     columns = np.searchsorted(x.ticks, x.positions)

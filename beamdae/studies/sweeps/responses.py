@@ -30,7 +30,7 @@ Array = np.ndarray
 
 
 def _time_average(t: Array, x: Array) -> float:
-    """Return the average of x over time by the trapezoidal rule."""
+    """Return the average of `x` over the time `t` by the trapezoidal rule."""
     if len(t) < 2:
         return float(x[0])
     return float(np.sum(0.5 * (x[1:] + x[:-1]) * np.diff(t)) / (t[-1] - t[0]))
@@ -109,8 +109,8 @@ def _measure_run(outcome: Outcome, headers: list[str]) -> dict[str, float]:
 def select_characteristic(results: StudyResults, study: ParameterStudy) -> list[str]:
     """Return the responses shown by default.
 
-    These are the outputs of the study. Without outputs, these are the selected columns or, without
-    a selection, the characteristic columns of the first successful run.
+    Returns the outputs of the study. Without outputs, returns the selected columns or, without a
+    selection, the characteristic columns of the first successful run.
     """
     if study.outputs:
         return list(study.outputs)
@@ -186,7 +186,7 @@ def _parse_unit(header: str) -> str:
 
 
 def is_numeric_parameter(table: pd.DataFrame, name: str) -> bool:
-    """Return whether all values of a parameter are numbers (booleans excluded)."""
+    """Return True if all values of a parameter are numbers (booleans excluded)."""
     return all(
         isinstance(x, (int, float, np.number)) and not isinstance(x, (bool, np.bool_))
         for x in table[parameter_column(name)]

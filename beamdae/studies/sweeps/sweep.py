@@ -225,8 +225,8 @@ def sweep(
     Parameters
     ----------
     model
-        A model function, see `bd.model`, or any function with keyword defaults that builds a
-        mechanism (which needs `t_end`).
+        A model function, see `bd.model`, or any other function with keyword defaults that builds a
+        mechanism. Without `bd.model`, `t_end` is required.
     over
         Values by parameter name; all combinations are run: `{"elements": [4, 8]}`. A dict can name
         values that are not numbers: `{"section": {"thin": thin, "thick": thick}}`. Alternatively, a

@@ -151,7 +151,8 @@ class SweepResults:
         Parameters
         ----------
         **parameters
-            Values by parameter name. Numbers may differ from those of the run by 1e-9, relative.
+            Values by parameter name. Numbers may deviate from the values of the run by a relative
+            difference of 1e-9.
 
         Raises
         ------
