@@ -22,8 +22,8 @@ def slider_crank(
 
     `frame` is the floating frame of the rod: "tangent" (start section) or "chord". The `crank` is
     "rigid", or "flexible" with the rod's section and half its elements. The rod consists of
-    `bodies` beams of `elements` elements each; "mid-point" is the deformation in the frame of the
-    beam at mid-length. `strain` applies to the floating frame only, not to `formulation="exact"`.
+    `bodies` beams of `elements` elements each; "mid-point" is the deformation of the middle one in
+    its frame. `strain` applies to the floating frame only, not to `formulation="exact"`.
     """
     alloy = bd.Material(E=68.952e9, nu=0.3, rho=density)
     square = bd.Section.rectangle(alloy, width=0.02, height=0.02, damping=damping)
@@ -64,7 +64,6 @@ def slider_crank(
         formulation=formulation,
     )
     middle = rods[bodies // 2]
-    mid_point = middle.length / 2.0 if bodies % 2 else 0.0
 
     mech.add(bd.PointMass("slider", 0.5, on=rods[-1].end))
     mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), shaft))
@@ -74,6 +73,6 @@ def slider_crank(
 
     mech.observe("slider", rods[-1].end)
     mech.observe("rod frame", rods[0].floating_frame)
-    mech.observe("mid-point", middle.deformation(mid_point, axes="local"))
+    mech.observe("mid-point", middle.deformation(0.5 * middle.length, axes="local"))
     mech.observe("motor", motor.reaction)
     return mech

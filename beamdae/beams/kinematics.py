@@ -28,7 +28,14 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
-from beamdae.symbolic.statements import SX, ForceKernel, Local, RangeKernel, Variable
+from beamdae.symbolic.statements import (
+    SX,
+    ForceKernel,
+    Local,
+    RangeKernel,
+    StrainDefectKernel,
+    Variable,
+)
 
 Array = np.ndarray
 
@@ -156,16 +163,15 @@ class StrainValidity(NamedTuple):
         Largest deflection / length, rotation [rad] and strain of an element.
     data
         Data of the kernel, one column per element.
-    error
-        Coefficients (a, b) of the relative error a r + b r^2 of the deformation at a rotation
-        r [rad]; None for exact strains.
+    defect
+        Forces that the strains lack; None for exact strains.
     remedies
         Settings that extend the valid range.
     """
 
     kernel: RangeKernel
     data: Array
-    error: tuple[float, float] | None = None
+    defect: StrainDefectKernel | None = None
     remedies: tuple[str, ...] = ()
 
 

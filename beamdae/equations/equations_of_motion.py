@@ -6,12 +6,14 @@ The data are a structure, shared by models that differ only in numbers, and the 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.linalg import splu
 
 from beamdae.equations.singular_laws import PartLaw
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
@@ -19,7 +21,7 @@ from beamdae.parts.events import Impact
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.parts.mechanism import Mechanism
 from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.statements import RangeStatement, Variable
+from beamdae.symbolic.statements import RangeStatement, StrainDefectKernel, Variable
 
 Array = np.ndarray
 FrozenGaps = Mapping[str, FrozenGap]
@@ -46,11 +48,70 @@ class RangeTerm:
 
         Each entry is the maximum over the rows of q and the copies of the kernel.
         """
-        kernel, data = self.statement.kernel, self.statement.data
-        copies = data.shape[1]
-        local = np.asarray(self.operator @ q.T).T.reshape(len(q) * copies, kernel.local.size)
-        values = kernel.function(local, np.tile(data.T, (len(q), 1)))
+        local = self._local_coordinates(q)
+        values = self.statement.kernel.function(local, self._data_of_rows(len(q)))
         return values.max(axis=0)
+
+    def rotations(self, q: Array) -> Array:
+        """Return the section rotations of all nodes and copies [rad], (k, rotations).
+
+        The strains of the part must have a defect, see `RangeStatement`.
+        """
+        return self._deformations(q)[..., self._defect.rotations].reshape(len(q), -1)
+
+    def deformation_changes(self, q: Array) -> tuple[Array, Array]:
+        """Return the deformations and their change by exact strains, (k, 2) each.
+
+        The columns are the largest displacement [m] and the largest rotation [rad] of a node. The
+        change is of first order, and that of the part alone under the same section forces at its
+        ends. The strains of the part must have a defect.
+        """
+        defect, copies = self._defect, self.statement.data.shape[1]
+        values = defect.function(self._local_coordinates(q), self._data_of_rows(len(q)))
+        force, stiffness = np.split(values, [defect.size], axis=1)
+        force = force.reshape(len(q), copies * defect.size)
+        # The stiffness is symmetric, so the order of its entries does not matter.
+        stiffness = stiffness.reshape(len(q), copies, defect.size, defect.size)
+        size = self.statement.kernel.local.size
+        rows = np.arange(copies * size).reshape(copies, size)[:, defect.deformations].ravel()
+        to_local = sp.csc_array(sp.csr_array(self.operator)[rows])
+        to_local = to_local[:, np.unique(to_local.nonzero()[1])]
+        diagonal_blocks = np.arange(copies), np.arange(copies + 1)
+        changes = np.full((len(q), copies, defect.size), np.inf)
+        for k in range(len(q)):
+            of_copies = sp.bsr_array((stiffness[k], *diagonal_blocks))
+            matrix = sp.csc_array(to_local.T @ of_copies @ to_local)
+            # The matrix is singular if a failed run left numbers that are not finite.
+            with suppress(RuntimeError, ValueError):
+                change = to_local @ splu(matrix).solve(to_local.T @ force[k])
+                changes[k] = change.reshape(copies, defect.size)
+        return self._largest(self._deformations(q)), self._largest(changes)
+
+    def _largest(self, deformations: Array) -> Array:
+        """Return the largest displacement and rotation of deformations (k, copies, size)."""
+        defect = self._defect
+        u, v = (deformations[..., component] for component in defect.displacements)
+        rotations = np.abs(deformations[..., defect.rotations])
+        return np.stack([np.max(x, axis=(1, 2)) for x in (np.hypot(u, v), rotations)], axis=1)
+
+    def _deformations(self, q: Array) -> Array:
+        """Return the deformations (k, copies, size)."""
+        local = self._local_coordinates(q)[:, self._defect.deformations]
+        return local.reshape(len(q), -1, self._defect.size)
+
+    @property
+    def _defect(self) -> StrainDefectKernel:
+        defect = self.statement.defect
+        assert defect is not None
+        return defect
+
+    def _local_coordinates(self, q: Array) -> Array:
+        """Return the local coordinates (k * copies, size) of coordinates q (k, n)."""
+        size = self.statement.kernel.local.size
+        return np.asarray(self.operator @ q.T).T.reshape(-1, size)
+
+    def _data_of_rows(self, count: int) -> Array:
+        return np.tile(self.statement.data.T, (count, 1))
 
 
 @dataclass(frozen=True)

@@ -136,6 +136,49 @@ class RangeKernel:
 
 
 @dataclass(frozen=True)
+class StrainDefectKernel:
+    """Difference between the exact strains and those of a formulation, as forces of one copy.
+
+    Divided by the stiffness of the part, the force is the first-order change of the deformation
+    that exact strains would cause under the same loads.
+
+    Attributes
+    ----------
+    local
+        Symbols of the coordinates and data, as in the `RangeKernel` of the statement.
+    deformations
+        Slice of the local coordinates on which the strains depend.
+    displacements
+        Slices of `deformations` with the two components of the nodal displacements [m].
+    rotations
+        Slice of `deformations` with the section rotations of the nodes [rad].
+    force
+        Elastic forces of the exact strains minus those of the formulation, on `deformations`.
+    stiffness
+        Symmetric positive semidefinite stiffness matrix on `deformations`.
+    """
+
+    local: Local
+    deformations: slice
+    displacements: tuple[slice, slice]
+    rotations: slice
+    force: SX
+    stiffness: SX
+
+    @property
+    def size(self) -> int:
+        """Number of deformations of one copy."""
+        return self.force.shape[0]
+
+    @cached_property
+    def function(self) -> RowFunction:
+        """Function from rows of (q, data) to rows of force and stiffness, column by column."""
+        inputs = [self.local.q, self.local.data]
+        values = ca.densify(ca.vertcat(self.force, ca.vec(self.stiffness)))
+        return RowFunction(ca.Function("strain_defect", inputs, [values]))
+
+
+@dataclass(frozen=True)
 class RangeStatement:
     """Range in which the strains of a part are valid.
 
@@ -147,9 +190,8 @@ class RangeStatement:
         Deformation measures of one copy.
     pieces, data
         Local coordinates and data of all copies, as in `ForceStatement`.
-    error
-        Coefficients (a, b) of the relative error a r + b r^2 of the deformation at a rotation of r
-        [rad]. None if the strains are valid at any rotation.
+    defect
+        Forces that the strains lack. None if the strains are valid at any rotation.
     remedies
         Settings that reduce the error, besides dividing the part into several bodies.
     """
@@ -158,7 +200,7 @@ class RangeStatement:
     kernel: RangeKernel
     pieces: tuple[Piece, ...]
     data: np.ndarray
-    error: tuple[float, float] | None = None
+    defect: StrainDefectKernel | None = None
     remedies: tuple[str, ...] = ()
 
 

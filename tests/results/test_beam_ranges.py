@@ -8,7 +8,13 @@ import pytest
 
 import beamdae as bd
 from beamdae.beams.floating_frame.kinematics import FloatingFrame
-from beamdae.results.diagnostics.beam_ranges import MAX_UNREPORTED_ERROR, BeamRange
+from beamdae.results.diagnostics.beam_ranges import (
+    MAX_UNREPORTED_ERROR,
+    BeamRange,
+    count_oscillations,
+    measure_beam_ranges,
+    relative_change_by_exact_strains,
+)
 
 SOFT = bd.Material(E=1e7, nu=0.3, rho=1000.0)
 STRIP = bd.Section.rectangle(SOFT, width=1.0, height=0.01, damping=0.3)
@@ -36,7 +42,10 @@ def test_deflection_rotation_and_strain_of_an_arc():
     assert 0.04 < beam_range.rotation < 0.051
     assert beam_range.deflection == pytest.approx(0.5 * beam_range.rotation, rel=0.05)
     assert beam_range.strain == pytest.approx(0.005 * beam_range.rotation, rel=0.3)
-    assert beam_range.error == pytest.approx(beam_range.rotation**2)
+    # Exact strains change the deflection by 0.095 rotation^2; the motion is half an oscillation.
+    assert beam_range.error == pytest.approx(
+        (4.0 + 0.5 * 6.0) * 0.095 * beam_range.rotation**2, rel=0.02
+    )
 
 
 def test_the_remedy_of_a_warning_removes_it(tmp_path):
@@ -73,7 +82,7 @@ def test_warnings_name_settings_that_help(settings, included, excluded):
 
 
 def test_the_number_of_bodies_grows_with_the_error():
-    small, large, hopeless = (BeamRange("b", 0.1, 0.1, 0.0, e) for e in (0.011, 0.24, 3.0))
+    small, large, hopeless = (BeamRange("b", 0.1, 0.1, 0.0, e) for e in (0.021, 0.24, 3.0))
     assert "bodies=2)" in small.warning
     assert "bodies=4)" in large.warning
     assert "wrong" in hopeless.warning
@@ -83,7 +92,7 @@ def test_the_number_of_bodies_grows_with_the_error():
 
 def test_strain_measures_without_a_limit_have_no_warning():
     assert BeamRange("b", 2.0, 6.0, 0.1).warning is None
-    assert bd.Beam("arc", ARC, STRIP, strain="exact").kinematics.strain_validity.error is None
+    assert bd.Beam("arc", ARC, STRIP, strain="exact").kinematics.strain_validity.defect is None
     assert bd.Beam("arc", ARC, STRIP, formulation="exact").ranges() == []
 
     class Unlimited(FloatingFrame):
@@ -109,3 +118,38 @@ def test_ranges_are_maxima_over_elements_and_rows():
     deflection, rotation, strain = equations.ranges[0].largest_deformation(q)
     assert (deflection, rotation) == pytest.approx((0.3, 0.2))
     assert strain > 0.01
+
+
+def test_exact_strains_cannot_change_a_beam_that_does_not_rotate():
+    mech = bd.Mechanism()
+    mech.add(bd.Beam("beam", LINE, STRIP, elements=2))
+    equations = bd.equations_of_motion(mech)
+    (term,) = equations.ranges
+    assert relative_change_by_exact_strains(term, equations.q0[None]) == 0.0
+    stretched = equations.q0.copy()
+    names = list(equations.q_names)
+    for node in range(1, 6):
+        stretched[names.index(f"beam.u{node}")] = 1e-3 * node / 6.0
+    stretched[names.index("beam.chord")] = 1e-3
+    # The quadratic term of the axial strain changes the force by 1.5 times the strain.
+    change = relative_change_by_exact_strains(term, stretched[None])
+    assert change == pytest.approx(1.5e-3, rel=0.01)
+
+
+def test_a_state_that_is_not_finite_has_no_finite_error():
+    mech = bd.Mechanism()
+    mech.add(bd.Beam("beam", LINE, STRIP, elements=1))
+    equations = bd.equations_of_motion(mech)
+    (beam_range,) = measure_beam_ranges(equations, np.full((1, equations.n), 1e200))
+    assert not np.isfinite(beam_range.error)
+
+
+def test_oscillations_are_weighted_by_rotation_and_remaining_amplitude():
+    t = np.linspace(0.0, 1.0, 401)[:, None]
+    steady = np.sin(2.0 * np.pi * 10.0 * t + 0.1)
+    assert count_oscillations(0.2 * steady) == pytest.approx(10.0, abs=0.6)
+    # With a = exp(-k t), the phase is the integral of 10 a^2, times the remaining a.
+    decaying = np.exp(-5.0 * t) * steady
+    phase = 10.0 * (1.0 - np.exp(-10.0 * t)) / 10.0 * np.exp(-5.0 * t)
+    assert count_oscillations(decaying) == pytest.approx(phase.max(), rel=0.5)
+    assert count_oscillations(np.zeros((5, 2))) == 0.0

@@ -23,7 +23,6 @@ from hub_beam import hub_beam
 from slider_crank import slider_crank
 
 import beamdae as bd
-from beamdae.beams.floating_frame.strain_validity import strain_error_coefficients
 from strain_validity.statics import SECTION, cantilever, solve_exact_tips, solve_tips_and_rotations
 
 EI = SECTION.EI
@@ -130,11 +129,6 @@ def main() -> None:
     print(final_errors.to_string(float_format="{:.2g}".format))
     print("\nerrors of moving mechanisms, measured and predicted")
     print(measure_mechanisms().to_string(index=False, float_format="{:.2g}".format))
-    print("\nrotation [rad] at which an error of 1 % is predicted")
-    for strain, frame, angle in product(("nonlinear", "green", "linear"), FRAMES, (0, 60, 180)):
-        linear, quadratic = strain_error_coefficients(strain, frame, np.radians(angle))
-        rotation = 0.02 / (linear + np.sqrt(linear**2 + 0.04 * quadratic))
-        print(f"{strain:>9} {frame:>7} {angle:3d} deg: {rotation:.2g}")
 
 
 if __name__ == "__main__":

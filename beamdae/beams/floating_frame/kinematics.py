@@ -16,7 +16,7 @@ from beamdae.beams.floating_frame.formulas import (
     SectionMotion,
     frame_motion,
 )
-from beamdae.beams.floating_frame.strain_validity import range_kernel, strain_error_coefficients
+from beamdae.beams.floating_frame.strain_validity import range_kernel, strain_defect_kernel
 from beamdae.beams.kinematics import (
     FormulationKinematics,
     MaterialPoint,
@@ -249,7 +249,7 @@ class FloatingFrame(FormulationKinematics):
         return StrainValidity(
             range_kernel(self.element),
             np.concatenate([data, lengths]),
-            strain_error_coefficients(self.strain, str(self.frame), turning),
+            None if self.strain == "exact" else strain_defect_kernel(self.element),
             tuple(setting for setting, helps in remedies.items() if helps),
         )
 

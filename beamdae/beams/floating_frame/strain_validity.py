@@ -1,15 +1,15 @@
 """Validity of the small-strain assumption in a floating frame.
 
-Eqs. (5) and (6) of Pan & Liu (2012) hold for moderate rotations relative to the frame. At a section
-rotation r, the shear strain has an error of r^3 / 6, and the error of the axis curvature is
-proportional to r^2 / 2. Without the curvature in the quadratic strains, the length of an axis whose
-tangent rotates by the angle `turning` has errors proportional to r * turning^2.
+Eqs. (5) and (6) of Pan & Liu (2012) hold for moderate rotations relative to the frame. The forces
+of Reissner's strains in the same deformation differ from theirs. If the loads stay the same, this
+difference changes the deformation of a single beam, which its frame supports statically
+determinate, by the solution of a linear system. The relative change is a measure of the error.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
-from typing import NamedTuple
 
 import casadi as ca
 
@@ -20,64 +20,9 @@ from beamdae.beams.floating_frame.element import (
     strain_points,
 )
 from beamdae.beams.strains import AXIAL, BENDING
-from beamdae.symbolic.statements import Local, RangeKernel
+from beamdae.symbolic.statements import Local, RangeKernel, StrainDefectKernel
 
 SX = ca.SX
-
-
-class _ErrorCoefficients(NamedTuple):
-    """Relative error of the deformation divided by powers of the section rotation.
-
-    Attributes
-    ----------
-    quadratic
-        Error divided by rotation^2 [1/rad^2].
-    without_curvature
-        Error divided by rotation * turning^2 [1/rad^3], for quadratic strains without curvature.
-    linear
-        Error divided by rotation [1/rad], for strains without quadratic terms.
-    """
-
-    quadratic: float
-    without_curvature: float
-    linear: float
-
-
-# Fitted to cantilevers with exact solutions, the hub beam and the slider-crank
-# (validation/strain_validity/run.py). Actual errors are up to three times the estimate for single
-# beams, as small as a thirtieth of it in pure bending, and smaller for several welded beams.
-_ERROR_COEFFICIENTS = {
-    "tangent": _ErrorCoefficients(1.0, 0.05, 1.0),
-    "chord": _ErrorCoefficients(0.15, 0.1, 0.3),
-}
-
-
-def strain_error_coefficients(
-    strain: str, frame: str, turning: float
-) -> tuple[float, float] | None:
-    """Return (a, b) of the relative error a r + b r^2 of a deformation with rotation r [rad].
-
-    Parameters
-    ----------
-    strain, frame
-        As in `Beam`.
-    turning
-        Difference between the largest and the smallest tangent angle of the reference curve [rad].
-
-    Returns
-    -------
-    tuple or None
-        a [1/rad] and b [1/rad^2]; None for exact strains, which have no such error.
-    """
-    if strain == "exact":
-        return None
-    error = _ERROR_COEFFICIENTS[frame]
-    linear_terms = {
-        "nonlinear": error.without_curvature * turning**2,
-        "green": 0.0,
-        "linear": error.linear,
-    }
-    return linear_terms[strain], error.quadratic
 
 
 @cache
@@ -104,6 +49,35 @@ def range_kernel(element: FloatingFrameElement) -> RangeKernel:
         ca.mmax(ca.vertcat(*strains)),
     )
     return RangeKernel(local, values)
+
+
+@cache
+def strain_defect_kernel(element: FloatingFrameElement) -> StrainDefectKernel:
+    """Return the elastic forces that the strains of an element lack, and its stiffness.
+
+    The stiffness does not contain the geometric stiffness of the section forces, so it is positive
+    definite also for beams that buckle or snap through. The data are those of `range_kernel`.
+    """
+    local = Local(element.size, element.n_data + 1)
+    data = element.layout.split(local.data)
+    nodal = local.q[FRAME_SIZE:]
+    exact_element = replace(element, strain="exact")
+    force, stiffness = SX(nodal.shape[0], 1), SX(nodal.shape[0], nodal.shape[0])
+    for k, ((weight, strain), (_, exact)) in enumerate(
+        zip(
+            strain_points(element, data.stiffness, nodal),
+            strain_points(exact_element, data.stiffness, nodal),
+            strict=True,
+        )
+    ):
+        elasticity = data.elasticity(k)
+        slopes = ca.jacobian(exact, nodal)
+        force += weight * (
+            slopes.T @ (elasticity * exact) - ca.jacobian(strain, nodal).T @ (elasticity * strain)
+        )
+        stiffness += weight * (slopes.T @ ca.diag(elasticity) @ slopes)
+    u, v, phi = (slice(k, None, NODE_SIZE) for k in range(NODE_SIZE))
+    return StrainDefectKernel(local, slice(FRAME_SIZE, None), (u, v), phi, force, stiffness)
 
 
 def _half_height(stiffness: SX) -> SX:
