@@ -50,7 +50,7 @@ class ObservedRows:
 
 @dataclass(frozen=True)
 class BalancePlan:
-    """Sum that evaluates energies, powers and residuals, see `plan_balance`.
+    """Plan for the evaluation of energies, powers and norms, see `plan_balance`.
 
     Attributes
     ----------

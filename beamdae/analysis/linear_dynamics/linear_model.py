@@ -380,7 +380,10 @@ class _StateReduction:
     def _differentiate_outputs(
         self, observables: Sequence[Observable], dq: Array, dv: Array, dlam: Array
     ) -> tuple[Array, Array, tuple[Variable, ...]]:
-        """Return the Jacobian of the outputs with respect to (x, w, u), and values and names."""
+        """Return the Jacobian of the outputs with respect to (x, w, u), and the outputs.
+
+        The outputs are returned as their values and their names with units.
+        """
         lin, full = self.lin, self.lin.full_equations
         # Multipliers of inactive or redundant constraints are zero; row -1 refers to the appended
         # zero.

@@ -69,7 +69,8 @@ class Linearization:
     tangent
         Matrices of the linearized equations.
     warnings
-        Sentence that names the fastest coordinate if the state is at rest but not an equilibrium.
+        Sentence that names the coordinate with the largest acceleration if the state is at rest but
+        not an equilibrium; otherwise empty.
     zero_square
         Squared frequencies up to this magnitude [1/s^2] are treated as zero.
     rotation

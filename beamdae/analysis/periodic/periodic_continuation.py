@@ -203,7 +203,7 @@ class CurvePoint:
         Sign of the determinant of the extended Jacobian with the tangent as its last row; it is
         constant along a curve.
     iterations
-        Number of Newton iterations of the corrector.
+        Number of Newton iterations that led to the motion.
     """
 
     result: ShootingResult

@@ -234,7 +234,8 @@ class ShootingResult(NamedTuple):
     projection
         Matrix (k, 2 n) that expresses disturbances of (q, v) in terms of `basis`.
     monodromy
-        Disturbances after one period, in terms of `basis`, (k, k).
+        Matrix (k, k) that maps disturbances at the start of the period to those at its end, in
+        terms of `basis`.
     deviation
         State at the end of the period minus the state at its start, in terms of `basis`, (k,).
     relative_deviation

@@ -77,7 +77,7 @@ class StagePath:
     critical
         Critical points of the path.
     status
-        Reason why the path ended.
+        Status at the end of the path, with the reason why the path ended.
     step
         Next step, in units of the control.
     is_stuck

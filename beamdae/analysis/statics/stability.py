@@ -46,9 +46,10 @@ class Stability:
     Attributes
     ----------
     eigenvalues
-        Eigenvalues of Z^T S K S Z [J], ascending: all of them, or those nearest to zero; empty for
-        forces without a potential and if unknown. S is the diagonal matrix of the natural sizes of
-        the coordinates, Z an orthonormal basis of the motions, divided by S, that the joints allow.
+        Eigenvalues of Z^T S K S Z [J], ascending: all of them, or those nearest to zero. Empty if
+        the forces have no potential, the joints allow no motion or the stability is unknown. S is
+        the diagonal matrix of the natural sizes of the coordinates. The columns of S Z span the
+        motions that the joints allow; those of Z are orthonormal.
     modes
         Mode shapes, (n, number of eigenvalues), scaled so that the largest absolute component,
         relative to its natural size, is 1.

@@ -51,8 +51,8 @@ def equilibrium(
     Parameters
     ----------
     model
-        A model function (with its defaults), a mechanism, a constrained system or equations. The
-        latter two have no named loads and are solved under their full load.
+        A model function (with its defaults), a mechanism, a constrained system or equations.
+        Constrained systems and equations have no named loads and are solved under all loads.
     loads
         Names of the loads that mu scales: parts that only apply forces, and "gravity". Defaults to
         every `Force`, `Moment`, `DistributedForce` and `MovingForce`, and gravity. A list of lists
@@ -73,9 +73,9 @@ def equilibrium(
         "arc length": motion of a coordinate relative to the size of the mechanism, or in rad;
         defaults to 0.05, or less if the target is near.
     switch
-        Number of the branch point, counted from 1, at which to switch to the crossing path, by arc
-        length; negative numbers select the opposite side. A list switches repeatedly; numbers are
-        counted on the current path. 0 never switches.
+        Number of the branch point, counted from 1, at which to switch to the crossing path, with
+        control="arc length". Negative numbers select the opposite side. A list switches repeatedly;
+        numbers are counted on the current path. 0 never switches.
     most_points
         Maximum number of points in each stage.
     t

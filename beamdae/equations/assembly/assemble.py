@@ -199,10 +199,10 @@ def _part_coordinates(
 def _require_drawn_attachments(
     mechanism: Mechanism, coordinate_map: CoordinateMap, q0: Array, length: float
 ) -> None:
-    """Reject attachments whose position at q0 differs from `Attachment.point` by over 1 %.
+    """Reject attachments whose position at q0 is over 1 % of `length` from `Attachment.point`.
 
-    The difference is relative to `length`. Joints are defined by these points. If the positions
-    differed, a joint would connect points that are drawn apart.
+    Joints are defined by these points. If the positions differed, a joint would connect points that
+    are drawn apart.
     """
     attachments = [a for part in mechanism.parts.values() for a in part.attachments]
     if not attachments:

@@ -105,7 +105,7 @@ class MechanismConfigurations:
         time: Array,
         q: Array,
     ) -> Configuration:
-        """Return the configuration after the actions of an event."""
+        """Return the configuration after the actions of an event at `time` and positions `q`."""
         inactive, frozen_gaps = now.inactive, dict(now.frozen_gaps)
         for switch in select_switches(event.do):
             inactive = inactive.difference(switch.on).union(switch.off)
@@ -145,7 +145,7 @@ class MechanismConfigurations:
         return ImpactEquations(equations, restitution, frozenset(gaps))
 
     def _freeze_gap(self, name: str, gap: FrozenGap, time: Array, q: Array) -> FrozenGap:
-        """Return `gap` with the offsets of the joint at time = (t, branch) and positions q."""
+        """Return `gap` with the offsets of joint `name` at `time` = (t, branch) and `q`."""
         joint, law = self.mechanism.part(name), self._event_law(name, gap)
         assert isinstance(joint, KinematicConstraint)
         pieces = joint.pieces

@@ -78,8 +78,9 @@ class ConstrainedSystem(HasOrigin):
         satisfy the constraints.
     names
         Names of the coordinates. Defaults to q0, q1, ... Successive coordinates with the same text
-        before the last dot, such as "bar.x", "bar.y" and "bar.angle", belong to one body: the error
-        of each is relative to the motion of the body, even if the coordinate itself hardly changes.
+        before the last dot, such as "bar.x", "bar.y" and "bar.angle", belong to one body. The error
+        of each coordinate is relative to the motion of its body, even if the coordinate itself
+        hardly changes.
     units
         Units of the coordinates, such as "m" and "rad". Defaults to "-". The scale of angles
         ("rad") is 1. The common scale of all other coordinates is their largest absolute initial

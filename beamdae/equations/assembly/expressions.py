@@ -37,7 +37,7 @@ class Expressions:
     t, q, v, lam
         Symbols of time, coordinates, velocities and multipliers, as columns; `lam` may be None.
     parameters
-        Number or time law for each symbol.
+        Value of each parameter, a number or a time law, by symbol.
     """
 
     t: Any

@@ -132,7 +132,7 @@ def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[l
 
 
 def call_part(part: str, what: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return the result of a method; convert unexpected exceptions to errors naming the part."""
+    """Return the result of `function`; convert unexpected exceptions to errors naming the part."""
     try:
         return function(*arguments)
     except BeamdaeError:

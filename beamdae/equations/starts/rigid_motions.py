@@ -35,8 +35,8 @@ class Body(NamedTuple):
     name
         Name of the part.
     position, angle
-        Indices of the rigid coordinates (x, y) and of the angle, or None. For bodies without a
-        floating frame, these are the coordinates of the first node.
+        Indices of the rigid coordinates (x, y) and of the angle, or None. If `nodes` is not None,
+        these are the coordinates of the first node.
     others
         Indices of elastic and other coordinates.
     nodes
