@@ -1,4 +1,4 @@
-"""Amplitudes of the motion of a mechanism, relative to which its errors are measured."""
+"""Amplitudes of the motion of a mechanism, which serve as scales of its errors."""
 
 from __future__ import annotations
 
@@ -33,20 +33,23 @@ class Amplitudes:
     Attributes
     ----------
     by_part
-        Amplitude of each part relative to its size [-]: the largest of its length amplitudes,
-        divided by the size, and of its angle amplitudes [rad], because an angle moves the points of
-        a body of size L by up to L times the angle. Amplitudes of angles are at most pi/2.
+        Dimensionless amplitude of each part: the largest amplitude of its coordinates, where
+        amplitudes of lengths are divided by the size of the part. Amplitudes of angles [rad] are
+        not scaled, because an angle moves the points of a body of size L by up to L times the
+        angle. They are limited to pi/2.
     scales
-        Scale of each coordinate [m or rad], (n,): the amplitude of its part, times the size of the
-        part for lengths. Deformations relative to a floating frame have the largest amplitude of
-        their kind (u, v or phi) over the nodes, and beams in absolute coordinates that of the
-        rotations of their sections relative to the first one; both are at least 1e-2 of the
-        amplitude of the part. A deflection is often a hundred times smaller than the motion of its
-        beam.
+        Scale of each coordinate [m or rad], (n,): an amplitude, which is multiplied by the size of
+        the part if the coordinate is a length. In general, this is the amplitude of the part. For a
+        deformation relative to a floating frame, it is the largest amplitude of deformations of the
+        same kind (u, v or phi) over all nodes. For a beam in absolute coordinates, it is the
+        amplitude of the rotations of its sections relative to the first section. In both of these
+        cases, it is at least 1e-2 of the amplitude of the part. The amplitude of the part would be
+        too large, because deflections are often a hundred times smaller than the motion of a beam.
     rate
-        Highest rate of the parts [1/s]: root mean square of the velocities divided by the standard
-        deviation of the positions. The standard deviation of an angle is limited to its value over
-        one uniform revolution.
+        Highest rate of all parts [1/s], 0 if nothing moves. The rate of a part is the root mean
+        square of its velocities divided by the standard deviation of its positions. The standard
+        deviation of an angle is limited to its value over one uniform revolution. Parts whose
+        amplitudes are at most 1e-3 of the largest amplitude are ignored.
     """
 
     by_part: dict[str, float]
@@ -55,7 +58,7 @@ class Amplitudes:
 
     @classmethod
     def from_trajectory(cls, equations: EquationsOfMotion, trajectory: Trajectory) -> Amplitudes:
-        """Compute the amplitudes of each part from half the ranges of its coordinates in a run.
+        """Compute the amplitudes of a run; the amplitude of a coordinate is half its range.
 
         The amplitude of a part is at least 1e-3 of the largest amplitude, or 1e-5 for a part with a
         single coordinate. If nothing moves, all amplitudes are 1.
@@ -106,7 +109,7 @@ class Amplitudes:
 
 
 def _group_deformations(equations: EquationsOfMotion, part: PartCoordinates) -> list[list[int]]:
-    """Return the rows of the deformations of each kind, such as u1, u2, ... of all nodes."""
+    """Return lists of the rows of deformations of the same kind, such as u1, u2, ..."""
     groups: dict[str, list[int]] = {}
     for row in range(part.deformations.start, part.deformations.stop):
         groups.setdefault(equations.coordinates[row].name.rstrip("0123456789"), []).append(row)
@@ -124,14 +127,14 @@ def _round_to_two_digits(value: float) -> float:
 
 
 def _step_weights(trajectory: Trajectory) -> Array:
-    """Return the duration that each step represents [s], or ones if all durations are zero."""
+    """Return the duration [s] that each step represents, or ones if all durations are zero."""
     times = [interval.t for interval in trajectory.intervals]
     weights = np.concatenate([np.gradient(t) if len(t) > 1 else np.zeros(1) for t in times])
     return weights if weights.any() else np.ones(len(weights))
 
 
 def _coordinate_sizes(equations: EquationsOfMotion, angles: Array) -> Array:
-    """Return the size of the part of each coordinate [m], or 1 for angles."""
+    """Return, for each coordinate, the size [m] of its part, or 1 for an angle; (n,)."""
     size = np.ones(equations.n)
     for part in equations.parts:
         size[part.rows] = part.size

@@ -24,10 +24,11 @@ Array = np.ndarray
 class Auto(AdaptiveIntegrator):
     """Choose `Radau` if natural modes are over 300 times faster than the motion, otherwise `Ida`.
 
-    Such modes cannot be resolved, and lightly damped ones limit BDF to order 2, whose phase error
-    grows over free oscillations; Radau IIA is of order 5 and damps them. Without them, BDF resolves
-    all modes with order 5 in about the same time (tables in validation/tolerances). If `Ida` fails,
-    for example near a singular position, `Radau` repeats the run.
+    Such modes cannot be resolved. If they are lightly damped, they limit BDF to order 2, whose
+    phase error grows over free oscillations, whereas Radau IIA is of order 5 and damps them.
+    Without such modes, BDF resolves all modes with order 5 in about the same time (tables in
+    validation/tolerances). If `Ida` fails, for example near a singular position, `Radau` repeats
+    the run, and the longer run is returned.
 
     Parameters
     ----------

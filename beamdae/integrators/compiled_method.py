@@ -122,7 +122,8 @@ class StepWorkspace:
     step_count, total_steps
         Number of completed steps, and total number of equal steps in the interval.
     residuals, jacobians, failures
-        Numbers of evaluations, and number of Newton iterations that failed with old factors.
+        Numbers of residual and Jacobian evaluations, and number of Newton iterations that failed
+        with old factors.
     """
 
     form: FirstOrderBuffers
@@ -153,8 +154,9 @@ StepFunction = Callable[[Any, float, float], int]
 def solve_stage(run: Any, stage: ImplicitStage, t: float, c: float) -> int:
     """Solve a stage at time `t` [s] by Newton's iteration from its prediction; return the code.
 
-    Factors are reused across steps while the iteration converges fast and `c` does not change. If
-    the code is not DONE, the step function must return it.
+    `c` is the coefficient of y in y' = c y + offset. Factors are reused across steps while the
+    iteration converges fast and `c` does not change. If the code is not DONE, the step function
+    must return it.
     """
     combine(stage.prediction, (1.0,), (stage.y,))
     if stage.rate <= KEEP_RATE and stage.c == c:
@@ -242,7 +244,7 @@ def _take_steps(run: Any) -> int:
 
 @cache
 def _loop_over(step: StepFunction) -> Callable[[Any], int]:
-    """Return `_take_steps` for this step function; numba does not accept it as an argument."""
+    """Return `_take_steps` bound to `step`, which numba would not accept as an argument."""
     namespace = {**_take_steps.__globals__, "step_function": step}
     return FunctionType(_take_steps.__code__, namespace, f"{_take_steps.__name__}_{step.__name__}")
 
@@ -334,7 +336,7 @@ class FixedStepMethod:
 
     @property
     def counts(self) -> Statistics:
-        """Numbers of calls, factorizations and Newton failures so far."""
+        """Numbers of function calls, factorizations and Newton failures so far."""
         run = self._run
         solvers = [getattr(run, name).linear for name in self._stages]
         return Statistics(

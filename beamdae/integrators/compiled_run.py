@@ -103,7 +103,7 @@ class FactorizedMatrix:
         )
 
     def renew_pivots(self, linear: LinearSolver) -> None:
-        """Set the next pivots for the current values in `linear`, or mark it as singular."""
+        """Set the next proposed pivots in `linear`; mark `linear` as singular if there are none."""
         linear.needs_pivots = 0
         try:
             if not linear.is_untried:
@@ -144,7 +144,7 @@ class StepLoop(Generic[W]):
         matrices: Callable[[W], Sequence[tuple[Any, FactorizedMatrix]]],
         native: bool,
     ) -> None:
-        """Compile a loop.
+        """Compile the loop if possible.
 
         Parameters
         ----------
@@ -157,7 +157,7 @@ class StepLoop(Generic[W]):
             Function that returns the linear solvers in the workspace, each with the matrix it
             factorizes.
         native
-            False to run in plain Python because the equations have no machine code.
+            True to compile the loop if possible, False to run it in plain Python.
         """
         self._function = function
         self.work, self._loop = prepare_loop(function, make, native)

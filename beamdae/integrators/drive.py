@@ -264,7 +264,7 @@ class _RunInProgress:
         return starter.state(time, state.q, state.v)
 
     def _integrate_to(self, end: float) -> Status:
-        """Take steps until `end` [s], a limit, an event or a failure; return the status."""
+        """Take steps until `end` [s], a limit, a terminal event or a failure; return the status."""
         segment, method, limits = self._segments[-1], self.method, self._limits
         history, branch = segment.history, segment.branch
         steps_per_check = method.steps_per_check
@@ -331,7 +331,8 @@ def _take_steps(method: Method, history: StepHistory, most: int, end: float) -> 
     Raises
     ------
     StepError
-        If the method cannot continue, or returns steps that are not ascending or pass `end`.
+        If the method cannot continue, or if it returns steps whose times do not ascend, that pass
+        `end`, or that differ in their number of stages.
     """
     if not hasattr(method, "advance"):
         t, state, *stages = cast(StepMethod, method).step()

@@ -1,6 +1,6 @@
 """Error control of adaptive integrators: components in the error test, and highest order.
 
-The choices rest on measurements: validation/tolerances prints the table behind them.
+The choices rest on measurements, which validation/tolerances prints as tables.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class MotionScales:
         Characteristic length for each coordinate [m], or 1 for an angle, (n,); rounding errors of
         positions are relative to it.
     rate
-        Characteristic rate of the motion [1/s]; the scale of velocities is position * rate.
+        Characteristic rate of the motion [1/s]; the scale of velocities is `position` * `rate`.
     force
         Scale of the multipliers [N or N m].
     periods
@@ -76,20 +76,28 @@ class MotionScales:
     periods: float = 1.0
 
     def tolerances(self, local: float) -> Array:
-        """Return absolute tolerances of positions [m or rad], (n,), not below rounding errors."""
+        """Return absolute position tolerances [m or rad], (n,), for the relative tolerance `local`.
+
+        They are not smaller than rounding errors.
+        """
         return np.maximum(local * self.position, POSITION_ROUNDING * self.size)
 
     def first_step(self, local: float, state: State) -> float:
-        """Return the first step h [s], for which h^2 a / 2 is within the position tolerances.
+        """Return the first step h [s], limited so that h^2 a / 2 is within the position tolerances.
 
-        It is at most sqrt(2 local) / rate.
+        It is also limited to sqrt(2 local) / rate, where `local` is the relative tolerance.
         """
         fastest = float(np.max(np.abs(state.a) / self.tolerances(local)))
         return float(np.sqrt(2.0 / max(fastest, self.rate**2 / local)))
 
 
 def motion_scales(plan: RunPlan) -> MotionScales:
-    """Compute the scales of a run from measured amplitudes or the start, duration and laws."""
+    """Return the scales of the motion during a run.
+
+    The rate is the largest of 1 / duration, 1 / (time scale of the laws), and the rate that a pilot
+    run measured. Without a pilot run, the rates of the initial velocities and accelerations take
+    the place of the measured rate.
+    """
     equations, state, position = plan.equations, plan.state, plan.scales
     rates = [1.0 / plan.duration]
     if plan.amplitudes is None:
@@ -115,12 +123,13 @@ class ErrorControl:
     Attributes
     ----------
     policy
-        Components in the error test: "positions"; also "rigid velocities" (of rigid bodies and
-        chord frames); also "velocities"; or "all" (with multipliers).
+        Components in the error test: "positions"; "rigid velocities" (positions, and velocities of
+        rigid bodies and chord frames); "velocities" (positions and all velocities); or "all" (also
+        multipliers).
     max_order
         Highest BDF order.
     reason
-        Reason for the choice made by "auto", or "as set".
+        Reason for the choices of "auto", or "as set" if neither setting was "auto".
     is_limited
         True if lightly damped modes limit the order.
     """
@@ -136,8 +145,9 @@ class ErrorControl:
         The error test uses the root mean square over all components, which may be as small as
         1/sqrt(size) times the largest component; the tolerance is therefore divided by sqrt(size).
         The error of a run is proportional to the local tolerance to the power k / (k + 1), where k
-        is the order. For small rtol, the local tolerance is therefore proportional to
-        rtol^((k + 1) / k). Errors accumulate over the periods of the motion.
+        is the order. For small `rtol`, the local tolerance is therefore proportional to
+        rtol^((k + 1) / k). Because errors accumulate over the periods of the motion, the local
+        tolerance also decreases with the number of periods.
         """
         k = self.max_order
         asymptotic = _ASYMPTOTIC_FACTORS[k] * rtol ** ((k + 1) / k)
@@ -153,9 +163,10 @@ class ErrorControl:
     ) -> Array:
         """Return absolute tolerances of (q, v, multipliers), huge for untested components.
 
-        With `iterated`, untested multipliers lam get tolerances for Newton's iteration. If the
-        unknowns are time integrals of multipliers, these tolerances are multiplied by a typical
-        step h, for which (h rate)^(k + 1) equals the tolerance of a single component.
+        If `iterated` is True, untested multipliers lam have tolerances for Newton's iteration. If
+        the unknowns are time integrals of multipliers, these tolerances are multiplied by a typical
+        step h, for which (h rate)^(k + 1) equals the tolerance of a single component; k is the
+        highest order.
         """
         n, m = form.equations.n, form.equations.m
         has_impulses = form.formulation.impulses
@@ -194,7 +205,7 @@ class ErrorControl:
 
 
 def has_stiff_modes(plan: RunPlan) -> bool:
-    """Return True if BDF cannot resolve the fastest modes at the rate of the motion."""
+    """Return True if a natural mode is over 300 times faster than the motion, too fast for BDF."""
     fastest = max((mode.frequency for mode in plan.fastest_modes()), default=0.0)
     return fastest > STIFF_RATIO_BDF * motion_scales(plan).rate
 
@@ -213,18 +224,19 @@ def resolve_error_control(
 
     - Without stiff modes, positions and velocities are tested and the order is at most 5.
     - With stiff modes, the velocities of deformations and of beams in absolute coordinates are not
-      tested: resolving axial vibrations would cost 20 to 1000 times as much. Those of rigid bodies
-      and chord frames are tested if all stiff modes have damping ratios above 0.62, for example
-      by strong material damping; otherwise they vibrate, too.
+      tested: resolving axial vibrations would cost 20 to 1000 times as much. Velocities of rigid
+      bodies and chord frames are tested if all stiff modes have damping ratios above 0.62 (for
+      example, because of strong material damping); otherwise, these velocities vibrate, too.
     - BDF of orders 3 to 5 is unstable near the imaginary axis, where undamped modes lie. With stiff
       modes, the order is therefore limited to 2, unless their damping ratios are above 0.62 and
       second-order steps would resolve the modes with smaller ratios.
     - In the index-3 form, only positions are tested, because the error of velocities grows as the
       step shrinks.
-    - Testing multipliers would make "ggl", "index2" and, once it drifts, "index1" stall. With
+    - Testing multipliers would stall "ggl", "index2" and, once it drifts, "index1". With
       "stabilized-index1", they are tested if no mode is stiff and either all motions are prescribed
-      or friction depends on multipliers. If all motions are prescribed, positions and velocities do
-      not reveal errors of the multipliers: drive torques were wrong by 13 % at rtol 1e-5.
+      or forces such as friction depend on multipliers. If all motions are prescribed, positions and
+      velocities do not reveal errors of the multipliers: drive torques were wrong by 13 % at rtol
+      1e-5.
 
     Parameters
     ----------
@@ -279,7 +291,7 @@ def resolve_error_control(
 
 
 def _max_lightly_damped_frequency(mode: Mode) -> float:
-    """Return the highest frequency at which modes of a body may be lightly damped [rad/s].
+    """Return the highest frequency [rad/s] at which modes of a body may be lightly damped.
 
     The damping ratio due to material damping is proportional to frequency, so that BDF of order 5
     is stable for the modes above this frequency.

@@ -105,7 +105,7 @@ class AdaptiveIntegrator(Integrator):
 
 
 def require_tolerance(settings: Any) -> None:
-    """Check and convert rtol and, if present, max_step, max_steps and time_limit.
+    """Check and convert the fields `rtol` and, if set, `max_step`, `max_steps` and `time_limit`.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def require_tolerance(settings: Any) -> None:
 
 
 def require_limits(settings: Any) -> None:
-    """Check and convert the optional fields time_limit [s] and max_steps of an integrator.
+    """Check and convert the optional fields `time_limit` [s] and `max_steps` of an integrator.
 
     Raises
     ------

@@ -63,11 +63,11 @@ class RunLimits:
         Function called with the time reached [s]. If it returns a string, the run stops; the string
         becomes the reason.
     time_limit
-        Maximum wall time since `begin` [s].
+        Maximum wall time [s] since `begin`.
     max_steps
         Maximum number of accepted steps.
     begin
-        Value of `time.perf_counter` at the start of the run [s].
+        Value of `time.perf_counter()` [s] at the start of the run.
     stall_detector
         Detector of steps that are too short to reach the end.
     """
@@ -79,7 +79,7 @@ class RunLimits:
     stall_detector: StallDetector | None = None
 
     def steps_until_check(self, steps: int, steps_per_check: int) -> int:
-        """Return the number of steps to take before the next check, at least one."""
+        """Return the number of steps, at least one, from step number `steps` to the next check."""
         count = steps_per_check - steps % steps_per_check
         return count if self.max_steps is None else max(min(count, self.max_steps - steps), 1)
 
@@ -103,7 +103,7 @@ class RunLimits:
 def require_feasible_step(part: str, setting: str, step: float, duration: float) -> None:
     """Reject a step [s] that is too short for a run of this duration [s].
 
-    `part` names the integrator, `setting` the step in the error message.
+    In the error message, `part` names the integrator and `setting` names the step.
 
     Raises
     ------

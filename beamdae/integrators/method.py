@@ -43,11 +43,11 @@ class Method(Protocol):
 
     @property
     def counts(self) -> Statistics:
-        """Numbers of calls, factorizations and rejected steps so far."""
+        """Numbers of function calls, factorizations, rejected steps and failures so far."""
 
     @property
     def steps_per_check(self) -> int:
-        """Number of steps between two checks of limits and calls to `progress`."""
+        """Number of steps between two checks of limits, which include calls of `progress`."""
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
         """Begin the smooth interval from `start` to `end` [s] at a consistent state.
@@ -111,7 +111,7 @@ class StepError(ArithmeticError):
 
 
 def clip_step(step: float, remaining: float) -> float:
-    """Return the next step [s]: `remaining` if `step` reaches the end, else at most half of it.
+    """Return the next step [s]: `remaining` if `step` covers it, else at most half of `remaining`.
 
     The limit prevents a last step that is much shorter than the steps before it.
     """
@@ -119,5 +119,5 @@ def clip_step(step: float, remaining: float) -> float:
 
 
 def count_equal_steps(duration: float, step: float) -> int:
-    """Return the least number of equal steps, at most `step` [s] long, in `duration` [s]."""
+    """Return the smallest number of equal steps of at most `step` [s] that fill `duration` [s]."""
     return max(int(np.ceil(duration / step - _STEP_COUNT_ROUNDING)), 1)

@@ -1,4 +1,4 @@
-"""Pilot runs: runs with a loose tolerance that measure the amplitudes of the motion."""
+"""Pilot runs, which measure the amplitudes of the motion with a loose tolerance."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class PilotRun(Protocol):
     """Interface of a run that `run_pilot` executes."""
 
     def execute(self) -> tuple[Trajectory, Status]:
-        """Integrate to the end of the run or to an early stop."""
+        """Integrate to the end or an early stop; return the steps taken and the status."""
 
     def report_interrupt(self) -> tuple[Trajectory, Status]:
         """Return the steps taken before Ctrl-C and the status."""
@@ -59,8 +59,8 @@ def run_pilot(
     Returns
     -------
     tuple
-        Plan with the amplitudes, if a pilot run was long enough to measure them; then the last
-        pilot run, its trajectory and its status.
+        Plan (with amplitudes if a pilot run was long enough to measure them), last pilot run, and
+        the trajectory and status of this run.
     """
     time_limit = None if limits.time_limit is None else _PILOT_TIME_SHARE * limits.time_limit
     start, progress = plan.intervals[0][0], limits.progress

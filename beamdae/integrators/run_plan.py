@@ -54,7 +54,7 @@ class RunPlan:
     matrices: dict[str, FactorizedMatrix] = field(default_factory=dict, compare=False)
 
     def matrix(self, method: str, pattern: sp.csc_array) -> FactorizedMatrix:
-        """Return a new matrix for a method, which first tries the pivots of the last matrix."""
+        """Return a new matrix for a method; the pivots of its last matrix are tried first."""
         matrix = FactorizedMatrix.from_pattern(pattern, pivot_source=self.matrices.get(method))
         self.matrices[method] = matrix
         return matrix

@@ -29,7 +29,7 @@ _RESULT_COPIES = 2.0
 
 
 class OutOfMemoryError(MemoryError):
-    """Raised if no memory is left for more steps; the message states the memory that they take."""
+    """Raised if no memory is left for more steps; the message states the memory used so far."""
 
 
 class StepHistory:
@@ -135,7 +135,7 @@ class StepHistory:
         ]
 
     def drop_nonfinite(self) -> bool:
-        """Drop the first non-finite step and all later ones; return True if all are finite."""
+        """Drop the first non-finite step and all later steps; return True if no step is dropped."""
         if self._is_finite:
             return True
         finite = np.concatenate([np.isfinite(rows).all(axis=1) for rows in self._filled_blocks])

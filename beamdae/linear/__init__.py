@@ -1,6 +1,6 @@
 """Linear systems whose sparsity pattern is fixed: orderings, pivots, factorizations.
 
 May import: errors.
-To extend: add factorizations to `factorizations`, and loops over the entries of factors that
-compiled code calls to `elimination`.
+To extend: add factorizations to `factorizations`. Loops over the entries of factors, which compiled
+code calls, belong in `elimination`.
 """

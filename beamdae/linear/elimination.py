@@ -13,7 +13,7 @@ import numpy as np
 
 Array = np.ndarray
 
-# Largest backward error of an accurate solution.
+# A solution is accurate if its backward error does not exceed this value.
 MAX_BACKWARD_ERROR = 1e-10
 # Pivots that require more steps of iterative refinement are rejected.
 MAX_REFINEMENTS = 2
@@ -102,7 +102,7 @@ def refactorize(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> boo
 
 
 def solve(plan: EliminationPlan, factors: Factors, right: Array) -> None:
-    """Replace a right-hand side by the solution, refined as `refactorize` determined."""
+    """Replace `right` by the solution, with the number of refinements that `refactorize` set."""
     rows, columns, scale = plan.rows, plan.columns, plan.scale
     x, scaled_right = factors.x, factors.right
     for k in range(len(x)):

@@ -198,10 +198,10 @@ def _to_unsigned(numbers: Array) -> Array:
 def compute_fill(starts: list[int], indices: list[int]) -> tuple[list[list[int]], list[list[int]]]:
     """Return the rows above and below the diagonal of each column of the factors, ascending.
 
-    The pattern holds for arbitrary numbers: cancellation is not considered. A column contains the
-    rows that its entries reach through the preceding columns. In each preceding column, only the
-    rows down to the first symmetric entry have to be followed (Eisenstat & Liu, SIAM J. Matrix
-    Anal. Appl. 13 (1992) 202).
+    The result holds for arbitrary values of the entries: cancellation is not considered. A column
+    contains the rows that its entries reach through the preceding columns. In each preceding
+    column, only the rows down to the first symmetric entry have to be followed (Eisenstat & Liu,
+    SIAM J. Matrix Anal. Appl. 13 (1992) 202).
 
     Parameters
     ----------

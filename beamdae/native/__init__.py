@@ -7,8 +7,8 @@ out as a table of numbers and addresses, looks for the machine code of the loop 
 (`object_cache`, `object_code`), and otherwise has numba translate the loop to LLVM IR
 (`numba_compiler`; `structs` defines the numba type of the table, `overloads` the compiled
 `loop_functions`) and LLVM compile that (`llvm`). CasADi functions skip numba: `lane_code` writes
-their instructions as IR with one copy per vector lane, `lane_kernels` makes them callable. If any
-of this fails, the same loop runs as plain Python.
+their instructions as IR with one copy per vector lane, and `lane_kernels` makes them callable. If
+any of this fails, loops run as plain Python and kernels in CasADi's virtual machine.
 
 May import: linear, errors. No mechanics here; numba is imported only while a loop is compiled.
 To extend: add array operations of loops to `loop_functions` and their compiled versions to

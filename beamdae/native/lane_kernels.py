@@ -1,4 +1,4 @@
-"""Kernels as machine code: an SX function of many copies, one copy per vector lane.
+"""Kernels as machine code: SX functions evaluated for many copies, one per vector lane.
 
 The code performs the operations of CasADi's virtual machine in the same order and without
 contraction, so that results agree to the last bit. This is tested whenever a kernel is compiled.
@@ -74,7 +74,7 @@ class LaneKernel:
         return _KERNEL_SIGNATURE(self.address)
 
     def __call__(self, shared: Array, local: Array, out: Array | None = None) -> Array:
-        """Return values (n_out, padded) at shared (n_shared,) and local (n_local, padded).
+        """Return values (n_out, padded) for `shared` (n_shared,) and `local` (n_local, padded).
 
         The values are written into `out` if it is given.
 

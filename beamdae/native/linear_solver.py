@@ -70,6 +70,6 @@ def factorize_linear(linear: LinearSolver, nonzeros: Array) -> int:
 
 
 def solve_linear(linear: LinearSolver, right: Array) -> None:
-    """Replace a right-hand side by the solution with the last factors."""
+    """Replace `right` by the solution computed with the last factors."""
     linear.solves += 1
     solve(linear.plan, linear.factors, right)

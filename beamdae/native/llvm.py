@@ -150,7 +150,7 @@ def library_address(name: str) -> int:
     Raises
     ------
     MachineCodeError
-        If the library has no such function.
+        If the library cannot be loaded or has no such function.
     """
     try:
         return int(ctypes.cast(getattr(_math_library(), name), ctypes.c_void_p).value or 0)

@@ -23,12 +23,12 @@ def combine(out: Array, factors: tuple[complex, ...], vectors: tuple[Array, ...]
 
 
 def fill(out: Array, value: float) -> None:
-    """Set all entries of `out` to a value."""
+    """Set all entries of `out` to `value`."""
     out[:] = value
 
 
 def minimum(out: Array, vector: Array, factor: float, other: Array) -> None:
-    """Set `out` to the entrywise minimum of `vector` and factor times `other`; NaN is kept."""
+    """Set `out` to the entrywise minimum of `vector` and `factor` * `other`; NaN is kept."""
     np.minimum(vector, factor * other, out=out)
 
 
@@ -54,39 +54,39 @@ def locate_largest(vector: Array, weights: Array) -> int:
 
 
 def pick(out: Array, at: Array, vector: Array, of: Array, begin: int, end: int) -> None:
-    """Set out[at] = vector[of], for the entries `begin` to `end` of `at` and `of`."""
+    """Set out[at] = vector[of], for the slice begin:end of `at` and `of`."""
     out[at[begin:end]] = vector[of[begin:end]]
 
 
 def gather(
     out: Array, at: Array, weights: Array, vector: Array, of: Array, begin: int, end: int
 ) -> None:
-    """Set out[at] = weights vector[of] for entries `begin` to `end`; sum repeated indices."""
+    """Set out[at] = weights * vector[of], for the slice begin:end; sum repeated indices."""
     out[at[begin:end]] = 0.0
     add_weighted(out, at, weights, vector, of, begin, end)
 
 
 def add(out: Array, rows: Array, vector: Array, of: Array, begin: int, end: int) -> None:
-    """Add vector[of] to out[rows], for the entries `begin` to `end` of `rows` and `of`."""
+    """Add vector[of] to out[rows], for the slice begin:end of `rows` and `of`."""
     np.add.at(out, rows[begin:end], vector[of[begin:end]])
 
 
 def add_weighted(
     out: Array, rows: Array, weights: Array, vector: Array, of: Array, begin: int, end: int
 ) -> None:
-    """Add weights vector[of] to out[rows], for their entries `begin` to `end`."""
+    """Add weights * vector[of] to out[rows], for the slice begin:end of these three arrays."""
     np.add.at(out, rows[begin:end], weights[begin:end] * vector[of[begin:end]])
 
 
 def scatter(out: Array, rows: Array, weights: Array, vector: Array, of: Array) -> None:
-    """Set `out` to zero, then add weights vector[of] to out[rows]."""
+    """Set `out` to zero, then add weights * vector[of] to out[rows]."""
     out[:] = np.bincount(rows, weights * vector[of], len(out))
 
 
 def call_kernel(
     kernels: Any, k: int, shared: Array, local: Array, start: int, out: Array, lanes: int
 ) -> None:
-    """Evaluate kernel k of a `Sum` for its batch, whose inputs begin at `start` in `local`."""
+    """Evaluate kernel `k` of a `Sum` for its batch, whose inputs begin at `start` in `local`."""
     kernels[k](shared, local, out)
 
 
@@ -96,7 +96,7 @@ def factorize(linear: Any, nonzeros: Array) -> int:
 
 
 def solve(linear: Any, right: Array) -> None:
-    """Replace a right-hand side by the solution with the last factors."""
+    """Replace `right` by the solution computed with the last factors."""
     right[:] = linear.solve(right)
 
 

@@ -86,7 +86,7 @@ class CompiledLoop:
         Addresses of the C functions by name: "loop", whose only argument is the address of `table`,
         and the callbacks.
     table
-        Numbers of the object and addresses of its arrays, as words of 64 bits.
+        Numbers of the object, and addresses and shapes of its arrays, as words of 64 bits.
 
     Raises
     ------

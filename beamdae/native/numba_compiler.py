@@ -2,8 +2,8 @@
 
 Importing this module imports numba. It replaces internal parts of numba (`_library_class`,
 `get_executable` and `nrt` of its target), so that numba emits only IR. pyproject.toml therefore
-limits numba and llvmlite to tested versions; with an untested version, `compile_loops` falls back
-to the standard behavior of numba.
+limits numba and llvmlite to tested versions. If the replacements fail with another version,
+`compile_loops` falls back to the standard behavior of numba.
 """
 
 from __future__ import annotations

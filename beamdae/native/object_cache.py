@@ -104,7 +104,7 @@ def write_object(folder: Path, recipe: str, name: str, content: bytes) -> None:
 
 
 def _remove_abandoned_files(folder: Path, now: float) -> None:
-    """Remove unfinished files of killed processes; `now` [s] is the clock of the file system."""
+    """Remove unfinished files of killed processes; `now` is the current file system time [s]."""
     for other in folder.glob(f"{_UNFINISHED_PREFIX}*"):
         with suppress(OSError):
             if now - other.stat().st_mtime > _MAX_WRITE_SECONDS:
@@ -158,7 +158,7 @@ def _require_private(folder: Path) -> None:
     Raises
     ------
     CacheError
-        If others own, could change or could replace the folder.
+        If another user owns the folder, or others could change or replace it.
     """
     user = os.geteuid()
     if folder.stat().st_uid != user:

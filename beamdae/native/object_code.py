@@ -59,7 +59,7 @@ class ObjectSource:
         return "\n".join([self.text, f"O{self.level}", *llvm.describe_target()])
 
     def load(self, content: bytes) -> LoadedObject:
-        """Load the object of this source into memory."""
+        """Load `content`, the object compiled from this source, into memory."""
         return LoadedObject(content, self.symbols, self.imports)
 
 

@@ -1,6 +1,6 @@
 """Compiled versions of `loop_functions`: loops without temporary arrays.
 
-Importing this module imports numba and registers the versions with it.
+Importing this module imports numba and registers the compiled versions with it.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ def _scatter(out, rows, weights, vector, of):
 
 @intrinsic
 def _call_kernel(typing, address, shared, local, out, padded):
-    """Call the machine code of a kernel, see `lane_kernels.LaneKernel` for its prototype."""
+    """Call the machine code of a kernel; `lane_kernels.LaneKernel` defines its prototype."""
 
     def code(context, builder, signature, arguments):
         number, integer = ir.DoubleType().as_pointer(), ir.IntType(64)

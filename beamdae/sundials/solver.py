@@ -133,10 +133,11 @@ class IdaSolver:
         solver. IDA passes a Jacobian of zeros; its `SUNBandMatrix_Data` is the diagonal.
     user_data
         Address that IDA passes to these functions.
-    atol
-        Absolute tolerances, one per unknown.
-    max_order, max_step, rtol
-        See `Ida`.
+    rtol, atol
+        Relative tolerance, and absolute tolerances, one per unknown; error weights are
+        1 / (rtol |y| + atol).
+    max_order, max_step
+        Highest order, 1 to 5, and longest step [s].
     untested
         Mask of the unknowns that are excluded from the error test; the convergence test of Newton's
         iteration includes all unknowns. Defaults to no exclusion.
@@ -146,7 +147,7 @@ class IdaSolver:
     t, y, yp
         Time and state after the last step; IDA writes the state into these arrays.
     errors
-        Array into which IDA writes local errors and error weights.
+        Array into which IDA writes local errors or error weights, whichever are requested.
     pointers
         Addresses for compiled code that calls IDA directly.
 
@@ -231,7 +232,7 @@ class IdaSolver:
         return self._t.value
 
     def start(self, t: float, y: Array, yp: Array, first_step: float) -> None:
-        """Start at (y, y') at time t [s], with a first step of at most `first_step` [s]."""
+        """Start at (y, y') at time `t` [s], with a first step of at most `first_step` [s]."""
         self._t.value = t
         self.y[:], self.yp[:] = y, yp
         self._call_ida("IDASetInitStep", first_step)
@@ -258,7 +259,7 @@ class IdaSolver:
 
     @property
     def statistics(self) -> IdaStatistics:
-        """Counters of IDA since the last start, see `IdaStatistics`."""
+        """Counters since the last start, and the last and next order and step."""
         values = []
         for name, kind in _GETTERS:
             value = kind()

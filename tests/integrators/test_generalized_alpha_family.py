@@ -635,7 +635,7 @@ def test_steps_approach_the_singularity_of_a_law(rtol):
     law = pushed_particle(lambda t: np.sqrt(0.5 - t))
     solution = bd.simulate(law, replace(ADAPTIVE, rtol=rtol), 1.0, 1e-3)
     assert not solution.status.success
-    for words in ("t = 0.5 s", "not finite", "even with a step of"):
+    for words in ("t = 0.5 s", "not finite", "at a step of"):
         assert words in solution.status.sentence
     assert_allclose(solution.trajectory.end, 0.5, rtol=0.0, atol=1e-8)
     exact = (0.5**1.5 - (0.5 - solution.t) ** 1.5) / 3.0
@@ -650,7 +650,7 @@ def test_unbounded_force_fails_the_run():
     )
     solution = bd.simulate(system, replace(ADAPTIVE, rtol=1e-3), 1.0)
     assert not solution.status.success
-    for words in ("error test failed", "even with a step of", "loosen rtol"):
+    for words in ("error test failed", "at a step of", "loosen rtol"):
         assert words in solution.status.sentence
     # Steps are at least 1e-9 of the run.
     assert_allclose(solution.trajectory.end, 0.5, rtol=0.0, atol=1e-5)

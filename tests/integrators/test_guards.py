@@ -161,7 +161,7 @@ def test_regression_extreme_inputs_end_with_a_reason(integrator, what, monkeypat
         "steps have shrunk to",
         "events acted",
         "the step is too small",
-        "even with a step of",
+        "at a step of",
         "did not converge",
     )
     assert any(words in solution.status.sentence for words in reasons)

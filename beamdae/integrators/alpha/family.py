@@ -72,7 +72,8 @@ def family_parameters(family: str, rho_inf: float) -> AlphaParameters:
     =================  ===============================  =============================  ===========
 
     With rho_inf = 1, "newmark" is the trapezoidal rule, of order 2. "hht" has a second eigenvalue
-    of magnitude alpha_f / (1 - alpha_f) at infinite frequency, which exceeds rho_inf < 1/2.
+    of magnitude alpha_f / (1 - alpha_f) at infinite frequency, which exceeds rho_inf if
+    rho_inf < 1/2.
 
     Chung & Hulbert, J. Appl. Mech. 60 (1993) 371; Hilber, Hughes & Taylor, Earthq. Eng. Struct.
     Dyn. 5 (1977) 283; Newmark, J. Eng. Mech. Div. ASCE 85 (1959) 67.
@@ -102,7 +103,7 @@ class AlphaStart:
     index3
         True for the index-3 form, False for the stabilized index-2 form.
     cured
-        True to correct the starting values so that multipliers are second order; see
+        True to correct the starting values so that multipliers are second-order accurate; see
         `GeneralizedAlpha`.
     """
 
@@ -112,7 +113,7 @@ class AlphaStart:
     cured: bool
 
     def initial_motion(self, time: Array, state: State, h: float) -> Motion:
-        """Return the starting values at time = (t, branch) for steps `h` [s].
+        """Return the starting values at `time` = (t, branch) for steps `h` [s].
 
         To avoid spurious oscillations, the corrections use only the jerk that the constraints
         prescribe, and reduce the accelerations of modes that are too fast for the step.

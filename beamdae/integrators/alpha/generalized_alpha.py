@@ -52,15 +52,16 @@ class GeneralizedAlpha(Integrator):
     formulas in the algorithmic acceleration a; the equations of motion hold at t_{n+1}.
     Arnold & Bruls, Multibody Syst. Dyn. 18 (2007) 185, doi:10.1007/s11044-007-9084-0.
 
-    Departures from the paper: starting values that keep the multipliers second order from the first
-    step (`start`), unknowns and equations scaled so that the condition number of the matrix does
-    not depend on the step, a Newton iteration that reuses its factors, and adaptive steps (`rtol`).
+    Departures from the paper: starting values for which multipliers are second-order accurate from
+    the first step (`start`), unknowns and equations scaled so that the condition number of the
+    matrix does not depend on the step, a Newton iteration that reuses its factors, and adaptive
+    steps (`rtol`).
 
     Parameters
     ----------
     step
-        Step [s], shortened so that steps end at breakpoints and at the end time. With `rtol`, it is
-        the first step after the start and after every breakpoint.
+        Step [s], shortened so that steps end at breakpoints and at the end time. With `rtol`, it
+        limits the first step after the start, every breakpoint and every event that switches parts.
     rho_inf
         Spectral radius at infinite frequency, from 0 (strongest damping) to 1 (none).
     formulation
@@ -68,8 +69,8 @@ class GeneralizedAlpha(Integrator):
         (2015) 149), which enforces the constraints on position and velocity level.
     start
         "cured": starting values a0 = q''(0) + (alpha_m - alpha_f) h P q'''(0) and, in the index-3
-        form, v0 + h^2 (1/6 - (alpha_m - alpha_f)/2 - beta) P q'''(0), which keep the multipliers
-        second order from the first step; P q''' is the jerk that the joints prescribe. For
+        form, v0 + h^2 (1/6 - (alpha_m - alpha_f)/2 - beta) P q'''(0), for which multipliers are
+        second-order accurate from the first step; P q''' is the jerk that the joints prescribe. For
         "newmark", 1/2 - gamma replaces alpha_m - alpha_f. "plain": no corrections.
     newton_tolerance
         Bound on the Newton error of accelerations relative to the largest acceleration, both in
@@ -89,8 +90,8 @@ class GeneralizedAlpha(Integrator):
         follow an estimate of the local error of positions (`family.AlphaParameters.defect`),
         calibrated to keep the position errors of a run below 100 rtol; multipliers are not tested.
         Motion that changes abruptly (orbits, stick-slip) and the deflections of freely vibrating
-        beams may exceed this; `Auto` and `Radau` keep it there (validation/tolerances). Steps are
-        at most a twentieth of the run and a quarter of the time scale of the laws. With rho_inf
+        beams may exceed this bound, which `Auto` and `Radau` keep (validation/tolerances). Steps
+        are at most a twentieth of the run and a quarter of the time scale of the laws. With rho_inf
         near 1, unresolved modes are hardly damped and keep the steps short.
     max_steps
         Maximum number of adaptive steps. Defaults to no limit; the run still stops if its steps
@@ -102,7 +103,7 @@ class GeneralizedAlpha(Integrator):
         If `step`, `newton_tolerance` or `time_limit` is not positive, `rho_inf` is outside [0, 1]
         ([1/2, 1] for "hht"), `rtol` is outside [1e-14, 0.1] or given for "newmark" with
         rho_inf < 1, `max_steps` is given without `rtol` or is not a whole number of at least 1, or
-        another setting is not one of its values.
+        another setting is not one of the listed values.
     """
 
     step: float = 1e-3
@@ -232,11 +233,11 @@ class GeneralizedAlpha(Integrator):
 
 
 def local_tolerance(rtol: float, periods: float = 1.0) -> float:
-    """Return the local error tolerance that keeps the error of a run of N periods near `rtol`.
+    """Return the local error tolerance that keeps the error of a run near `rtol`.
 
     The local error is of order h^3, and the error of a run is of order h^2. The error of a run is
     therefore proportional to `rtol` if the local tolerance is proportional to rtol^(3/2); cf.
-    `ErrorControl.tolerance`. Errors of the period add up over the run, so that rtol / N takes the
-    place of `rtol`.
+    `ErrorControl.tolerance`. Errors of the period add up over the N = `periods` periods of the
+    motion, so that rtol / N takes the place of `rtol`.
     """
     return _TOLERANCE_FACTOR * (rtol / periods) ** 1.5

@@ -132,8 +132,8 @@ def evaluate_normal_jerk(
 ) -> int:
     """Evaluate the jerk P q''' prescribed by holonomic constraints; return the code.
 
-    The result is the first part of `jerk.unknowns`. d(g_ddot)/dt at constant acceleration is
-    approximated by a central difference over +-`interval` [s]. See
+    The result is in the first n entries of `jerk.unknowns`. d(g_ddot)/dt at constant acceleration
+    is approximated by a central difference over +-`interval` [s]. See
     `ConsistencySolver.evaluate_normal_jerk`.
     """
     n = at.q.size
@@ -158,7 +158,7 @@ def evaluate_normal_jerk(
 def _evaluate_constraint_accelerations(
     jerk: JerkBuffers, t: float, branch: float, at: Motion, delta: float, result: Array
 ) -> None:
-    """Evaluate g_ddot at t + `delta` [s] of a motion with constant acceleration."""
+    """Write g_ddot at `t` + `delta` [s] of a motion with constant acceleration to `result`."""
     n, motion, total = at.q.size, jerk.motion, jerk.accelerations
     combine(motion[:n], (1.0, delta, 0.5 * delta * delta), (at.q, at.v, at.ddq))
     combine(motion[n : 2 * n], (1.0, delta), (at.v, at.ddq))

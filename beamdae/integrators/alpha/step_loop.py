@@ -59,7 +59,7 @@ _STRONGEST_SHRINKAGE = 0.2
 # Factor that reduces a step after a failure of Newton's iteration, when the error is unknown.
 _FAILURE_FACTOR = 0.5
 _SAFETY = 0.8
-# Lower bound on the relative error from which the next step is computed.
+# Lower bound on the error, relative to the tolerance, from which the next step is computed.
 _MIN_ERROR = 1e-9
 
 
@@ -84,8 +84,8 @@ def take_fixed_steps(run: AlphaWorkspace) -> int:
 def take_adaptive_steps(run: AdaptiveAlphaWorkspace) -> int:
     """Take steps that pass the error test until the interval ends or the rows are full.
 
-    Return DONE, FULL, the code of a failure at the smallest step, or a request: FIRST_STEP or
-    NEW_PIVOTS.
+    Return DONE, FULL, a request (FIRST_STEP or NEW_PIVOTS), the code of a failure at the smallest
+    step, or STEP_NOT_CHANGED.
     """
     while run.t < run.end:
         if run.filled == run.most:
@@ -167,7 +167,7 @@ def _change_step(run: AdaptiveAlphaWorkspace, h: float) -> int:
 
 
 def _acceleration_change(run: AlphaWorkspace) -> float:
-    """Return the largest change of the algorithmic acceleration relative to the scales [1/s^2]."""
+    """Return the largest change of the scaled algorithmic acceleration in the step [1/s^2]."""
     combine(run.a_predicted, (1.0, -1.0), (run.current.a, run.a_n))
     return max_norm(run.a_predicted, run.weights)
 
@@ -194,7 +194,7 @@ def _reject_step(run: AlphaWorkspace, h: float) -> None:
 
 
 def _step_factor(error: float) -> float:
-    """Return the factor for the next step, given a relative error that grows with h^3."""
+    """Return the factor for the next step; `error` is relative to the tolerance, of order h^3."""
     return _SAFETY * max(error, _MIN_ERROR) ** (-1.0 / 3.0)
 
 

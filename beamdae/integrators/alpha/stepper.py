@@ -46,7 +46,7 @@ _FAILURES = {
     NOT_FINITE: "the residual is not finite",
     SINGULAR: "the matrix is singular or not finite",
     ERROR_TOO_LARGE: "the error test failed",
-    STEP_NOT_CHANGED: "constraints have become dependent",
+    STEP_NOT_CHANGED: "the equations of the jerk are singular",
 }
 
 
@@ -132,7 +132,7 @@ class AlphaStepper:
 
     @property
     def counts(self) -> Statistics:
-        """Numbers of calls, rejected steps, factorizations and Newton failures so far."""
+        """Numbers of function calls, rejected steps, factorizations and Newton failures so far."""
         run = self._run
         solvers = [run.linear, *(linear for linear, _ in self._further_matrices(run))]
         return Statistics(
@@ -145,7 +145,7 @@ class AlphaStepper:
         )
 
     def advance(self, most: int) -> Array:
-        """Take 1 to `most` steps; return their rows (t, q, v, a, lam).
+        """Take 1 to `most` steps, but at most 64; return their rows (t, q, v, a, lam).
 
         Raises
         ------
@@ -190,7 +190,7 @@ class AlphaStepper:
 
 
 class FixedAlphaStepper(AlphaStepper):
-    """Stepper with equal steps in each interval, at most as long as the requested step."""
+    """Stepper with equal steps of at most `step` [s] in each interval."""
 
     _loop: ClassVar[Callable[[Any], int]] = staticmethod(take_fixed_steps)
     resolved_options: ClassVar[dict[str, Any]] = {}
@@ -211,8 +211,8 @@ class FixedAlphaStepper(AlphaStepper):
 class AdaptiveAlphaStepper(AlphaStepper):
     """Stepper with adaptive steps whose estimated errors stay below a tolerance.
 
-    The first step tried in an interval is `first` [s], and no step exceeds `largest` [s]. The run
-    fails if the error or Newton's iteration requires steps below 1e-9 of its duration.
+    The first step tried in an interval is at most `first` [s], and no step exceeds `largest` [s].
+    The run fails if the error or Newton's iteration requires steps below 1e-9 of its duration.
     """
 
     _loop: ClassVar[Callable[[Any], int]] = staticmethod(take_adaptive_steps)
@@ -251,7 +251,7 @@ class AdaptiveAlphaStepper(AlphaStepper):
 
     @property
     def resolved_options(self) -> dict[str, Any]:
-        """Local tolerance, relative to the scales of the coordinates, and limits of rtol."""
+        """Local tolerance, relative to the scales of the coordinates, and a note on `rtol`."""
         return {"local_tolerance": self._run.tolerance, "note": _RTOL_NOTE}
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
@@ -278,6 +278,6 @@ class AdaptiveAlphaStepper(AlphaStepper):
             except BeamdaeError as problem:
                 return str(problem)
         return (
-            f"{_FAILURES[code]} even with a step of {run.next_step:.2g} s; "
+            f"{_FAILURES[code]} at a step of {run.next_step:.2g} s; "
             "check laws, masses, joints and start values, or loosen rtol"
         )

@@ -49,8 +49,8 @@ class EventSide:
     sign
         1 above the threshold, -1 below, 0 if unknown.
     largest
-        Largest magnitude so far, or the natural size of the quantity; rounding errors are relative
-        to it.
+        Largest distance from the threshold so far, but not less than the magnitude of the threshold
+        and the natural size of the quantity; rounding errors are relative to it.
     near
         Distance from the threshold within which the sign is 0 until the quantity first exceeds this
         distance.
@@ -61,7 +61,10 @@ class EventSide:
     near: float = 0.0
 
     def signs(self, differences: Array) -> Array:
-        """Return the sign of each further difference from the threshold, 0 if near it or NaN."""
+        """Return the signs of new differences from the threshold, 0 near the threshold or if NaN.
+
+        Update `largest` and `near`.
+        """
         finite = np.nan_to_num(differences, nan=0.0)
         self.largest = max(self.largest, float(np.max(np.abs(finite), initial=0.0)))
         away = np.abs(finite) > max(_VALUE_ROUNDING * self.largest, self.near)
@@ -157,7 +160,7 @@ class EventDetector:
     def record_switch(
         self, segment: RunSegment, impulses: dict[str, float], energy_lost: float
     ) -> None:
-        """Complete the last record; reset the quantities at their thresholds for a new segment."""
+        """Complete the last record; reset the sides of quantities that are at their thresholds."""
         self.records[-1] = replace(
             self.records[-1], impulses=impulses, energy_lost=energy_lost, done=True
         )
@@ -177,7 +180,7 @@ class EventDetector:
             self._sides[self.last_event.name].sign = 0.0
 
     def _departure_sign(self, term: EventTerm, start: Interval) -> float:
-        """Return the sign of the rate of an event quantity at the start, 0 if negligible."""
+        """Return the sign of the rate of an event quantity at the start, 0 if it is negligible."""
         q, v, a, lam = start.rows
         rates = np.abs(v[0]) / self.equations.position_scales
         ahead = _PROBE_DISTANCE / max(float(np.max(rates, initial=0.0)), _MIN_RATE)
@@ -192,7 +195,7 @@ class EventDetector:
     def find_terminal_event(self, segment: RunSegment, first: int) -> EventTerm | None:
         """Check the rows from `first` on; return the event that ends the segment, or None.
 
-        This event and all earlier ones are recorded, and the segment is truncated at its time.
+        This event and all earlier ones are recorded, and the segment is truncated at the event.
         Without such an event, all events of the checked rows are recorded.
         """
         tail = segment.tail(first, self.equations.m)
@@ -226,7 +229,7 @@ class EventDetector:
     def _record_crossings(
         self, crossings: list[_Crossing], end: float, interval: Interval
     ) -> EventTerm | None:
-        """Record the events, update the signs, and return the event that ends the segment."""
+        """Record events and update signs; return the event that ends the segment, or None."""
         terminal: EventTerm | None = None
         self._at_end.clear()
         for crossing in crossings:
@@ -316,7 +319,10 @@ def _locate_crossings(
 def _locate_crossing(
     t: Array, differences: Array, k: int, sign: float, difference_at: Callable[[float], float]
 ) -> float:
-    """Return the time [s] of the sign change detected at sample `k`, by Brent's method."""
+    """Return the time [s] of the sign change detected at sample `k`.
+
+    Brent's method locates it, unless the quantity jumps or starts at its threshold.
+    """
     if k == 0:
         return float(t[0])
     begin, end = float(t[k - 1]), float(t[k])

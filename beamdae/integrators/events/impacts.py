@@ -20,8 +20,9 @@ def solve_impulses(
 ) -> tuple[Array, Mapping[str, float]]:
     """Return the velocity jump for given changes of constraint rates, and impulses by name.
 
-    Solves M (v+ - v-) = -G^T P, G (v+ - v-) = `rate_changes` for the jump v+ - v-, (n,), and the
-    impulses P [N s or N m s], (m,), of the constraints `names`.
+    With M = `mass` and G = `gradient`, M (v+ - v-) = -G^T P and G (v+ - v-) = `rate_changes` are
+    solved for the jump v+ - v-, (n,), and the impulses P [N s or N m s], (m,), of the constraints
+    `names`.
     """
     n, m = mass.shape[0], len(rate_changes)
     if not m or not np.any(rate_changes):
@@ -34,7 +35,7 @@ def solve_impulses(
 def apply_impact(
     impact: ImpactEquations, time: Array, state: State
 ) -> tuple[Array, Mapping[str, float]]:
-    """Return the velocities after an impact at time = (t, branch), and impulses by constraint.
+    """Return the velocities after an impact at `time` = (t, branch), and impulses by constraint.
 
     Closed gaps that are already opening are excluded, because contacts can only push.
 

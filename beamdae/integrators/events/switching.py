@@ -49,9 +49,9 @@ class SwitchResult:
     ends
         Ends of the remaining smooth intervals [s].
     branch
-        Time inside the first of these intervals [s].
+        Time [s] inside the first of these intervals.
     impulses
-        Impulses of the velocity jump by name of the multiplier [N s or N m s].
+        Impulses [N s or N m s] of the velocity jump, by name of the multiplier.
     energy_lost
         Kinetic energy lost in the velocity jump [J].
     """
@@ -66,7 +66,7 @@ class SwitchResult:
 
 
 def initial_configuration(equations: EquationsOfMotion) -> Configuration | None:
-    """Return the configuration at the start of a run, or None if the equations have no others.
+    """Return the configuration at the start of a run, or None if the active parts never change.
 
     See `EquationsOfMotion.configurations`.
     """
@@ -83,7 +83,7 @@ def apply_event(
     ends: tuple[float, ...],
     state: State,
 ) -> SwitchResult:
-    """Apply the impacts of an event, then its switches, at time = (t, branch).
+    """Apply the impacts of an event, then its switches, at `time` = (t, branch).
 
     `equations` contain all parts, `configuration` those active before the event; `ends` are the
     ends of the remaining intervals [s].

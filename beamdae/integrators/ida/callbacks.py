@@ -161,9 +161,10 @@ class IdaWorkspace:
 
 
 def evaluate_preconditioned(newton: NewtonState, t: float, y: Array, yp: Array, out: Array) -> None:
-    """Evaluate the residual into `out`, premultiplied by the inverse of the last Jacobian.
+    """Write the residual, premultiplied by the inverse of the last Jacobian, to `out`.
 
-    It is not premultiplied if there are no factors. `correction_fraction` is applied in both cases.
+    Without factors, the residual is not premultiplied. `correction_fraction` is applied in both
+    cases.
     """
     evaluate_residual(newton.form, t, newton.branch, y, yp, newton.raw_residual)
     scale_residual(newton.kinematic, y, yp, newton.raw_residual)
@@ -178,8 +179,8 @@ def factorize_jacobian(
 ) -> int:
     """Factorize dR/dy + c dR/dy' and return the code for IDA.
 
-    IDA has just evaluated the residual at the same point into `out`; the raw residual is
-    premultiplied again with the new factors.
+    `out` contains the residual that IDA has just evaluated at the same point. It is replaced by the
+    raw residual premultiplied with the new factors.
     """
     evaluate_jacobian(newton.form, t, newton.branch, c, y, yp, newton.nonzeros)
     scale_jacobian(newton.kinematic, c, newton.nonzeros)
@@ -223,7 +224,7 @@ def jacobian_callback(
     work_2: int,
     work_3: int,
 ) -> int:
-    """Factorize the Jacobian for IDA, and write the identity into `matrix`."""
+    """Factorize the Jacobian for IDA; on success, write the identity into `matrix`."""
     out = _vector_array(run, run.residual_vector)
     code = factorize_jacobian(run.newton, t, c, _vector_array(run, y), _vector_array(run, yp), out)
     if code == DONE:
@@ -256,7 +257,7 @@ def take_ida_steps(run: IdaWorkspace) -> int:
 
 
 def next_stop_time(before: float, t: float, end: float) -> float:
-    """Return the time [s] at which the next step, after a step from `before` to `t`, must stop.
+    """Return the latest end [s] of the next step, after a step from `before` to `t` [s].
 
     If another step of the same length would leave a shorter last step, the remaining time is split
     into two equal steps: in the index-2 and index-3 forms, errors of multipliers are errors of

@@ -68,10 +68,10 @@ class CompiledIda:
         form, matrix
             Equations, and the matrix to factorize.
         options
-            Keywords of `IdaSolver`.
+            Keyword arguments of `IdaSolver`.
         iteration
-            Keywords of `NewtonState`: the scaling of kinematic rows and the fraction of
-            corrections.
+            Keyword arguments of `NewtonState`: the scaling of the kinematic rows and the applied
+            fraction of each Newton correction.
 
         Raises
         ------
@@ -127,7 +127,7 @@ class CompiledIda:
     def start(
         self, span: tuple[float, float], branch: float, y: Array, yp: Array, first_step: float
     ) -> None:
-        """Restart IDA for the time span (start, end) [s] with the first step [s]."""
+        """Restart IDA for `span` = (start, end) [s]; the first step is at most `first_step` [s]."""
         self._earlier_failures = self._count_failures()
         self._newton.branch, self._newton.has_factors = branch, 0
         self._run.t[0], self._run.end = span
@@ -151,7 +151,7 @@ class CompiledIda:
 
     @property
     def last_point(self) -> tuple[Array, Array, Array]:
-        """(y, y') last returned by IDA, and the last residual before premultiplication."""
+        """Last y and y' returned by IDA, and the last residual before premultiplication."""
         return self._run.y, self._run.yp, self._newton.raw_residual
 
     def _count_failures(self) -> Counter[str]:
@@ -161,7 +161,7 @@ class CompiledIda:
 
     @property
     def counts(self) -> Statistics:
-        """Numbers of calls, rejected steps, factorizations and Newton failures so far."""
+        """Numbers of function calls, rejected steps, factorizations and Newton failures so far."""
         newton, failures = self._newton, self._count_failures()
         return Statistics(
             rejected_steps=failures["error_test_failures"] + failures["failed_solves"],
@@ -192,7 +192,7 @@ def _pivot_renewal(
     matrix: FactorizedMatrix,
     problems: list[BaseException],
 ) -> Generator[int, None, None]:
-    """Set new pivots on each request; yield 1, or 0 after an exception, which is stored.
+    """Set new pivots on each request; yield 1, or 0 after storing an exception in `problems`.
 
     The request comes from the Jacobian callback inside the compiled loop, where no exception may be
     raised. A generator is used because it waits inside its `try` block: Python raises a pending

@@ -24,12 +24,12 @@ Array = np.ndarray
 class Ida(AdaptiveIntegrator):
     """Variable-order, variable-step BDF (IDA) on a first-order form of the equations of motion.
 
-    R(t, y, y') = 0 with y = (q, v, multipliers) and sum_i alpha_{n,i} y_{n-i} + h_n y'_n = 0, i = 0
-    to k: fixed-leading-coefficient BDF of order k = 1 to 5. Newton's iteration starts from the
-    extrapolated polynomial through the last k + 1 values; its difference from the solution gives
-    the error estimate. IDA selects step and order. Brenan, Campbell & Petzold, Numerical
-    Solution of Initial-Value Problems in Differential-Algebraic Equations, SIAM 1996; Hindmarsh et
-    al., ACM Trans. Math. Softw. 31 (2005) 363, doi:10.1145/1089014.1089020.
+    R(t, y, y') = 0 with y = (q, v, multipliers) and h_n y'_n = sum_i alpha_{n,i} y_{n-i}, i = 0 to
+    k: fixed-leading-coefficient BDF of order k = 1 to 5. Newton's iteration starts from the
+    extrapolated polynomial through the last k + 1 values; the difference between this prediction
+    and the solution gives the error estimate. IDA selects step and order. Brenan, Campbell &
+    Petzold, Numerical Solution of Initial-Value Problems in Differential-Algebraic Equations, SIAM
+    1996; Hindmarsh et al., ACM Trans. Math. Softw. 31 (2005) 363, doi:10.1145/1089014.1089020.
 
     Departures from IDA's defaults: beamdae computes the consistent start, including accelerations,
     and names dependent constraints; the order is limited to 2 where BDF of orders 3 to 5 is
@@ -57,7 +57,7 @@ class Ida(AdaptiveIntegrator):
         errors were 20 to 170 rtol in positions and 160 to 1400 rtol in velocities.
     error_control
         Components in the error test: "positions"; "rigid velocities" (positions, and velocities of
-        rigid bodies and chord frames); "velocities" (with positions); or "all" (with
+        rigid bodies and chord frames); "velocities" (positions and all velocities); or "all" (also
         multipliers). "auto" chooses by formulation and by the stiffness of the mechanism.
     max_order
         Highest order, 1 to 5. "auto" is 2 if fast modes are undamped or lightly damped, otherwise
@@ -77,7 +77,7 @@ class Ida(AdaptiveIntegrator):
     ------
     BeamdaeError
         If `rtol` is outside [1e-14, 0.1], `max_step` or `time_limit` is not positive, `max_steps`
-        is not a whole number of at least 1, or another setting is not one of its values.
+        is not a whole number of at least 1, or another setting is not one of the listed values.
     """
 
     rtol: float = 1e-5

@@ -130,7 +130,7 @@ class SksundaeCallbacks:
 
     @property
     def counts(self) -> Statistics:
-        """Numbers of calls, factorizations and failures so far."""
+        """Numbers of function calls, rejected steps, factorizations and failures so far."""
         newton = self.newton
         return Statistics(
             rejected_steps=max(self._attempts - self.accepted_steps, 0),
@@ -176,7 +176,7 @@ class SksundaeIda:
     def start(
         self, span: tuple[float, float], branch: float, y: Array, yp: Array, first_step: float
     ) -> None:
-        """Restart IDA for the time span (start, end) [s] with the first step [s]."""
+        """Restart IDA for `span` = (start, end) [s]; the first step is at most `first_step` [s]."""
         self._callbacks.restart(branch)
         self._t, self._end = span
         self._stop = self._end
@@ -204,12 +204,12 @@ class SksundaeIda:
 
     @property
     def last_point(self) -> tuple[Array, Array, Array]:
-        """(y, y') last returned by IDA, and the last residual before premultiplication."""
+        """Last y and y' returned by IDA, and the last residual before premultiplication."""
         return self._y, self._yp, self._callbacks.newton.raw_residual
 
     @property
     def counts(self) -> Statistics:
-        """Numbers of calls, factorizations and failures so far."""
+        """Numbers of function calls, rejected steps, factorizations and failures so far."""
         return self._callbacks.counts
 
 

@@ -124,7 +124,7 @@ class IdaStepper:
 
     @property
     def counts(self) -> Statistics:
-        """Numbers of calls, rejected steps, factorizations and Newton failures so far."""
+        """Numbers of function calls, rejected steps, factorizations and Newton failures so far."""
         return self._ida.counts
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
@@ -140,7 +140,7 @@ class IdaStepper:
         self._ida.start((self._t, self._end), self._branch, *self._form.pack(state), first_step)
 
     def advance(self, most: int) -> Array:
-        """Take 1 to `most` steps; return their rows (t, q, v, a, lam).
+        """Take 1 to `most` steps, but at most 64; return their rows (t, q, v, a, lam).
 
         Raises
         ------
@@ -170,8 +170,8 @@ class IdaStepper:
             unknown = next(iter(self._ida.step_report.get("limited_by", {})), "")
             cause = f" (the step is limited most often by {unknown})" if unknown else ""
             return (
-                "the error test failed even after repeated step reductions; loosen rtol or "
-                f"test only positions{cause}"
+                f"the error test failed even after repeated step reductions{cause}; loosen rtol or "
+                "test only positions"
             )
         if code == _NEWTON_FAILED:
             return (
@@ -194,7 +194,7 @@ def _make_solver(
     options: dict[str, Any],
     iteration: dict[str, Any],
 ) -> Any:
-    """Return IDA in machine code, or through scikit-sundae if machine code is not available."""
+    """Return IDA with compiled callbacks, or through scikit-sundae if they cannot be used."""
     if form.is_native:
         with contextlib.suppress(MachineCodeError, UnavailableError):
             return CompiledIda(form, plan.matrix("Ida", form.pattern), options, iteration)

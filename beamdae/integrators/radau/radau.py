@@ -44,8 +44,8 @@ class Radau(AdaptiveIntegrator):
         mechanism.
     error_control
         Components in the error test: "positions"; "rigid velocities" (positions, and velocities of
-        rigid bodies and chord frames); or "velocities" (with positions). "auto" chooses by the
-        stiffness of the mechanism. Multipliers are not tested.
+        rigid bodies and chord frames); or "velocities" (positions and all velocities). "auto"
+        chooses by the stiffness of the mechanism. Multipliers are not tested.
     max_step
         Longest step [s]. Defaults to a twentieth of the run, or to a quarter of the time scale of
         the laws if this is shorter.
@@ -61,7 +61,7 @@ class Radau(AdaptiveIntegrator):
     ------
     BeamdaeError
         If `rtol` is outside [1e-14, 0.1], `max_step` or `time_limit` is not positive, `max_steps`
-        is not a whole number of at least 1, or another setting is not one of its values.
+        is not a whole number of at least 1, or another setting is not one of the listed values.
     """
 
     rtol: float = 1e-5

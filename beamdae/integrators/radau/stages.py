@@ -164,9 +164,9 @@ def _iterate_newton(run: RadauWorkspace, h: float) -> int:
 
 
 def estimate_error(run: RadauWorkspace, h: float) -> None:
-    """Estimate the error into `run.error` by a third-order method, filtered to damp stiff parts.
+    """Write the error estimate, filtered to damp stiff components, to `run.error`.
 
-    With y^ = y_n + h (y'_n / gamma + sum_i b^_i Y'_i) and e = y^ - y_{n+1}, the filter
+    With y^ = y_n + h (y'_n / gamma + sum_i b^_i Y'_i), of order 3, and e = y^ - y_{n+1}, the filter
     (R_y + (gamma/h) R_y') x = (gamma/h) R_y' e passes slow components and damps fast ones. For
     R = M y' - f(y), this is the estimate of RADAU5. Constraints do not contain y', so their rows of
     R_y' e are zero. In these rows, the right-hand side is R_y e: the error of the prescribed

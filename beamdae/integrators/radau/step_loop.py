@@ -23,7 +23,7 @@ _SAFETY = 0.9
 # Bounds on the ratio of successive steps.
 _MIN_FACTOR = 0.2
 _MAX_FACTOR = 4.0
-# Lower bound on the relative error from which the next step is computed.
+# Lower bound on the error, relative to the tolerance, from which the next step is computed.
 _MIN_ERROR = 1e-2
 # The step, and with it the factors, is kept if it would grow by less than this factor and Newton's
 # iteration converges faster than _KEEP_RATE.
@@ -83,7 +83,7 @@ def _can_reuse_factors(run: RadauWorkspace, h: float) -> bool:
 
 
 def _step_factor(run: RadauWorkspace, error: float) -> float:
-    """Return the step ratio that the error allows, reduced after a slow iteration."""
+    """Return the step ratio that the error allows, reduced after many Newton iterations."""
     most = 2 * MAX_ITERATIONS
     return _SAFETY * (most + 1) / (most + run.iterations) / error**_ERROR_EXPONENT
 

@@ -54,13 +54,13 @@ _TOLERANCE_EXPONENT = 0.9
 # The local tolerance falls with the number of periods to this power; see `error_control`.
 _PERIOD_EXPONENT = 0.5
 _PERIOD_EXPONENT_VELOCITIES = 1.0  # if all velocities are tested
-# Largest Newton error relative to the local tolerance, ...
+# Largest permitted Newton error, relative to the local tolerance, ...
 _MAX_ITERATION_FRACTION = 0.03
 # ... also limited to this factor times the square root of the local tolerance, because the true
 # error (order 6) decreases faster than its estimate (order 4).
 _ITERATION_FRACTION_OF_ROOT = 3.0
-# Newton error relative to the local tolerance that is accepted if the iteration stagnates: rounding
-# errors of the velocities of stiff beams are 10 to 30 times the bound at rtol 1e-8.
+# Largest permitted Newton error, relative to the local tolerance, if the iteration stagnates:
+# rounding errors of the velocities of stiff beams are 10 to 30 times the usual limit at rtol 1e-8.
 _MAX_STAGNATION_FRACTION = 0.1
 
 
@@ -107,7 +107,7 @@ class StepTolerance:
 
     @property
     def iteration_fraction(self) -> float:
-        """Largest Newton error relative to the local tolerance."""
+        """Largest permitted Newton error, relative to the local tolerance."""
         root = float(np.sqrt(self.local))
         return min(_MAX_ITERATION_FRACTION, _ITERATION_FRACTION_OF_ROOT * root)
 
@@ -124,7 +124,7 @@ class StepTolerance:
 
     @property
     def rounding_weights(self) -> Array:
-        """Reciprocal rounding errors of q."""
+        """Reciprocal rounding errors of q, (n,)."""
         return 1.0 / (POSITION_ROUNDING * self.scales.size)
 
 
@@ -187,7 +187,7 @@ class RadauStepper:
 
     @property
     def counts(self) -> Statistics:
-        """Numbers of calls, rejected steps, factorizations and Newton failures so far.
+        """Numbers of function calls, rejected steps, factorizations and Newton failures so far.
 
         Residuals are counted per stage, and real and complex factorizations are counted separately.
         """

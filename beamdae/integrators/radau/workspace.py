@@ -17,13 +17,13 @@ TOO_SMALL = -5
 
 @dataclass(slots=True)
 class StepSizeState:
-    """State of the step size control, which uses the last two errors and Newton failures.
+    """State of the step size control, which uses the errors of the last two steps.
 
     h_{n+1} = 0.9 h_n e_n^(-1/4) min(1, (h_n / h_{n-1}) (e_{n-1} / e_n)^(1/4)), within bounds and
-    less after slow Newton iterations; Gustafsson, ACM Trans. Math. Softw. 20 (1994) 496. Slender
+    reduced after many Newton iterations; Gustafsson, ACM Trans. Math. Softw. 20 (1994) 496. Slender
     beams are easy to bend and hard to stretch: Newton's iteration may fail for steps that rotate an
-    element too far, long before the error test fails. Such a step is halved and becomes a limit,
-    which then grows again by small factors.
+    element too far, long before the error test fails. Half of such a step is the limit of the
+    following steps (`newton_limit`), which then grows again by small factors.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class StepSizeState:
     next_step
         Next step to try [s].
     newton_limit
-        Longest step for which Newton's iteration is expected to converge [s].
+        Longest step [s] for which Newton's iteration is expected to converge.
     last_step, last_error
         Last accepted step [s], 0 at the start of an interval, and its error relative to the
         tolerance.
@@ -62,7 +62,7 @@ class RadauWorkspace:
     step_size
         State of the step size control.
     y, yp
-        State at the start of the step.
+        State y and its derivative y' at the start of the step.
     last_w, w
         W of the last step and of the current step; see `coefficients`.
     stages, rates, stage_residuals
@@ -85,23 +85,23 @@ class RadauWorkspace:
     iteration_weights
         Weights of (q, v) for Newton's iteration in the current step.
     velocity_weights, velocity_rounding_weights
-        Weights of v in long steps; in short steps, weights of the step times v from the rounding
-        error of q.
+        Weights of v in long steps; weights of (step * v) in short steps, from the rounding errors
+        of q.
     stagnation_limit
-        Largest weighted correction that is accepted if the iteration stagnates.
+        Largest permitted weighted correction if the iteration stagnates.
     rows, filled, most
         Rows (t, q, v, a, lam) of the stages, number of filled rows, and number of requested steps.
     t, branch, end
         Current time, a time inside the interval, and the end of the interval [s].
     factors_step
-        Step for which the factors were computed [s], 0 without factors.
+        Step [s] for which the factors were computed, 0 without factors.
     iterations, rate
         Number of Newton iterations in the last step, and their last rate of convergence.
     residuals, jacobians, failures, rejections
         Numbers of residual evaluations (three per iteration), of Jacobian evaluations, of failed
         Newton iterations and of rejected steps.
     failure_code
-        Return code of the last rejected step.
+        Code of the last rejected attempt at the current step, or TOO_SMALL if there is none.
     """
 
     form: FirstOrderBuffers
