@@ -55,8 +55,8 @@ def certify_equilibrium(
 ) -> AnalysisCertificate:
     """Compute an equilibrium on meshes that are refined until its mesh error is small enough.
 
-    Elements are halved, in at least three meshes and down to at most 32 elements per beam. Beams
-    are geometrically exact, except beams with custom kinematics or a mesh that must not change.
+    Elements are halved, in at least three meshes and up to 32 elements per beam. Beams are
+    geometrically exact, except beams with custom kinematics or a mesh that must not change.
 
     Parameters
     ----------
@@ -106,8 +106,8 @@ def certify_modes(
 ) -> AnalysisCertificate:
     """Compute natural modes on meshes that are refined until their frequencies are accurate.
 
-    Elements are halved, in at least three meshes and down to at most 32 elements per beam. Beams
-    are geometrically exact, except beams with custom kinematics or a mesh that must not change.
+    Elements are halved, in at least three meshes and up to 32 elements per beam. Beams are
+    geometrically exact, except beams with custom kinematics or a mesh that must not change.
     Modes of different meshes are matched by their order.
 
     Parameters
@@ -162,8 +162,9 @@ def certify_periodic(
 ) -> AnalysisCertificate:
     """Find a periodic motion on meshes that are refined until its amplitudes are accurate.
 
-    Beams are geometrically exact. Elements are halved, in at least three meshes. Time errors are
-    not estimated: at the default rtol of `periodic`, 1e-8, they are much smaller.
+    Elements are halved, in at least three meshes and up to 32 elements per beam. Beams are
+    geometrically exact, except beams with custom kinematics or a mesh that must not change. Time
+    errors are not estimated: at the default rtol of `periodic`, 1e-8, they are much smaller.
 
     Parameters
     ----------
@@ -172,7 +173,8 @@ def certify_periodic(
     period
         Period of the motion [s].
     accuracy
-        Largest relative error of an amplitude, half the range of a column [-].
+        Largest permitted relative error of an amplitude [-]. The amplitude is half the range of a
+        column.
     columns
         Observed columns, or names of observables, that must be within the accuracy. Defaults to all
         positions, angles and deflections [m, rad] or, if there are none, to all columns.
@@ -217,7 +219,7 @@ def _certify(
 ) -> AnalysisCertificate:
     """Evaluate an analysis on successively finer meshes; `name` begins the messages.
 
-    Beams whose coordinates `start` names keep their meshes.
+    Beams with coordinates named in `start` keep their meshes.
     """
     accuracy = require_positive(name, "accuracy", accuracy)
     if isinstance(model, Model):

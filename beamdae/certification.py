@@ -241,7 +241,6 @@ class _Task:
         return as_equations("certify", with_meshes(self.model, meshes, formulations), self.start)
 
     def element_counts(self, halvings: int) -> dict[str, int]:
-        """Return the number of elements of each beam."""
         return {name: base.refined(halvings).elements for name, base in self.base_meshes.items()}
 
     def run(self, halvings: int, rtol: float, exact: bool) -> _Run:
@@ -307,7 +306,7 @@ class _Run:
 
     @cached_property
     def is_at_rest(self) -> Array:
-        """True for columns whose half range is negligible, such as rounding errors."""
+        """True for columns whose half range is at the level of rounding errors."""
         kinds = [Header.of(name).kind for name in self.solution.columns]
         of_kind = {
             kind: max(x for k, x in zip(kinds, self.half_range, strict=True) if k == kind)
@@ -333,7 +332,7 @@ class _Difference:
     rows
         Absolute differences (k, columns); 0 for columns at rest.
     event_shift
-        Largest difference of the times of events [s]; 0 if events were not matched.
+        Largest difference between the times of matched events [s]; 0 if events were not matched.
     """
 
     t: Array
@@ -372,7 +371,7 @@ def _scale(differences: Array, fine: _Run) -> Array:
 
 
 def _match_events(coarse: _Run, fine: _Run, times: Array) -> tuple[Array, float] | None:
-    """Return the rows of the coarse run at times with matching events, and the largest shift [s].
+    """Return the coarse rows at times mapped by matching events, and the largest time shift [s].
 
     Returns None if the runs do not have the same sequence of events.
     """
@@ -504,7 +503,7 @@ class _Certification:
         return self._refine_further()
 
     def _first_run(self, rtol: float) -> _Run:
-        """Return the first run with exact beams; if it fails, repeat it once, refined."""
+        """Return the first run with exact beams, repeated once with finer settings if it fails."""
         halvings = 0
         try:
             return self._run(halvings, rtol, exact=True)
@@ -514,7 +513,7 @@ class _Certification:
         return self._run(halvings + self._has_mesh, rtol / _RTOL_STEP, exact=True)
 
     def _choose_formulation(self, first: _Run) -> None:
-        """Keep the formulations of the model if they are accurate and much faster than exact."""
+        """Keep the model's formulations if they are accurate and much faster than exact beams."""
         if not any(base.can_be_exact and not base.is_exact for base in self._beams):
             return
         try:
@@ -565,7 +564,7 @@ class _Certification:
         return Status("ok", f"all required columns are within {accuracy:g} of half their range")
 
     def _update(self, difference: _Difference, last: _Run, run: _Run) -> None:
-        """Set the errors of `run` from its difference to `last`.
+        """Set the errors of `run` from its difference from `last`.
 
         If mesh and tolerance both change, the difference is divided between mesh and time in the
         ratio of the errors of `last`.

@@ -249,7 +249,7 @@ def as_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
 
 
 def _read_checkpoint(start: Any) -> Checkpoint | None:
-    """Return the checkpoint if `start` is or contains one, or is the path of a file; else None."""
+    """Return the checkpoint of a result, a checkpoint or a file path; None for other starts."""
     if isinstance(start, Solution):
         return Checkpoint.of(start)
     if isinstance(start, Equilibrium):

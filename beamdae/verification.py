@@ -92,7 +92,7 @@ class _SecondRun:
     same_method: bool = True
 
     def difference_factor(self, steps: int, other_steps: int) -> float | None:
-        """Return error of the first run / difference, or None if the step counts hardly differ."""
+        """Return estimated error / difference of the runs, or None if the step counts are close."""
         ratio = other_steps / max(steps, 1)
         if self.same_method and _MAX_STEP_COUNT_RATIO < ratio < 1.0 / _MAX_STEP_COUNT_RATIO:
             return None

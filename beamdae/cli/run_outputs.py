@@ -211,7 +211,6 @@ def estimate_errors(run: Run, solution: Solution, verify: bool, table: Path) -> 
 
 
 def _certificate_results(run: Run, solution: Solution) -> dict[str, Any]:
-    """Return settings and error budget of a certificate for JSON."""
     if run.certificate is None:
         return {}
     return {

@@ -35,8 +35,8 @@ class AnalysisCertificate:
         Values on the finest mesh (columns,): at the end of the path, frequencies [Hz], or
         amplitudes.
     scales
-        Values to which errors are relative: half the range along the path, the frequency, or the
-        amplitude.
+        Values to which errors are relative (columns,): half the range along the path (for a path of
+        one row, the magnitude of the value), the frequency, or the amplitude.
     mesh
         Relative mesh errors (columns,) [-].
     theory_as_written
@@ -86,7 +86,7 @@ class AnalysisCertificate:
 
     @property
     def name(self) -> str:
-        """Class name of the result, "Equilibrium" or "Modes"."""
+        """Class name of the result: "Equilibrium", "Modes" or "PeriodicMotion"."""
         return type(self.result).__name__
 
     @property

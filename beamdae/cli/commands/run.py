@@ -174,7 +174,6 @@ def run_command(
 
 
 def _previous_parts(table: Path, checkpoint: Path | None) -> RunParts:
-    """Return the earlier parts of a run that is resumed from `checkpoint`."""
     from beamdae.results.storage.checkpoint import Checkpoint
     from beamdae.results.storage.continued_runs import RunParts
 

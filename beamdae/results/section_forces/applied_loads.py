@@ -132,8 +132,6 @@ def _list_statements(mechanism: Mechanism, gravity: Array | None) -> list[_PartS
 
 
 class _LoadCollector:
-    """Accumulates the loads on one beam."""
-
     def __init__(self, beam: Beam, mechanism: Mechanism, times: Array, state: State) -> None:
         self._beam, self._times, self._state = beam, times, state
         self._coordinates = map_coordinates(mechanism)
