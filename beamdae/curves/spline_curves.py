@@ -212,8 +212,8 @@ class Curve(_SplineCurve):
         length joins them.
     noise
         Standard deviation of x and of y of measured points [m]. If given, the curve is a smoothing
-        spline whose deviations from the points, in x and y together, have the RMS `noise`, or less
-        if a single cubic is closer (Dierckx 1993). Without `noise`, the curvature of a curve
+        spline (Dierckx 1993). The RMS of the deviations of all coordinates from the points is
+        `noise`, or less if a single cubic is closer. Without `noise`, the curvature of a curve
         through measured points is often mostly noise.
 
     Raises
@@ -265,9 +265,9 @@ class Curve(_SplineCurve):
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Distances of the points from the curve [m] and its largest curvature [1/m], by name.
+        """RMS and largest distance of the points from the curve, and the largest curvature.
 
-        Empty for a curve y = f(x).
+        The values are in m and 1/m; there are none for a curve y = f(x).
         """
         return {} if self.points is None else measure_fit(self, np.array(self.points, float))
 
@@ -367,8 +367,8 @@ def _interpolating_spline(parameter: Array, points: Array, degree: int) -> Any:
 def fit_smoothing_spline(parameter: Array, points: Array, noise: float) -> Any:
     """Return the smoothing spline whose deviations from the points have the RMS `noise` [m].
 
-    The RMS is taken over both coordinates of all points. It is less if a single cubic is closer to
-    the points, and larger if the fit does not converge for a very small `noise`.
+    The RMS is taken over both coordinates of all points. It is smaller than `noise` if a single
+    cubic is closer to the points, and larger if the fit does not converge for a very small `noise`.
 
     Parameters
     ----------
@@ -400,7 +400,7 @@ def fit_smoothing_spline(parameter: Array, points: Array, noise: float) -> Any:
 
 
 def measure_fit(curve: PlaneCurve, points: Array) -> Mapping[str, float]:
-    """Return RMS and largest distance of points from a curve, and its largest curvature."""
+    """Return RMS and largest distance of points from a curve, and the largest curvature."""
     s = np.linspace(0.0, curve.length, _DISTANCE_SAMPLES)
     on_curve, tangent = curve.point(s), curve.tangent_angle(s)
     distances = np.array([_distance_to_curve(p, on_curve, tangent) for p in points])
@@ -412,7 +412,7 @@ def measure_fit(curve: PlaneCurve, points: Array) -> Mapping[str, float]:
 
 
 def _distance_to_curve(p: Array, on_curve: Array, tangent: Array) -> float:
-    """Return the distance to the tangent at the nearest sample, or to the end point there."""
+    """Return the distance to the nearest sample if it is an end, else to the tangent there."""
     nearest = int(np.argmin(np.sum((on_curve - p) ** 2, axis=1)))
     dx, dy = p - on_curve[nearest]
     if nearest in (0, len(on_curve) - 1):

@@ -15,7 +15,7 @@ from beamdae.symbolic.statements import Quantity
 
 
 def activate(*parts: Part, as_is: bool = False) -> Switch:
-    """Return an action that activates joints and forces, for `do` of an event.
+    """Return an action that activates joints and forces, for the argument `do` of an event.
 
     A joint must be closed when it becomes active. With `as_is`, the joint instead keeps the gap it
     has at the event: a driver continues from the angle or travel it has reached, a link keeps its
@@ -54,7 +54,7 @@ def activate(*parts: Part, as_is: bool = False) -> Switch:
 
 
 def deactivate(*parts: Part) -> Switch:
-    """Return an action that deactivates joints and forces, for `do` of an event.
+    """Return an action that deactivates joints and forces, for the argument `do` of an event.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def deactivate(*parts: Part) -> Switch:
 
 
 def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
-    """Return an action that changes the law of a driver, for `do` of an event.
+    """Return an action that changes the law of a driver, for the argument `do` of an event.
 
     Parameters
     ----------
@@ -84,8 +84,8 @@ def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
     law
         Angle [rad] or travel [m] as a function of the time t since the event [s]: a number, a
         function or a `Law`. The driver moves by law(t) - law(0) from the angle or travel at the
-        event; a constant law stops the driver. If the initial rate of the law differs from the rate
-        of the motion, velocities jump, and `Solution.events` lists the impulses.
+        event; a constant law holds this angle or travel. If the initial rate of the law differs
+        from the rate of the motion, velocities jump, and `Solution.events` lists the impulses.
 
     Returns
     -------
@@ -119,13 +119,13 @@ def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
 
 
 def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
-    """Return an action that makes velocities jump as in an impact, for `do` of an event.
+    """Return an action that applies an impact, for the argument `do` of an event.
 
-    By Newton's law of restitution, the rate of the gap after the impact is -`restitution` times the
-    rate before it. The velocities v- before and v+ after the impact and the impulses P satisfy
-    M (v+ - v-) = -G^T P with the mass matrix M and the Jacobian G of the gap and the active joints,
-    which stay closed. There is no friction. The lost energy is part of the dissipated energy, and
-    `Solution.events` lists the impulses.
+    By Newton's law of restitution, the rate of the gap after the impact is minus `restitution`
+    times the rate before it. The velocities v- before and v+ after the impact and the impulses P
+    satisfy M (v+ - v-) = -G^T P, where M is the mass matrix and G the Jacobian of the gap and of
+    the active joints. These joints stay closed. There is no friction. The lost energy is part of
+    the dissipated energy, and `Solution.events` lists the impulses.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class GravityLaws:
-    """Components of gravity over time.
+    """Time laws of the components of gravity.
 
     The weight is a load, because time-dependent gravity has no potential.
 

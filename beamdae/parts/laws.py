@@ -71,7 +71,8 @@ class Law:
     Attributes
     ----------
     pieces
-        Smooth functions of t, each valid between neighboring breakpoints.
+        Smooth functions of t, one more than breakpoints: before the first, between neighboring ones
+        and after the last.
     breakpoints
         Ascending times [s] between the pieces; integrators stop and restart there.
     time_scale
@@ -289,7 +290,7 @@ def _steady_angle(t: Any, numbers: Any) -> Any:
 def run_up(speed: float, duration: float) -> Law:
     """Return the angle [rad] of a smooth run-up to a constant angular speed.
 
-    Eq. (28) of the paper:
+    Eq. (28) of Pan & Liu (2012):
     speed / duration * (t^2/2 + (duration/(2 pi))^2 (cos(2 pi t/duration) - 1)) up to t = duration,
     then speed * (t - duration/2).
 
@@ -332,12 +333,13 @@ def piecewise(*pieces: Any) -> Law:
     Returns
     -------
     Law
-        The law, with breakpoints at the end times and at those of each law within its interval.
+        The law. Its breakpoints are the end times, and those of each law within its interval.
 
     Raises
     ------
     BeamdaeError
-        If there are no pieces, the end times do not ascend, or a law is invalid.
+        If there are no pieces, a piece but the last is not a pair, the end times are not finite or
+        do not ascend, or a law is invalid.
     """
     if not pieces:
         raise BeamdaeError("piecewise: there are no pieces; give at least one law.")

@@ -70,7 +70,7 @@ class Mechanism(HasOrigin):
         "part.coordinate_dot": value}; all other values are adjusted to satisfy the joints.
     redundant
         Treatment of redundant constraints: "refuse" raises an error; "minimum norm" removes them
-        from the equations and returns the reactions of smallest norm that balance the forces.
+        from the equations and distributes the reactions so that their norm is smallest.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class Mechanism(HasOrigin):
     BeamdaeError
         If `gravity` is not a pair of numbers or valid time laws, or `start` or `redundant` is
         invalid. Assembly raises this error if a name in `start` is not that of a coordinate, or no
-        such start satisfies the joints.
+        state with the values of `start` satisfies the joints.
 
     Examples
     --------
@@ -167,7 +167,7 @@ class Mechanism(HasOrigin):
         return part
 
     def observe(self, name: str, what: Attachment | Quantity) -> None:
-        """Add the motion of an attachment, or a quantity, to the columns of the results.
+        """Add columns to the results: the motion of an attachment, or a quantity.
 
         The motion of an attachment has the columns name.x [m], name.y [m], name.angle [rad] (not
         for particles and points of the ground) and their rates.
@@ -187,7 +187,7 @@ class Mechanism(HasOrigin):
             refers has not been added.
         """
         require_name("Mechanism.observe", name)
-        # "t" is the time column, "energy" the prefix of the columns of the energy ledger.
+        # "t" is the time column, "energy" the prefix of the columns of the energy balance.
         if name in self.observables or name == "t" or name.split(".")[0] == "energy":
             raise BeamdaeError(
                 f"Mechanism: the observable name {name!r} is in use or reserved; choose "

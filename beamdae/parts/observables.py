@@ -39,7 +39,13 @@ def motion_quantity(attachment: Attachment) -> Quantity:
 
 
 def as_quantity(name: str, what: Attachment | Quantity) -> Quantity:
-    """Return the motion of an attachment, or a `Quantity` unchanged, or raise BeamdaeError."""
+    """Return a quantity, or the motion of an attachment, for the present meshes of beams.
+
+    Raises
+    ------
+    BeamdaeError
+        If `what` is neither an attachment nor a quantity.
+    """
     quantity = motion_quantity(what) if isinstance(what, Attachment) else what
     if not isinstance(quantity, Quantity):
         raise BeamdaeError(
@@ -105,10 +111,10 @@ class _RelativeDisplacement:
 
 @rebuilt_for_mesh
 def relative_displacement(of: Attachment, on: Attachment, axes: str = "inertial") -> Quantity:
-    """Return the displacement of `of` relative to a rigid reference that moves with `on`.
+    """Return displacement and rotation of `of` relative to a rigid reference that moves with `on`.
 
-    With `on` at the root of a beam, this is the deformation relative to the root, even across
-    several beams welded together.
+    With `on` at the root of a beam, these describe the deformation relative to the root, even
+    across several beams welded together.
 
     Parameters
     ----------
@@ -119,7 +125,7 @@ def relative_displacement(of: Attachment, on: Attachment, axes: str = "inertial"
     axes
         Axes of the components: "inertial", or "section" for axes that rotate with `on`: along the
         axis of the beam at `on` and its left normal, or the axes of a rigid body. In these axes, v
-        is the flap of a rotating blade.
+        is the transverse deflection of a rotating blade.
 
     Returns
     -------
@@ -129,7 +135,7 @@ def relative_displacement(of: Attachment, on: Attachment, axes: str = "inertial"
     Raises
     ------
     BeamdaeError
-        If `of` or `on` is not an attachment, or is a particle, or `axes` is unknown.
+        If `of` or `on` is not an attachment or is a particle, or `axes` is unknown.
     """
     require_attachment("relative_displacement", "of", of)
     require_attachment("relative_displacement", "on", on)

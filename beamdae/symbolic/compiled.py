@@ -13,16 +13,16 @@ _MAX_MAPPED_ROWS = 128
 class Compiled:
     """A CasADi function with preallocated buffers, called without allocation.
 
-    A call copies the arguments into the leading input buffers, evaluates, and returns the output
-    buffers, which the next call overwrites. Inputs that are not passed keep the values written to
-    `inputs` before, such as the parameters of a model.
+    A call copies the arguments into the first input buffers, evaluates the function and returns the
+    output buffers, which the next call overwrites. Inputs that a call omits keep their values in
+    `inputs`, such as the parameters of a model.
 
     Parameters
     ----------
     function
         CasADi function whose outputs are all dense.
     *last
-        Values of the last inputs, kept unless a call passes these inputs.
+        Initial values of the last inputs; calls that omit these inputs use them.
 
     Attributes
     ----------
@@ -82,9 +82,9 @@ class RowFunction:
         return result
 
     def derivative(self, argument: int) -> RowFunction:
-        """Return the Jacobian with respect to argument number `argument`, as a row function.
+        """Return a row function for the Jacobian with respect to argument number `argument`.
 
-        A row contains all entries of the Jacobian, column by column.
+        Each row of its values contains all entries of one Jacobian, column by column.
         """
         if argument not in self._derivatives:
             inputs = self._function.sx_in()
@@ -106,7 +106,7 @@ class RowFunction:
         return self._mapped_functions[key]
 
     def jacobians(self, *arguments: Array) -> list[Array]:
-        """Return the dense Jacobians (size, k) with respect to each argument (k,), at one row."""
+        """Return the dense Jacobian (size, k) with respect to each argument, of shape (k,)."""
         function = self._function
         unused_value = np.zeros(function.numel_out(0))
         derivatives = function.jacobian()(*map(np.ravel, arguments), unused_value)

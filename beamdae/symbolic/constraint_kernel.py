@@ -13,7 +13,7 @@ from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 
-# Level of constraints that a formulation does not impose; mu = 0 replaces their equation.
+# Level of constraints whose equation is replaced by mu = 0.
 NO_LEVEL = -1
 
 
@@ -43,7 +43,7 @@ class ConstraintKernel:
 
     @property
     def outputs(self) -> list[SX]:
-        """The constraints as a list of one column."""
+        """List that contains the column of constraints."""
         return [self.constraint]
 
     @classmethod
@@ -71,13 +71,16 @@ class ConstraintKernel:
 
     @property
     def is_holonomic(self) -> bool:
-        """True if the constraints restrict positions, False if they restrict only velocities."""
+        """True if the constraints are imposed on positions, False if on velocities only."""
         return True
 
     def effective_levels(
         self, levels: tuple[int, ...], stabilized: bool
     ) -> tuple[tuple[int, ...], bool]:
-        """Return the levels to impose instead of `levels`, and whether q' includes G^T mu."""
+        """Return the levels that replace `levels`, and True if q' includes the term G^T mu.
+
+        Holonomic constraints keep both arguments.
+        """
         return levels, stabilized
 
     @cached_property
@@ -125,8 +128,8 @@ class ConstraintKernel:
         """Return the kernel of G^T lam, G^T mu (if `stabilized`) and the constraints at `levels`.
 
         The inputs are (t, branch) and (q, v, a, lam, mu, data), with v only for levels 1 and 2, a
-        only for level 2, and mu only if `stabilized` or for `NO_LEVEL`. Levels are g (0),
-        g_dot (1), g_ddot (2) and mu (`NO_LEVEL`).
+        only for level 2, and mu only if `stabilized` or for `NO_LEVEL`. The outputs are g for level
+        0, g_dot for level 1, g_ddot for level 2 and mu for `NO_LEVEL`.
         """
         return self._cache_kernel(self._build_residual_kernel, levels, stabilized)
 
@@ -140,7 +143,7 @@ class ConstraintKernel:
         return Kernel.of("joint", x.time, self._stack_inputs(levels, mu), outputs)
 
     def matrices_kernel(self, levels: tuple[int, ...], stabilized: bool) -> Kernel:
-        """Return the kernel of the derivatives of the outputs of `residual_kernel`.
+        """Return the kernel of the Jacobian blocks of `residual_kernel`.
 
         The shared inputs are `MATRIX_SHARED`. The outputs are G, c_l G and d(G^T lam)/dq, followed
         by d(G^T mu)/dq if `stabilized`; c_h d g_dot/dq for level 1; d g_ddot/dq, d g_ddot/dv and
@@ -176,7 +179,10 @@ class ConstraintKernel:
 
     @cached_property
     def balance_kernel(self) -> Kernel:
-        """Kernel of G^T lam, g, g_dot and power g_t^T lam, in (t, branch) and (q, v, lam, data)."""
+        """Kernel of G^T lam, g, g_dot, and the power lam^T g_dot at v = 0.
+
+        The inputs are (t, branch) and (q, v, lam, data).
+        """
         x = self.local
         power = ca.dot(self._g_dot_at_rest, x.lam)
         outputs = [self._jacobian.T @ x.lam, self._g, self._g_dot, power]
@@ -186,9 +192,10 @@ class ConstraintKernel:
 
 @dataclass(frozen=True)
 class NonholonomicKernel(ConstraintKernel):
-    """Nonholonomic constraints 0 = A(time, q, data) v + b(time, q, data) of one joint.
+    """Constraints 0 = A(time, q, data) v + b(time, q, data) of one joint, imposed on velocities.
 
-    A v + b replaces g_dot, A replaces G, and g is zero. Formulations that impose g = 0 but not
+    They are nonholonomic, or integrable but not imposed on positions. A v + b replaces g_dot, A
+    replaces G, and g is zero. Formulations that impose g = 0 but not
     g_dot = 0 impose A v + b = 0 instead; formulations that impose both impose only A v + b = 0,
     without a correction of positions.
 
@@ -215,13 +222,13 @@ class NonholonomicKernel(ConstraintKernel):
 
     @property
     def is_holonomic(self) -> bool:
-        """False, because the constraints restrict only velocities."""
+        """False: the constraints are imposed on velocities only."""
         return False
 
     def effective_levels(
         self, levels: tuple[int, ...], stabilized: bool
     ) -> tuple[tuple[int, ...], bool]:
-        """Return the levels to impose instead of `levels`, and False, as q' excludes G^T mu."""
+        """Return the levels that replace `levels`, and False, because q' excludes G^T mu."""
         instead = NO_LEVEL if 1 in levels else 1
         return tuple(instead if level == 0 else level for level in levels), False
 

@@ -1,8 +1,7 @@
 """Formulas: functions separated from the numbers in them.
 
 The end points of all beams move by the same expression with different numbers. An expression made
-of formulas takes these numbers as data, so that it is built once per function instead of once per
-model.
+of formulas takes these numbers as data, so that it is built once and shared by all models.
 """
 
 from __future__ import annotations

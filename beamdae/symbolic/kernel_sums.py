@@ -52,7 +52,7 @@ class Kernel:
     Attributes
     ----------
     function
-        CasADi function of (shared, local) that returns the concatenated entries of all `outputs`.
+        CasADi function of (shared, local) that returns the concatenated non-zeros of all `outputs`.
     outputs
         Patterns of the columns and matrices that `function` returns.
     rotated_kernels
@@ -73,7 +73,7 @@ class Kernel:
 
     @property
     def n_out(self) -> int:
-        """Number of entries of all outputs of a copy."""
+        """Number of non-zeros of all outputs of a copy."""
         return self.function.numel_out(0)
 
     def map_copies(self, count: int) -> ca.Function:
@@ -248,7 +248,7 @@ class _InterpretedKernel:
 
 
 def set_time(total: Sum, t: float, branch: float) -> None:
-    """Set the time at which laws are evaluated and the time that selects their branch."""
+    """Set the time at which laws are evaluated, and the time that selects the pieces of laws."""
     total.shared[SHARED_T] = t
     total.shared[SHARED_BRANCH] = branch
 

@@ -375,7 +375,10 @@ class RigidBody(Part):
         return [ForceStatement(self.name, _rigid_body_kernel(), (Piece(self, _ALL_ROWS),), data)]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
-        """Return the shape or, without a shape, a line through attachments or to the center."""
+        """Return the shape or, without a shape, a line through the attachments.
+
+        If there is at most one attachment, the line ends at the center of mass.
+        """
         if self.shape:
             return Drawing("rigid", [self.at(*point) for point in self.shape])
         line = list(attached)

@@ -90,7 +90,7 @@ class LinearLaw:
 class UserLaw:
     """User-written law: the value at zero rate is a static force, the remainder is damping.
 
-    Without `energy`, the power of the static force is work of a load.
+    Without `energy`, the static force is treated as a load in the energy balance.
 
     Attributes
     ----------

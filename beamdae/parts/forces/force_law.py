@@ -150,7 +150,7 @@ def _load_column(part: str, load: Any) -> SX:
 class ForceLaw(Part):
     """Forces and moments on attachments as a formula of their motion and of time.
 
-    The power of the law is work of a load, unless `energy` or `dissipative` is given.
+    In the energy balance, the law is a load, unless `energy` or `dissipative` is given.
 
     Parameters
     ----------
@@ -159,17 +159,19 @@ class ForceLaw(Part):
     on
         One attachment, or a list of attachments.
     law
-        `law(a, b, ..., t)` receives the `position` (x, y) [m], `angle` [rad], `velocity` [m/s] and
-        `rate` [rad/s] of each attachment, all in the inertial frame, and the time [s]. It returns
-        (Fx, Fy) or (Fx, Fy, M) [N, N m] for one attachment, or a list of loads, one per attachment.
+        Function `law(a, b, ..., t)` of one object per attachment and the time t [s]. Each object
+        has the attributes `position` (x, y) [m], `angle` [rad], `velocity` (vx, vy) [m/s] and
+        `rate` [rad/s] in the inertial frame. The function returns the load (Fx, Fy) or (Fx, Fy, M)
+        [N, N m] on a single attachment, or a list of loads, one per attachment.
         Formulas consist of NumPy functions (np.sin, np.sqrt, np.tanh, np.maximum, np.abs, ...) and
         must not have jumps; see `bd.positive_part` and `bd.smooth_sign`. Forces between attachments
         are not balanced automatically: return both action and reaction.
     energy
-        `energy(a, b, ...)`, a potential [J] of positions and angles. The potential is part of the
-        strain energy; only the remaining power of the law is work of a load or dissipated.
+        Function `energy(a, b, ...)` of the same objects: a potential [J] of positions and angles.
+        The potential is part of the strain energy; only the remaining power of the law is that of a
+        load or of damping.
     dissipative
-        If True, the power is dissipated by damping instead of being work of a load.
+        If True, the law is damping instead of a load in the energy balance.
 
     Raises
     ------
@@ -262,7 +264,7 @@ class ForceLaw(Part):
     @property
     @rebuilt_for_mesh
     def load(self) -> Quantity:
-        """Columns Fx, Fy [N] and M [N m] of each attachment; several attachments are numbered."""
+        """Load Fx, Fy [N] and M [N m] on each attachment; several are numbered, Fx1, Fx2, ..."""
         count = len(self.on)
         columns = tuple(
             Variable(f"{what}{k + 1}" if count > 1 else what, unit)

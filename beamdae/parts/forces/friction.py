@@ -137,8 +137,8 @@ class Friction(Part):
         Sliding velocity [m/s] at which friction reaches 76 % of its full value. At a reversal,
         integrators need steps of about this velocity divided by the acceleration.
     static, stribeck
-        Static coefficient of friction [-], and the velocity [m/s] over which the coefficient
-        decreases from the static to the kinetic value. If both are omitted, the coefficient does
+        Static coefficient of friction [-], and the velocity scale [m/s] of the decrease from the
+        static to the kinetic coefficient. If both are omitted, the coefficient does
         not depend on the velocity.
     radius
         Radius of the bearing, or half the length of a guide that carries a moment [m]; required for
@@ -262,7 +262,10 @@ class Friction(Part):
     @property
     @rebuilt_for_mesh
     def reaction(self) -> Quantity:
-        """Friction force F [N] or moment M [N m] on the body of `joint.b`, and velocity v [m/s]."""
+        """Friction force F [N] or moment M [N m] on the body of `joint.b`, and sliding velocity v.
+
+        The unit of v is m/s.
+        """
         first = Variable("M", "N m") if self._is_bearing else Variable("F", "N")
         kind = _FrictionReaction(self._law, self._is_bearing)
         values, data = FormulaExpression.of(kind, self._functions)

@@ -32,7 +32,7 @@ def load_kernel(local: Local, placement: SX, load: SX) -> ForceKernel:
 
 
 def dead_load(local: Local, on: Any, *laws: Callable[[SX], SX]) -> ForceKernel:
-    """Return the kernel of a force whose inertial components follow the laws."""
+    """Return the kernel of a force whose components in inertial axes follow the laws."""
     position, _ = on(local.q)
     return load_kernel(local, position, ca.vertcat(*(law(local.time) for law in laws)))
 
@@ -70,9 +70,9 @@ class Force(Part):
     law
         Pair of laws (Fx, Fy) [N]: numbers, functions of t [s] or `Law`s.
     axes
-        "inertial" (default) for a dead load, or "body" for a follower load, whose components rotate
-        with the body or section. The components refer to the inertial axes in the reference
-        configuration.
+        "inertial" (default) for a dead load, or "body" for a follower load. The axes of a follower
+        load rotate with the body or section; in the reference configuration, they are the inertial
+        axes.
 
     Raises
     ------

@@ -83,10 +83,10 @@ class SpringDamper(_SpringLaw):
 
     The force is stiffness * e + damping * e' + preload, where e is the elongation beyond the free
     length; tension is positive and pulls the points together. The potential is part of the strain
-    energy. Where the points coincide, the direction of the force is undefined; the force fades to
-    zero within 1e-8 of the length in the reference configuration. A spring of free length zero
-    without preload, damping or a law has no such singularity: its force is the stiffness times the
-    vector between the points.
+    energy. Where the points coincide, the direction of the force is undefined; the force decreases
+    to zero at distances below 1e-8 times the distance in the reference configuration. A spring of
+    free length zero without preload, damping or a law has no such singularity: its force is the
+    stiffness times the vector between the points.
 
     Parameters
     ----------

@@ -74,7 +74,7 @@ class Driver(DrivenJoint):
     """Prescribed relative angle: g = rotation_b - rotation_a - law(t) [rad].
 
     Rotations are measured from the reference configuration. If the law is not zero at the start,
-    the bodies and all bodies joined to them are rotated before the run; `beamdae check` reports the
+    the bodies are moved before the run, so that all joints are closed; `beamdae check` reports the
     initial angle. The reaction M is the moment on the body of `b`.
 
     Parameters

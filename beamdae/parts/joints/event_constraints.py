@@ -37,7 +37,7 @@ class FrozenGap:
         Values of the gap function at the event [m or rad]; the first two are components in the axes
         of the `offset_carrier` of the joint, if there is one.
     event
-        Event whose law the joint follows, or "" if the joint keeps its original law.
+        Name of the event whose law the joint follows, or "" if the joint keeps its original law.
     since
         Time of the event [s].
     """

@@ -60,9 +60,10 @@ class Joint(KinematicConstraint):
     - `points`, if the joint constrains more than two attachments.
     - `symbol`, to draw the joint with the symbol of another joint, such as "link" or "hinge".
     - `slide_direction`, if the joint is a guide that can have `Friction`.
-    - `slip`, instead of `gap` or in addition to it, for a nonholonomic constraint: a static method
-      with the arguments of `gap`, whose points also have a `velocity` [m/s] and an
-      `angular_velocity` [rad/s]. The slip must be linear in these velocities.
+    - `slip`, instead of `gap` or in addition to it, for a constraint that is imposed on velocities
+      only, such as a nonholonomic one: a static method with the arguments of `gap`, whose points
+      also have a `velocity` [m/s] and an `angular_velocity` [rad/s]. The slip must be linear in
+      these velocities.
 
     Sign convention: `reaction` is -lambda, where G^T lambda enters the equations of motion
     M a - f + G^T lambda = 0 (mass matrix M, accelerations a, forces f, Jacobian G of g). The

@@ -279,6 +279,8 @@ class KinematicConstraint(Part):
     def reaction_on(self, place: str = "b", axes: str = "inertial") -> Quantity:
         """Return force Fx, Fy [N] and moment M [N m] on the body of a point, acting at this point.
 
+        The load on a particle has no moment.
+
         Parameters
         ----------
         place

@@ -111,9 +111,10 @@ class RollingOnCircle(_RollingJoint):
     """Disk with center `b` that rolls without slip on a circle around `a`.
 
     The circle is fixed to the body of `a`; the disk may lie outside or inside it. The distance of
-    the centers is constant; rolling is a nonholonomic constraint: the slip at the contact is zero.
-    Reactions Fn and Ft are the components of the force on the disk at the contact along e, the
-    direction from `a` to `b`, and along the left normal of e.
+    the centers is constant, and the slip at the contact is zero. In the plane, the condition of
+    zero slip is integrable; it is imposed on velocities only, so the rotation of the disk may drift
+    within the integration error. Reactions Fn and Ft are the components of the force on the disk at
+    the contact along e, the direction from `a` to `b`, and along the left normal of e.
 
     Parameters
     ----------
