@@ -127,7 +127,7 @@ class MaterialPoint(NamedTuple):
     inclination
         Angle of the section in the reference configuration [rad].
     operator
-        Sparse matrix that selects the local coordinates from the beam coordinates.
+        Sparse matrix that maps the beam coordinates to the local coordinates.
     motion
         Function (a `Formula` or any callable) of the local coordinates that returns (position in
         the inertial frame [m], rotation from the reference configuration [rad]).
@@ -145,9 +145,9 @@ class PointValues(NamedTuple):
     Attributes
     ----------
     operator
-        Sparse matrix that selects the local coordinates from the beam coordinates.
+        Sparse matrix that maps the beam coordinates to the local coordinates.
     values
-        Function (a `Formula` or any callable) of the local coordinates that returns the values.
+        Function (a `Formula` or any callable) of a `Local` that returns the values.
     """
 
     operator: sp.csr_array
@@ -155,16 +155,16 @@ class PointValues(NamedTuple):
 
 
 class StrainValidity(NamedTuple):
-    """Validity of the small-strain assumption; fields as in `RangeStatement`.
+    """Data from which the validity of the strains is assessed; see `RangeStatement`.
 
     Attributes
     ----------
     kernel
-        Largest deflection / length, rotation [rad] and strain of an element.
+        Kernel of the largest deflection / length, rotation [rad] and strain of an element.
     data
         Data of the kernel, one column per element.
     defect
-        Forces that the strains lack; None for exact strains.
+        Kernel of the difference to the forces of exact strains; None for exact strains.
     remedies
         Settings that extend the valid range.
     """
@@ -178,9 +178,9 @@ class StrainValidity(NamedTuple):
 class Kinematics(ABC):
     """Mapping from the coordinates of a beam to the motion and strains of its points.
 
-    A beam creates an instance by calling `kinematics(name, mesh, section)`, for the built-in
-    formulations with further settings, and passes `mesh` in inertial axes. `section.at(s)` returns
-    the `Section` at arc length s [m] of constant and of varying sections.
+    A beam creates an instance by calling the class with (name, mesh, section); the built-in
+    formulations accept further settings. The mesh is given in inertial axes. `section.at(s)`
+    returns the `Section` at arc length s [m], for constant and varying sections.
     """
 
     name: str
@@ -235,7 +235,7 @@ class Kinematics(ABC):
         """Return the section at arc length s [m], on the axis of its element.
 
         Elements interpolate the curve. Inertia is integrated along the interpolated axes, while
-        `material_point` lies on the curve. By default, both are the same.
+        `material_point` lies on the curve. By default, return `material_point(s)`.
         """
         return self.material_point(s)
 
@@ -250,9 +250,9 @@ class Kinematics(ABC):
 
     @property
     def strain_validity(self) -> StrainValidity | None:
-        """Validity of the small-strain assumption; None if the strains hold for any deformation.
+        """Data for assessing the strains, in element coordinates; None (default) for no assessment.
 
-        The kernel is a function of the element coordinates.
+        Strains that hold for any deformation need none.
         """
         return None
 

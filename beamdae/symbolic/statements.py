@@ -57,7 +57,7 @@ class Variable(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """Rows of a constant operator on the coordinates of one owner (a body, or a joint's lam).
+    """Constant operator that maps the coordinates of one owner, such as a body, to local ones.
 
     `s` is the arc length [m] of the section whose coordinates are selected, if the owner is a beam.
     """
@@ -139,8 +139,8 @@ class RangeKernel:
 class StrainDefectKernel:
     """Difference between the exact strains and those of a formulation, as forces of one copy.
 
-    Divided by the stiffness of the part, the force is the first-order change of the deformation
-    that exact strains would cause under the same loads.
+    With force f and stiffness K assembled for the part, exact strains would change the deformation
+    under the same loads by -K^-1 f, to first order.
 
     Attributes
     ----------
@@ -246,7 +246,7 @@ class Quantity:
 
     @property
     def current(self) -> Quantity:
-        """The quantity for the present coordinates of the bodies, if it can be rebuilt."""
+        """The quantity, rebuilt for the present coordinates of the bodies if this is possible."""
         if self.recipe is None or not self.can_be_rebuilt:
             return self
         build, arguments, options, _ = self.recipe
@@ -306,7 +306,7 @@ class QuantityKernel:
 
     @property
     def outputs(self) -> list[SX]:
-        """The values as a list of one column."""
+        """List that contains the column of values."""
         return [self.values]
 
     @classmethod

@@ -133,10 +133,10 @@ class FloatingFrame(FormulationKinematics):
         """Matrix that maps beam coordinates to element coordinates, (elements * size, n).
 
         Nodal coordinates are (u, v, phi) in the tangent frame of the curve at the node. The axes of
-        neighboring elements meet at a small angle, of third order in the element length (first
-        order for straight elements). With "cartesian" continuity, each element rotates the nodal
-        displacement into the direction of the element axis; with "local" continuity, it uses the
-        components unchanged.
+        neighboring elements meet at a small angle, which is of third order in the element length
+        for curved 4-node elements and of first order for straight elements. With "cartesian"
+        continuity, each element rotates the nodal displacement into the direction of the element
+        axis; with "local" continuity, the element uses the components unchanged.
         """
         mesh, element_type = self.mesh_in_frame, self.element
         element = np.repeat(np.arange(mesh.elements), element_type.nodes)
@@ -233,7 +233,7 @@ class FloatingFrame(FormulationKinematics):
 
     @property
     def strain_validity(self) -> StrainValidity:
-        """Validity of the small-strain assumption; see `StrainValidity`."""
+        """Data from which the validity of the strains is assessed."""
         curve = self.mesh.curve
         data = self.data(np.zeros(2))
         lengths = np.full((1, self.mesh.elements), curve.length)

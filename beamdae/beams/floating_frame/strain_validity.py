@@ -1,9 +1,9 @@
 """Validity of the small-strain assumption in a floating frame.
 
-Eqs. (5) and (6) of Pan & Liu (2012) hold for moderate rotations relative to the frame. The forces
-of Reissner's strains in the same deformation differ from theirs. If the loads stay the same, this
-difference changes the deformation of a single beam, which its frame supports statically
-determinate, by the solution of a linear system. The relative change is a measure of the error.
+Eqs. (5) and (6) of Pan & Liu (2012) hold for moderate rotations relative to the frame. In the same
+deformation, Reissner's strains result in different elastic forces. A linear system gives the change
+of deformation that this difference would cause under the same loads, for a single beam with the
+statically determinate supports of its frame. The relative change is a measure of the error.
 """
 
 from __future__ import annotations
@@ -53,10 +53,11 @@ def range_kernel(element: FloatingFrameElement) -> RangeKernel:
 
 @cache
 def strain_defect_kernel(element: FloatingFrameElement) -> StrainDefectKernel:
-    """Return the elastic forces that the strains of an element lack, and its stiffness.
+    """Return the difference between exact elastic forces and those of an element.
 
-    The stiffness does not contain the geometric stiffness of the section forces, so it is positive
-    definite also for beams that buckle or snap through. The data are those of `range_kernel`.
+    The stiffness of the kernel does not contain the geometric stiffness of the section forces.
+    Assembled for a beam, it is therefore positive definite even if the beam buckles or snaps
+    through. The data are those of `range_kernel`.
     """
     local = Local(element.size, element.n_data + 1)
     data = element.layout.split(local.data)
