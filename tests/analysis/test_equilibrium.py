@@ -202,7 +202,7 @@ def test_equilibrium_of_a_constrained_system():
         ({"to": []}, "to must contain at least one number"),
         (
             {"to": {"mass.x": 1.0}},
-            "got 'mass.x'; observe it or use one of these positions: none",
+            "got 'mass.x'; observe this position, or name an observed one .observed: none",
         ),
         ({"control": "displacement"}, "use control='load'"),
         ({"control": "load", "switch": 1}, "use control='arc length'"),

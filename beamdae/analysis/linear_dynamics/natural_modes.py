@@ -27,14 +27,14 @@ Array = np.ndarray
 RIGID, VIBRATION, DECAY, UNSTABLE = "free motion", "vibration", "decay", "unstable"
 # Real parts below this fraction of the eigenvalue are rounding errors.
 _GROWTH_TOLERANCE = 1e-9
-# Least fraction of the kinetic energy for a part to be listed in the table.
+# Parts with a smaller fraction of the kinetic energy are not listed in the table.
 _MIN_NAMED_SHARE = 0.005
 # Effective masses below this fraction of the moving mass are rounding errors.
 _MASS_ROUNDING = 1e-20
 # Number of frequencies shown in the repr.
 _REPR_FREQUENCIES = 5
-# Largest asymmetry of a symmetric matrix, relative to the largest entry: of exact matrices, and of
-# matrices with finite differences.
+# Asymmetry up to which a matrix is treated as symmetric, relative to its largest entry: of exact
+# matrices, and of matrices with finite differences.
 _EXACT_TOLERANCE = 1e-12
 _DIFFERENCE_TOLERANCE = 1e-9
 

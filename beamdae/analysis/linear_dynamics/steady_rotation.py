@@ -47,7 +47,7 @@ _STAGNATION_TOLERANCE = 1e3 * _CONVERGENCE_TOLERANCE
 _STAGNATION_RATIO = 0.5
 _DIVERGENCE_LIMIT = 0.5
 _MAX_ITERATIONS = 30
-# Smallest increment of the speed, relative to the requested speed.
+# Smallest permitted increment of the speed, relative to the requested speed.
 _MIN_SPEED_STEP = 2.0**-10
 # A multiple of the mass matrix is added to the stiffness, because the rotation angle may have no
 # stiffness: the sum of these fractions of W^2 and of the largest ratio of stiffness to mass.

@@ -34,7 +34,7 @@ ZERO_SQUARE_RATIO = 1e-13
 _ROUNDING_RATIO = 2e-14
 # Shift, relative to the lowest squared frequency that is not zero.
 _SHIFT_RATIO = 0.4
-# Initial and smallest shift, relative to the largest ratio of stiffness to mass.
+# Initial shift and smallest permitted shift, relative to the largest ratio of stiffness to mass.
 _INITIAL_SHIFT_RATIO = 1e-8
 _MIN_SHIFT_RATIO = 1e-22
 # Maximum number of attempts to find a shift. The shift is lowered if all squared frequencies are

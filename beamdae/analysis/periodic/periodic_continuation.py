@@ -47,7 +47,7 @@ _MAX_ITERATIONS = 8
 _MAX_CHANGE = 0.3
 # Step of the finite difference with respect to the parameter, relative to its range.
 _DIFFERENCE_STEP = 1e-5
-# Least cosine of the angle between the tangents at both ends of a step.
+# Smallest permitted cosine of the angle between the tangents at both ends of a step.
 _MIN_COSINE = 0.8
 # The step grows if the corrector takes at most the first number of iterations, and shrinks if it
 # takes at least the second.
@@ -55,7 +55,7 @@ _MAX_ITERATIONS_TO_GROW = 3
 _MIN_ITERATIONS_TO_SHRINK = 5
 _GROWTH_FACTOR = 1.5
 _CUT_FACTOR = 0.5
-# Least step, relative to the first step.
+# Smallest permitted step, relative to the first step.
 _MIN_STEP_RATIO = 1e-3
 _NOT_CONVERGED = "Newton's method does not converge; reduce step="
 _SHARP_TURN = "the curve turns too sharply for the steps; reduce step="

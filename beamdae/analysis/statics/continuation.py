@@ -27,8 +27,8 @@ _MAX_ITERATIONS_TO_GROW = 4
 # path. The allowance for rounding is in natural sizes.
 _MAX_CORRECTION_RATIO = 0.5
 _CORRECTION_ROUNDING = 1e-7
-# Least cosine of the angle between successive directions: for a step by arc length (a crossing path
-# leaves at a larger angle), and for the step to grow.
+# Smallest permitted cosine of the angle between successive directions: for a step by arc length (a
+# crossing path leaves at a larger angle), and for the step to grow.
 _MIN_COSINE = 0.7
 _MIN_COSINE_TO_GROW = 0.95
 # Steps below this fraction of the largest step may turn by any angle, because the path has a

@@ -77,8 +77,8 @@ class DisplacementControl:
             names = ", ".join(x for x in positions if not x.endswith("]")) or "none"
             raise BeamdaeError(
                 "equilibrium: to must name an observed position, got "
-                f"{short_repr(name)}{suggest(name, positions)}; observe it or use one of "
-                f"these positions: {names}."
+                f"{short_repr(name)}{suggest(name, positions)}; observe this position, or name an "
+                f"observed one (observed: {names})."
             )
         return cls(equations, *positions[name], time)
 

@@ -48,11 +48,11 @@ _DISPLACEMENT_STEP_RATIO = 0.05
 # to this fraction of the motion needed to reach it.
 _ARC_STEP = 0.05
 _MAX_SHARE_OF_NEEDED_MOTION = 0.25
-# Least motion, in natural sizes, that the arc-length norm attributes to the first load step.
+# Lower bound, in natural sizes, of the motion that the arc-length norm attributes to a load step.
 _MIN_LOAD_STEP_MOTION = 1e-3
-# Least distance to a target, in load factor or in the unit of the column.
+# Lower bound of the distance to a target, in load factor or in the unit of the column.
 _MIN_REACH = 1e-12
-# Largest motion, in natural sizes, to an unloaded equilibrium found by Newton's method; beyond it,
+# Largest accepted motion, in natural sizes, to an equilibrium found by Newton's method; beyond it,
 # relaxation is used.
 _MAX_INITIAL_MOTION = 0.05
 # The end of a failed path is probably near a limit point if the lowest positive eigenvalue of the

@@ -23,8 +23,8 @@ _MAX_DENSE_UNSYMMETRIC_COORDINATES = 600
 # the stiffness, and of sparse elimination with fine meshes, relative to its largest diagonal entry.
 _ZERO_TOLERANCE = 2e-14
 _SPARSE_ZERO_TOLERANCE = 4e-15
-# Largest asymmetry of a symmetric stiffness, relative to the largest entry. It is small because a
-# follower load is small compared with the axial stiffness of a thin beam.
+# Asymmetry up to which the stiffness is treated as symmetric, relative to its largest entry. It is
+# small because a follower load is small compared with the axial stiffness of a thin beam.
 _ASYMMETRY_TOLERANCE = 1e-13
 # Bounds on inverse squared frequencies of unsymmetric problems: inverses below this fraction of the
 # largest are lost in rounding; above this multiple of the smallest, frequencies are zero.

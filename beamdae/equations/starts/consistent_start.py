@@ -24,7 +24,7 @@ from beamdae.linear.factorizations import (
 Array = np.ndarray
 
 _MAX_POSITION_ITERATIONS = 50
-_POSITION_TOLERANCE = 1e-12  # largest gap, relative to max(1, characteristic length)
+_POSITION_TOLERANCE = 1e-12  # permitted gap, relative to max(1, characteristic length)
 _RIGID_TIME = 1.0  # [s]; closing joints hardly excites modes of angular frequency above 1 / this
 _MAX_LAW_JUMP = 1e-3  # relative to min(1, length); allows for rounded numbers in laws
 _ASYMMETRY_TOLERANCE = 1e-9  # rounding in a mass matrix, relative to its largest entry

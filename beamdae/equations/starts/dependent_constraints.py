@@ -22,14 +22,14 @@ Array = np.ndarray
 # Rejection of dependent constraints, by singular values of gradients of length one.
 _ZERO_GRADIENT_LENGTH = 1e-13  # of scaled gradients; shorter gradients are rounding errors
 _SINGULAR_VALUE_TOLERANCE = 1e-10
-_INVOLVED_SHARE = 1e-6  # smallest share of a constraint in a dependent combination
+_INVOLVED_SHARE = 1e-6  # constraints with smaller coefficients do not belong to a combination
 _MAX_SVD_CONSTRAINTS = 100  # the cost of an SVD is cubic; above, inverse iteration is tried first
 _MIN_INDEPENDENT_SQUARE = 1e-8  # smallest squared singular value that needs no SVD
 _INVERSE_ITERATIONS = 3
 _MAX_EXPLAINED_CONSTRAINTS = 300  # the cost of describing the blocked motions is cubic
 
 # Search for minimal dependent sets, by a QR factorization.
-_MIN_SHARE = 1e-7  # smallest share of a constraint in a set
+_MIN_SHARE = 1e-7  # relative to the largest coefficient; smaller ones are rounding errors
 _SIDE_STEP = 1e-2  # distance of the nearby test position, relative to the mechanism
 _MAX_SIDE_ITERATIONS = 20
 _AGREEMENT_TOLERANCE = 1e-10  # gap of constraints that agree, relative to the mechanism

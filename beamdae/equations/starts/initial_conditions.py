@@ -24,7 +24,7 @@ Array = np.ndarray
 
 _RATE_SUFFIX = "_dot"
 _MAX_APPROACH_STEP = 0.2  # in units of `position_scales`; keeps Newton's method convergent
-_CLOSED_TOLERANCE = 1e-11  # largest gap, relative to max(1, characteristic length)
+_CLOSED_TOLERANCE = 1e-11  # permitted gap, relative to max(1, characteristic length)
 _VELOCITY_TOLERANCE = 1e-8  # relative to the largest of 1, length and requested velocities
 _MAX_ITERATIONS = 30
 
