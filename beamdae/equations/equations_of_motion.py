@@ -53,18 +53,19 @@ class RangeTerm:
         return values.max(axis=0)
 
     def rotations(self, q: Array) -> Array:
-        """Return the section rotations of all nodes and copies [rad], (k, rotations).
+        """Return the section rotations of all nodes [rad], (k, rotations), for k rows of `q`.
 
-        The strains of the part must have a defect, see `RangeStatement`.
+        The `defect` of `statement` must not be None.
         """
         return self._deformations(q)[..., self._defect.rotations].reshape(len(q), -1)
 
     def deformation_changes(self, q: Array) -> tuple[Array, Array]:
-        """Return the deformations and their change by exact strains, (k, 2) each.
+        """Return the deformations, and their changes due to exact strains, for k rows of `q`.
 
-        The columns are the largest displacement [m] and the largest rotation [rad] of a node. The
-        change is of first order, and that of the part alone under the same section forces at its
-        ends. The strains of the part must have a defect.
+        Both arrays, (k, 2), contain the largest displacement [m] and the largest rotation [rad] of
+        a node. Changes are computed to first order for the part alone, under the same section
+        forces at its ends; they are infinite if the stiffness is singular. The `defect` of
+        `statement` must not be None.
         """
         defect, copies = self._defect, self.statement.data.shape[1]
         values = defect.function(self._local_coordinates(q), self._data_of_rows(len(q)))
@@ -213,7 +214,7 @@ class PartCoordinates(NamedTuple):
         Number of leading coordinates that describe a rigid motion: all coordinates of a rigid body,
         those of the floating frame of a beam, none for a beam in absolute coordinates.
     follows_section
-        True if the floating frame moves with one section, so that it takes part in its vibrations.
+        True if the floating frame moves with one section and follows the vibrations of the section.
     """
 
     name: str
