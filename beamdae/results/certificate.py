@@ -91,7 +91,7 @@ class Certificate:
     Attributes
     ----------
     solution
-        The most accurate run.
+        Solution of the last run, with the tightest tolerance and the finest mesh.
     error_budget
         Estimated errors of the observed columns; `budget` returns them as a table.
     accuracy
@@ -146,7 +146,7 @@ class Certificate:
 
     @property
     def cost(self) -> float:
-        """Processor time of all runs relative to that of the last run [-]."""
+        """Processor time of all runs / processor time of the last run [-]."""
         last = max(self.runs[-1].processor_time, np.finfo(float).tiny)
         return sum(run.processor_time for run in self.runs) / last
 

@@ -198,7 +198,7 @@ class FrequencyResponse:
         return np.concatenate([[0.0], np.cumsum(np.maximum(steps, _SHORTEST_STEP))])
 
     def _vertex_arc_length(self, k: int, values: Array) -> float:
-        """Return the arc length of the vertex of the parabola through points k - 1 to k + 1."""
+        """Return the arc length at the vertex of the parabola through points `k` - 1 to `k` + 1."""
         x, y = self._arc_length[k - 1 : k + 2], values[k - 1 : k + 2]
         a, b, _ = np.polyfit(x - x[1], y, 2)
         return float(x[1] - 0.5 * b / a) if a != 0.0 else float(x[1])

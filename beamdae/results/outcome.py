@@ -34,7 +34,7 @@ class Status:
         """Return True if the last state of the run may be wrong.
 
         The last state of a failed run is unreliable, unless the run failed while executing an
-        event, which does not affect the state.
+        event, because such a failure does not affect the state.
         """
         return self.kind == "failed" and not has_pending_event
 

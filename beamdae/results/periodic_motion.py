@@ -27,7 +27,7 @@ class PeriodicMotion:
     Attributes
     ----------
     solution
-        One period of the motion. If a run of the search stopped early, this run.
+        One period of the motion, or the incomplete run if a run of the search stopped early.
     period
         Period [s].
     multipliers

@@ -164,7 +164,7 @@ def _format_counts(values: Mapping[str, Any]) -> str:
 
 
 def tabulate_trajectory(solution: Solution) -> pd.DataFrame:
-    """Return observed columns, energies and drift at the output times [s]."""
+    """Return observed columns, energies and drift, indexed by output time [s]."""
     parts = (solution.observed, solution.ledger, solution.drift)
     headers = pd.Index([header for part in parts for header in part])
     return pd.DataFrame(np.hstack(parts), pd.Index(solution.t, name="t [s]"), headers)

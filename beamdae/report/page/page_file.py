@@ -93,8 +93,8 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
           can select any two numeric columns. Defaults to error over cost if these columns exist.
         - "tables" of facts: "title", "head" (column names) and "rows".
         - "cases": "id"; "group"; "label"; "family", which determines color and legend entry, for
-          example the integrator; "series", cases of the same series are connected by a line
-          (default None); "rank", a number that orders the cases of a series and the table by label;
+          example the integrator; "series" (cases of the same series are connected by a line;
+          default None); "rank", a number that orders the cases of a series and the table by label;
           "status" ("ok" or a sentence); "values" by column; "error"; "cost" [s]; "below" (True if
           the error is below the resolution of the reference); "limited" (True if a limit stopped
           the run); and "curves", as returned by `beamdae.report.page.page_data.select_curves`.

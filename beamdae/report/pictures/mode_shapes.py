@@ -66,7 +66,7 @@ class _ModeScenes:
         self._amplitude = _RELATIVE_AMPLITUDE * (float(np.max(high - low)) or 1.0)
 
     def vibrating(self, k: int, phases: Array) -> Scene:
-        """Return the scene of mode k with one frame per complex phase."""
+        """Return the scene of mode `k`, with one frame per complex phase."""
         mechanism, q, shape = self._mechanism, self._modes.q, self._modes.shapes[k]
         poses = VibrationPoses(mechanism, q, shape, np.array([0.0, 1.0, 1j]))
         drawings = collect_drawings(mechanism, count_beam_sections(mechanism))

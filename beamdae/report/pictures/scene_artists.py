@@ -173,7 +173,7 @@ class SceneArtists:
 
 
 def create_bare_axis(corners: tuple[Array, Array], strip: float = 0.0) -> tuple[Figure, Axes]:
-    """Create a figure with an invisible axis of equal scales.
+    """Create a figure with invisible axes of equal scale.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def add_caption(axis: Axes) -> Text:
 
 
 def padded_extent(scenes: Iterable[Scene], margin: float = 0.05) -> tuple[Array, Array]:
-    """Return the lower left and upper right corner of all scenes, with a margin [m].
+    """Return the lower left and upper right corner [m] of all scenes, with a margin.
 
     The margin is relative to the larger of width and height.
     """

@@ -29,7 +29,7 @@ _MOTION_COLUMNS = {"x", "y", "x_dot", "y_dot"}
 
 
 def frame_times(solution: Solution, frames: int = _DEFAULT_FRAMES) -> Array:
-    """Return equally spaced times (frames,) from the start to the end of a run [s]."""
+    """Return equally spaced times (frames,) [s] from the start to the end of a run."""
     start = solution.trajectory.intervals[0].t[0]
     return np.linspace(start, solution.trajectory.end, frames)
 

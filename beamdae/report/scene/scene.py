@@ -88,7 +88,7 @@ class Scene:
     absent: Mapping[str, Array] = field(default_factory=dict)
 
     def line(self, glyph: Glyph) -> Array:
-        """Return the points (frames, k, 2) of a glyph [m]; nan in frames without the glyph."""
+        """Return the points (frames, k, 2) [m] of a glyph; nan in frames without the glyph."""
         line = self._line(glyph)
         if glyph.part in self.absent:
             return np.where(self.absent[glyph.part][:, None, None], np.nan, line)
@@ -111,7 +111,7 @@ class Scene:
         return zip(self.glyphs, map(self.line, self.glyphs), strict=False)
 
     def extent(self) -> tuple[Array, Array]:
-        """Return the lower left and upper right corner of the scene, with a minimum size [m]."""
+        """Return the lower left and upper right corner [m] of the scene, at a minimum distance."""
         points = [line.reshape(-1, 2) for _, line in self.lines()]
         low, high = bounding_box(np.concatenate(points or [self.poses[..., :2].reshape(-1, 2)]))
         margin = 0.5 * max(_MIN_EXTENT * self.size - float(np.max(high - low)), 0.0)

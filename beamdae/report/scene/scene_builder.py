@@ -59,7 +59,7 @@ class SceneBuilder:
         return self._rows[key]
 
     def positions(self, attachments: Sequence[Attachment]) -> Array:
-        """Return the positions (frames, attachments, 2) of attachments [m]."""
+        """Return the positions (frames, attachments, 2) [m] of attachments."""
         return self._attachment_poses(attachments)[..., :2]
 
     def add_pose(self, pose: Array) -> int:
@@ -76,7 +76,7 @@ class SceneBuilder:
         return self._poses[row]
 
     def relative_position(self, a: int, b: int) -> Array:
-        """Return the position (frames, 2) of pose b relative to pose a, in the axes of a [m]."""
+        """Return the position (frames, 2) [m] of pose `b` relative to pose `a`, in axes of `a`."""
         x, y, _ = (self._poses[b] - self._poses[a]).T
         c, s = np.cos(self._poses[a][:, 2]), np.sin(self._poses[a][:, 2])
         return np.stack([c * x + s * y, c * y - s * x], axis=-1)

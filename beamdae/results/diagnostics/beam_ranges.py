@@ -48,9 +48,9 @@ class BeamRange:
     error
         Estimated error of deflections due to the strain measure, relative to half their range in a
         run or to the deflection in equilibrium. None if the strain measure does not limit the
-        rotation. In the measured mechanisms (see validation/), it is 0.9 to 14 times the error, 2.5
-        times in the median. It is far too large for flexures whose deformation is prescribed by
-        heavier parts, and without meaning above 50 %.
+        rotation. In the mechanisms of validation/strain_validity, the estimate is 0.9 to 14 times
+        the actual error (median 2.5). The estimate is far too large for flexures whose deformation
+        is prescribed by heavier parts, and meaningless above 50 %.
     remedies
         Settings of the beam that reduce the error, as alternatives to splitting the beam.
     """
@@ -118,11 +118,11 @@ def _estimate_error_of_equilibria(term: RangeTerm, q: Array) -> float:
 
 
 def relative_change_by_exact_strains(term: RangeTerm, q: Array) -> float:
-    """Return the change of the deformation by exact strains over the largest deformation [-].
+    """Return the change of the deformation with exact strains / the largest deformation [-].
 
-    Loads are kept and the beam is considered alone, see `RangeTerm.deformation_changes`. The larger
-    of the changes of displacements and of rotations counts: bending moments change displacements
-    only.
+    The beam is considered alone, under unchanged loads; see `RangeTerm.deformation_changes`. The
+    result is the larger of the ratios for displacements and for rotations, because under bending
+    moments only the displacements change.
     """
     rotations = np.max(np.abs(term.rotations(q)), axis=1)
     samples = np.argsort(rotations)[-_DEFECT_SAMPLE_COUNT:]
@@ -132,12 +132,13 @@ def relative_change_by_exact_strains(term: RangeTerm, q: Array) -> float:
 
 
 def count_oscillations(rotations: Array) -> float:
-    """Return the effective number of oscillations of a beam, for the error of their phase.
+    """Return the effective number of oscillations of a beam, a measure of the phase error.
 
-    The relative error of a frequency is proportional to the square of the rotation, and the error
-    of the motion is proportional to the error of the phase and the amplitude. So oscillations are
-    weighted by the square of their largest rotation relative to that of the run, and their sum up
-    to a time by the amplitude that remains at this time.
+    The relative error of a frequency is proportional to the square of the rotation. Therefore, each
+    oscillation has the weight (largest rotation of the oscillation / of the run)^2. The error of
+    the motion is proportional to the phase error and to the amplitude. The result is therefore the
+    largest product over time of the accumulated weights and the ratio of the amplitude that remains
+    to the initial amplitude.
 
     Parameters
     ----------
@@ -149,7 +150,7 @@ def count_oscillations(rotations: Array) -> float:
     amplitude = np.maximum.accumulate(np.abs(motion)[::-1])[::-1]
     if not amplitude[0] > 0.0:
         return 0.0
-    # Two changes of the sign are an oscillation.
+    # Two sign changes are one oscillation.
     changes = np.diff(np.sign(motion), prepend=np.sign(motion[0])) != 0.0
     half_cycle = np.cumsum(changes)
     peaks = np.zeros(half_cycle[-1] + 1)

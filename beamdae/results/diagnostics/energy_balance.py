@@ -140,7 +140,7 @@ class EnergyLedger:
         return np.column_stack([rows, _sum_balance(rows, start)])
 
     def _interpolate(self, k: int, times: Array) -> Array:
-        """Return energies and works (len(times), 6) at times inside interval k [J]."""
+        """Return energies and works (len(times), 6) [J] at times inside the interval `k`."""
         interval = self.trajectory.intervals[k]
         works = interval.integrate_to(times, self.powers[k], self.works[k])
         return np.hstack([interval.interpolate(self.energies[k], times), works])
@@ -201,5 +201,5 @@ class EnergyLedger:
 
 
 def _sum_balance(rows: Array, start: Array) -> Array:
-    """Return the energy imbalance of each row of energies and works relative to `start` [J]."""
+    """Return the imbalance [J] of each row of energies and works, relative to the row `start`."""
     return (rows[:, :6] - start[:6]) @ _BALANCE_SIGNS

@@ -178,7 +178,7 @@ def _has_velocity_jump(
 
 
 def _interpolate_linearly(steps: Array, values: Array, t: Array) -> Array:
-    """Interpolate values, given as rows at the steps, linearly at times t (any shape)."""
+    """Interpolate rows of values, given at the steps, linearly at times `t` of any shape."""
     k = np.clip(np.searchsorted(steps, t) - 1, 0, len(steps) - 2)
     fraction = ((t - steps[k]) / (steps[k + 1] - steps[k]))[..., None]
     return (1.0 - fraction) * values[k] + fraction * values[k + 1]

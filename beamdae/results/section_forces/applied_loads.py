@@ -90,7 +90,7 @@ def collect_applied_loads(
 
 
 def _evaluate_gravity(mechanism: Mechanism, times: Array) -> Array:
-    """Return the gravitational acceleration (rows, 2) at rows (t, branch) [m/s^2]."""
+    """Return the gravitational acceleration (rows, 2) [m/s^2] at rows (t, branch)."""
     laws = mechanism.gravity_laws
     if laws is None:
         return np.broadcast_to(mechanism.gravity, (len(times), 2))
@@ -203,7 +203,7 @@ class _LoadCollector:
         return [SectionFunction(point.operator, point.motion) for point in points]
 
     def _evaluate_motion(self, at: list[SectionFunction]) -> Array:
-        """Return (x, y, rotation) of sections and the second derivatives, (rows, sections, 6)."""
+        """Return x, y, rotation and their second time derivatives, (rows, sections, 6)."""
         return evaluate_sections(section_motion, at, *self._beam_state)
 
     def _move_to_start(self, position: Array, force: Array, moment: Array) -> Array:
@@ -215,7 +215,7 @@ class _LoadCollector:
     def _evaluate_statement(self, entry: _PartStatement, count: int) -> Array:
         """Return the forces of a statement in local coordinates, (rows, count, size).
 
-        The sign is that of the left-hand side of the equations of motion.
+        The forces have the sign of terms on the left-hand side of the equations of motion.
         """
         statement, (q, v, a, lam) = entry.statement, self._state
         multipliers = np.repeat(lam[:, entry.lam], count, axis=0)

@@ -58,6 +58,7 @@ class SectionForces:
     that the beam beyond the section exerts on the beam before the section: N is positive in
     tension, and Q is positive to the left. M [N m] is positive if it stretches the left side of the
     beam.
+
     The section forces are in equilibrium with all loads on the beam before the section: joint
     reactions, concentrated and distributed forces, weight and inertia. N, Q and M therefore equal
     the reactions at the ends, jump at concentrated forces, and are accurate between nodes, unlike

@@ -148,7 +148,7 @@ class _LimitMonitor:
         self._start = self._progress_clock = clock.perf_counter()
 
     def __call__(self, t: float) -> str | None:
-        """Return the reason to stop at time t, or None."""
+        """Return the reason to stop at the simulated time `t` [s], or None."""
         now = clock.perf_counter()
         if t - self._progress_t >= self._min_advance:
             self._progress_t, self._progress_clock = t, now

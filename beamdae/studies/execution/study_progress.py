@@ -42,8 +42,7 @@ class StudyProgress:
     last_label
         Label of the run that ended last.
     remaining_time
-        Estimated remaining time [s] at the end of the last run; None if no estimate is available
-        yet.
+        Remaining time [s], estimated when the last run ended; None if no estimate is available yet.
     """
 
     total: int
