@@ -79,7 +79,7 @@ class StagePath:
     status
         Status at the end of the path, with the reason why the path ended.
     step
-        Next step, in units of the control.
+        Size of the next step, in units of the control.
     is_stuck
         True if the path ended because no step converges.
     """

@@ -144,7 +144,8 @@ def _add_joint(
 def assemble_motion(structure: Structure, layout: InputLayout) -> SumBuilder:
     """Return the sum that evaluates the stacked vector (F, g, g_dot, g_ddot).
 
-    The sum does not contain G and therefore stays finite at positions where G does not.
+    Rows of g are zero for nonholonomic constraints. The sum does not contain G and therefore stays
+    finite at positions where G is not finite.
     """
     total = SumBuilder(TIME_SIZE)
     _add_forces(total, structure, layout, 0)

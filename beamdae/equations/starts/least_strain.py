@@ -66,8 +66,8 @@ def minimize_strain(
 
     Newton's method solves M (q - begin) + T^2 (F(q) - F(unstrained)) + R^T mu = 0: elastic forces
     are measured relative to the positions `unstrained`, for example as drawn. Loads contribute only
-    through their change from these positions. The result is used only if it reduces the strain
-    energy.
+    as far as they differ from those at `unstrained`. The result is used only if it reduces the
+    strain energy.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ class ReducedEquations:
 
     @property
     def description(self) -> str:
-        """Phrase for the results that names the removed constraints."""
+        """Phrase that names the removed constraints, for the results."""
         names = ", ".join(self.full.lam_names[k] for k in self.redundant)
         follow = "follows" if len(self.redundant) == 1 else "follow"
         return f"minimum norm: {names} {follow} from the others, and reactions have minimum norm"

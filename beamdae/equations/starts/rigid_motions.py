@@ -21,7 +21,7 @@ _NODE_COORDINATES = ("x", "y", "psi")  # of bodies without a floating frame
 
 
 def join_names(names: Sequence[str]) -> str:
-    """Join names as "a, b and c"; if there are more than nine, count the rest."""
+    """Join names as "a, b and c"; if there are more than nine, list eight and count the others."""
     if len(names) > _MAX_NAMES:
         names = [*names[: _MAX_NAMES - 1], f"{len(names) - _MAX_NAMES + 1} others"]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
