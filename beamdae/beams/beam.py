@@ -644,7 +644,6 @@ def _create_kinematics(
     section: Any,
     settings: Mapping[str, Any],
 ) -> Kinematics:
-    """Return the kinematics of a formulation, or the custom kinematics that `make` returns."""
     require_choice(part, "formulation", formulation, tuple(_KINEMATICS_BY_FORMULATION))
     if make is not None:
         unused = [*settings, *(["formulation"] if formulation != _DEFAULT_FORMULATION else [])]

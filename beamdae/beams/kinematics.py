@@ -164,7 +164,7 @@ class StrainValidity(NamedTuple):
     data
         Data of the kernel, one column per element.
     defect
-        Kernel of the difference to the forces of exact strains; None for exact strains.
+        Kernel of the forces of exact strains minus those of the element; None for exact strains.
     remedies
         Settings that extend the valid range.
     """

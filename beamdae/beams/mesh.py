@@ -80,7 +80,7 @@ class Mesh:
     bounds: tuple[float, ...] | None = None
 
     def in_axes(self, origin: tuple[float, float], angle: float) -> Mesh:
-        """Return the mesh in axes with the given origin [m] and inclination [rad]."""
+        """Return the mesh, expressed in axes with the given origin [m] and inclination [rad]."""
         return replace(self, origin=origin, angle=angle)
 
     def divided_at(self, bounds: Sequence[float]) -> Mesh:

@@ -470,7 +470,6 @@ def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) 
 
 
 def _parse_dimension(name: str, value: Any) -> tuple[float, float]:
-    """Return the dimension at the start and at the end."""
     if hasattr(value, "__len__") and not isinstance(value, str):
         a, b = require_pair("taper", name, value, "a number or a pair (at the start, at the end)")
         start = require_finite("taper", f"{name} at the start", a)

@@ -382,7 +382,7 @@ class SlidingOnBeam(Part):
 
     @property
     def s(self) -> Quantity:
-        """Arc length s [m] of the point and its rate [m/s]."""
+        """Arc length s of the point [m], and rate of s [m/s]."""
         columns = (Variable("", "m"), Variable("rate", "m/s"))
         values, _ = FormulaExpression.of(_arc_length_and_rate, ())
         return Quantity(columns, (Piece(self, _SLIDER_OPERATOR),), values)

@@ -138,7 +138,6 @@ def frame(
 def _parse_member(
     name: str, member: Any, positions: Mapping[str, Any], section: Any
 ) -> tuple[str, str, Any]:
-    """Return the names of the two points of a member, and its section."""
     # A string such as "AB" is a pair of points with one-letter names.
     entries = (
         list(member)
@@ -253,7 +252,6 @@ def welded_beams(
 
 
 def _require_closed_curve(name: str, curve: PlaneCurve, bodies: int) -> None:
-    """Reject a single body and a curve whose ends do not meet."""
     if bodies < 2:
         raise BeamdaeError(f"{name}: closed=True requires at least 2 bodies, got {bodies}.")
     ends = np.array([0.0, curve.length])

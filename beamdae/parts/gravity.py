@@ -58,7 +58,7 @@ class GravityLaws:
     def _statement(
         self, weightless: ForceStatement, unit_x: ForceStatement, unit_y: ForceStatement
     ) -> ForceStatement:
-        """Combine a statement without gravity and under unit gravity along x and y."""
+        """Return the statement under the laws from those without gravity and under unit gravity."""
         slopes = unit_x.data - weightless.data, unit_y.data - weightless.data
         rows = np.flatnonzero(np.any(slopes[0], axis=1) | np.any(slopes[1], axis=1))
         if not rows.size:

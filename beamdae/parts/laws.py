@@ -288,7 +288,7 @@ def _steady_angle(t: Any, numbers: Any) -> Any:
 
 
 def run_up(speed: float, duration: float) -> Law:
-    """Return the angle [rad] of a smooth run-up to a constant angular speed.
+    """Return the law of the angle [rad] for a smooth run-up to a constant angular speed.
 
     Eq. (28) of Pan & Liu (2012):
     speed / duration * (t^2/2 + (duration/(2 pi))^2 (cos(2 pi t/duration) - 1)) up to t = duration,

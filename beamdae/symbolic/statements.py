@@ -59,7 +59,7 @@ class Variable(NamedTuple):
 class Piece(NamedTuple):
     """Constant operator that maps the coordinates of one owner, such as a body, to local ones.
 
-    `s` is the arc length [m] of the section whose coordinates are selected, if the owner is a beam.
+    `s` is the arc length [m] if the local coordinates are those of a section of a beam, else None.
     """
 
     owner: Any
@@ -180,7 +180,7 @@ class StrainDefectKernel:
 
 @dataclass(frozen=True)
 class RangeStatement:
-    """Range in which the strains of a part are valid.
+    """Data from which the validity of the strains of a part is assessed.
 
     Attributes
     ----------
@@ -191,7 +191,8 @@ class RangeStatement:
     pieces, data
         Local coordinates and data of all copies, as in `ForceStatement`.
     defect
-        Forces that the strains lack. None if the strains are valid at any rotation.
+        Forces of exact strains minus those of the part. None if the strains are valid at any
+        rotation.
     remedies
         Settings that reduce the error, besides dividing the part into several bodies.
     """

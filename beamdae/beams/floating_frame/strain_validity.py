@@ -53,7 +53,7 @@ def range_kernel(element: FloatingFrameElement) -> RangeKernel:
 
 @cache
 def strain_defect_kernel(element: FloatingFrameElement) -> StrainDefectKernel:
-    """Return the difference between exact elastic forces and those of an element.
+    """Return the kernel of exact elastic forces minus those of the strains of an element.
 
     The stiffness of the kernel does not contain the geometric stiffness of the section forces.
     Assembled for a beam, it is therefore positive definite even if the beam buckles or snaps

@@ -26,7 +26,7 @@ _COEFFICIENTS = ("kx", "ky", "ktheta", "cx", "cy", "ctheta")
 
 
 def _bushing_displacement(a: Any, b: Any, numbers: Any) -> SX:
-    """Return the displacement in axes of the first body, and the relative rotation.
+    """Return the displacement in the axes of the bushing, and the relative rotation.
 
     `numbers` are the angle of the axes and the vector between the points, both in the reference
     configuration.

@@ -265,7 +265,6 @@ class Contact(Part):
 
     @property
     def _law_arguments(self) -> tuple[Any, ...]:
-        """Arguments of a `_ContactLaw`."""
         return (self.point.size, type(self.surface).kind, self.friction > 0.0)
 
     @property

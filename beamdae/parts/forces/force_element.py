@@ -201,7 +201,6 @@ class _ElementExpression:
     def evaluate(
         self, local: Local, a: Any, b: Any, law_numbers: Any, deformation_numbers: Any
     ) -> tuple[SX, ElementResponse]:
-        """Return the deformation and the response to it."""
         placement_a, placement_b = a(local.q[: self.size]), b(local.q[self.size :])
         x = self.deformation(placement_a, placement_b, deformation_numbers())
         return x, self.law(x, local.dot(x), law_numbers())

@@ -220,7 +220,6 @@ class ForceLaw(Part):
         self._require_valid()
 
     def _require_valid(self) -> None:
-        """Raise BeamdaeError unless law and energy are valid formulas for the attachments."""
         require_function(self.name, "law", self.law)
         motions = [
             PointMotion(*(as_vector(x) if x.numel() == 2 else x for x in symbols))

@@ -38,13 +38,16 @@ from beamdae.symbolic.statements import (
 
 
 def _rim_travel(a: Any, b: Any, numbers: Any) -> SX:
-    """Return the travel of the rim of a bearing; `numbers` contains the radius."""
+    """Return the travel of the rim of a bearing; `numbers[0]` is its radius."""
     (_, rotation_a), (_, rotation_b) = a, b
     return numbers[0] * (rotation_b - rotation_a)
 
 
 def _guide_travel(a: Any, b: Any, numbers: Any) -> SX:
-    """Return the travel along a line of the first body; `numbers` are radius and unit vector."""
+    """Return the travel along a line fixed to the first body.
+
+    `numbers` are the radius of the guide and the unit vector of the line.
+    """
     (position_a, rotation_a), (position_b, _) = a, b
     return ca.dot(rotate(rotation_a, (numbers[1], numbers[2])), position_b - position_a)
 
@@ -234,7 +237,6 @@ class Friction(Part):
         return isinstance(self.joint, Revolute)
 
     def _multipliers_in(self, unit: str) -> tuple[int, ...]:
-        """Return the indices of the multipliers of the joint with the given unit."""
         return tuple(k for k, x in enumerate(self.joint.multipliers) if x.unit == unit)
 
     @property

@@ -25,7 +25,7 @@ def perpendicular(vector: SX) -> SX:
 
 
 def _line_gap(rotation: SX, arm: SX, numbers: Any) -> tuple[SX, SX]:
-    """Return the gap and the tangent of a line; `numbers` is the unit normal.
+    """Return the gap and the tangent of a line; `numbers` are the components of its unit normal.
 
     `arm` is the vector from a point of the line to the contact point.
     """

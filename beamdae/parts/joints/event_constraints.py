@@ -58,7 +58,7 @@ class FrozenGap:
 
 
 def _carrier_index(joint: KinematicConstraint) -> int | None:
-    """Return the index of the point whose axes carry the offsets of the first two rows."""
+    """Return the index of the point whose axes carry the first two offsets, or None."""
     carrier = joint.offset_carrier
     return None if carrier is None else list(joint.points).index(carrier)
 

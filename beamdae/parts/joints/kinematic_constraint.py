@@ -256,7 +256,7 @@ class KinematicConstraint(Part):
 
     @property
     def reaction(self) -> Quantity:
-        """Reaction of each constraint [N] or [N m]; a positive reaction opens the gap.
+        """Reaction of each constraint [N] or [N m], positive in the direction of increasing gap.
 
         Raises
         ------
