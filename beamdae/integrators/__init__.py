@@ -1,7 +1,7 @@
 """Integrators with `integrate(equations, times) -> Solution`; one folder per method.
 
 May import: results, equations, parts, linear, symbolic, native; only `ida` imports SUNDIALS.
-To extend: subclass `Integrator`; its `integrate` gives `drive` a function that makes a `Method`.
+To extend: subclass `Integrator`; its `integrate` passes `drive` a function that makes a `Method`.
 """
 
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha

@@ -34,9 +34,9 @@ class Amplitudes:
     ----------
     by_part
         Dimensionless amplitude of each part: the largest amplitude of its coordinates, where
-        amplitudes of lengths are divided by the size of the part. Amplitudes of angles [rad] are
-        not scaled, because an angle moves the points of a body of size L by up to L times the
-        angle. They are limited to pi/2.
+        amplitudes of lengths are divided by the size of the part. Amplitudes of angles [rad],
+        limited to pi/2, are not divided, because an angle moves the points of a body of size L by
+        up to L times the angle.
     scales
         Scale of each coordinate [m or rad], (n,): an amplitude, which is multiplied by the size of
         the part if the coordinate is a length. In general, this is the amplitude of the part. For a

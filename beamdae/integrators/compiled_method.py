@@ -115,8 +115,8 @@ class StepWorkspace:
     residual
         Residual in the last Newton iteration of any stage.
     rows, filled, most
-        Rows (t, q, v, a, lam) of the steps taken, number of filled rows, and number of requested
-        rows.
+        Rows (t, q, v, a, lam) of the steps taken, number of filled rows, and maximum number of
+        rows to fill.
     start, end, branch
         Start and end of the interval, and a time inside the interval [s].
     step_count, total_steps

@@ -297,7 +297,7 @@ class _RunInProgress:
         return REACHED_END
 
     def _switch_parts(self) -> Status:
-        """Apply the actions of the last event, and integrate the rest of the interval."""
+        """Apply the actions of the last event, then integrate the rest of the interval."""
         assert self._detector is not None
         assert self._configuration is not None
         event, t = self._detector.last_event, self._history.end

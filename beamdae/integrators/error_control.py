@@ -59,7 +59,7 @@ class MotionScales:
     position
         Scale of each coordinate [m or rad], (n,); see `RunPlan.scales`.
     size
-        Characteristic length for each coordinate [m], or 1 for an angle, (n,); rounding errors of
+        Characteristic length [m] for each coordinate, or 1 for an angle, (n,); rounding errors of
         positions are relative to it.
     rate
         Characteristic rate of the motion [1/s]; the scale of velocities is `position` * `rate`.
@@ -127,7 +127,7 @@ class ErrorControl:
         rigid bodies and chord frames); "velocities" (positions and all velocities); or "all" (also
         multipliers).
     max_order
-        Highest BDF order.
+        Highest order of the method.
     reason
         Reason for the choices of "auto", or "as set" if neither setting was "auto".
     is_limited

@@ -1,4 +1,4 @@
-"""Protocols of integration methods, by which `drive` begins intervals and requests steps."""
+"""Protocols through which `drive` begins intervals and requests steps from methods."""
 
 from __future__ import annotations
 

@@ -44,8 +44,8 @@ def run_pilot(
 ) -> tuple[RunPlan, R, Trajectory, Status]:
     """Measure the amplitudes of the motion by up to four pilot runs.
 
-    A pilot run is repeated while the motion is much smaller than the scales that it used. All calls
-    of `limits.progress` receive the start time.
+    A pilot run is repeated while the motion is much smaller than the scales that it used. During
+    pilot runs, `limits.progress` is called with the start time.
 
     Parameters
     ----------

@@ -29,7 +29,10 @@ def remove_redundant(equations: EquationsOfMotion, start: float) -> ReducedEquat
 
 
 def restore_reactions(solution: Solution, reduced: ReducedEquations) -> Solution:
-    """Return the solution with the full equations and minimum-norm reactions of all constraints."""
+    """Return the solution of the full equations.
+
+    The multipliers of all constraints have the minimum norm among those that give the same forces.
+    """
 
     def restore(interval: Interval) -> Interval:
         rows = interval.rows

@@ -204,7 +204,7 @@ class RunSegment:
     history
         The accepted steps, with the multipliers of the active parts.
     branch
-        Time inside the smooth interval [s], which selects the pieces of piecewise laws.
+        Time [s] inside the smooth interval, which selects the pieces of piecewise laws.
     configuration
         Active parts; None if `EquationsOfMotion.configurations` is None.
     """

@@ -167,7 +167,7 @@ def _substitute(
     inverse: Array,
     x: Array,
 ) -> None:
-    """Replace x by the solution, without refinement.
+    """Replace `x` by the solution, without refinement.
 
     Arrays are passed one by one: passing a plan to compiled code takes longer.
     """
@@ -226,7 +226,10 @@ def _update_residual(
     residual: Array,
     terms: Array,
 ) -> bool:
-    """Set `residual` to right - matrix x and `terms` to its scale; return True if x is accurate."""
+    """Set `residual` to right - matrix @ x; return True if `x` is accurate.
+
+    Also set `terms` to the sums of the magnitudes of all terms in each equation.
+    """
     for k in range(len(x)):
         residual[k] = right[k]
         terms[k] = _estimate_modulus(right[k])

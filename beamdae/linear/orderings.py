@@ -51,12 +51,12 @@ class Ordering(NamedTuple):
 
 
 def compute_bordered_ordering(pattern: sp.csc_array) -> Ordering:
-    """Order unknowns: definitions such as q' = v, a band, and a border that would fill the band.
+    """Order unknowns for elimination: first definitions such as q' = v, then a band, then a border.
 
     The nodes of a beam, in order along the beam, form a band. The floating frame of the beam is
     coupled with all nodes, and multipliers have no diagonal entry: frames and multipliers form the
-    border, in their order along the mechanism. Band and border are ordered by the reverse
-    Cuthill-McKee algorithm, Proc. 24th Nat. Conf. ACM (1969) 157.
+    border, in their order along the mechanism, because they would fill the band. Band and border
+    are ordered by the reverse Cuthill-McKee algorithm, Proc. 24th Nat. Conf. ACM (1969) 157.
     """
     size = pattern.shape[0]
     ones = (np.ones(pattern.nnz), pattern.indices, pattern.indptr)

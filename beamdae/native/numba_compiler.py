@@ -175,7 +175,7 @@ def _define_entry_point(function: Callable[..., int], arguments: str, kind: Any)
 
 
 def _compile_entries(entry_points: Mapping[str, tuple[Any, Any]]) -> str:
-    """Compile C functions into one module and name them by their symbols."""
+    """Return one module of LLVM IR with these C functions, named by their symbols."""
     texts: dict[str, None] = {}
     symbols = {}
     for symbol, (entry, signature) in entry_points.items():

@@ -248,7 +248,7 @@ class IdaSolver:
         Returns
         -------
         int
-            Status of IDA: 0, or 1 at `end`; negative if the step failed, see `describe_status`.
+            Status of IDA: 0, or 1 at `end`; negative if the step failed (see `describe_status`).
         """
         self.stop_at(end)
         at = self.pointers

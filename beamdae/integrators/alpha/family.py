@@ -116,7 +116,7 @@ class AlphaStart:
         """Return the starting values at `time` = (t, branch) for steps `h` [s].
 
         To avoid spurious oscillations, the corrections use only the jerk that the constraints
-        prescribe, and reduce the accelerations of modes that are too fast for the step.
+        prescribe, and accelerations of modes that are too fast for the step are reduced.
         """
         q, v, ddq, lam = (x.copy() for x in state)
         if not self.cured:

@@ -187,7 +187,7 @@ class GeneralizedAlpha(Integrator):
 
     @property
     def accuracy(self) -> Accuracy:
-        """("rtol", rtol) if `rtol` is set, otherwise ("step", step) in s."""
+        """("rtol", rtol) if `rtol` is set, otherwise ("step", step) with the step in seconds."""
         return Accuracy("step", self.step) if self.rtol is None else Accuracy("rtol", self.rtol)
 
     @property

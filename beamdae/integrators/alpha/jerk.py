@@ -158,7 +158,7 @@ def evaluate_normal_jerk(
 def _evaluate_constraint_accelerations(
     jerk: JerkBuffers, t: float, branch: float, at: Motion, delta: float, result: Array
 ) -> None:
-    """Write g_ddot at `t` + `delta` [s] of a motion with constant acceleration to `result`."""
+    """Evaluate g_ddot at `t` + `delta` [s] for constant acceleration; write it to `result`."""
     n, motion, total = at.q.size, jerk.motion, jerk.accelerations
     combine(motion[:n], (1.0, delta, 0.5 * delta * delta), (at.q, at.v, at.ddq))
     combine(motion[n : 2 * n], (1.0, delta), (at.v, at.ddq))

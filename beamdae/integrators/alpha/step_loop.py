@@ -194,7 +194,7 @@ def _reject_step(run: AlphaWorkspace, h: float) -> None:
 
 
 def _step_factor(error: float) -> float:
-    """Return the factor for the next step; `error` is relative to the tolerance, of order h^3."""
+    """Return the factor for the next step; `error` (relative to the tolerance) grows with h^3."""
     return _SAFETY * max(error, _MIN_ERROR) ** (-1.0 / 3.0)
 
 

@@ -53,8 +53,8 @@ class AlphaWorkspace:
     weights
         Reciprocal scales of the coordinates.
     rows, filled, most
-        Rows (t, q, v, ddq, lam) of the steps taken, number of filled rows, and number of requested
-        rows.
+        Rows (t, q, v, ddq, lam) of the steps taken, number of filled rows, and maximum number of
+        rows to fill.
     newton_tolerance, min_correction_limit
         Newton tolerance relative to beta h^2 times the largest scaled acceleration, and lower bound
         on `correction_limit`.
@@ -69,8 +69,8 @@ class AlphaWorkspace:
     next_step, max_step, min_step
         Adaptive steps: next step to try and its bounds [s].
     steps_checked, max_error, error
-        Adaptive steps: number of accepted steps since growth was last considered, their largest
-        error, and the error of the last step, relative to the tolerance.
+        Adaptive steps: number of accepted steps since growth was last considered, largest error of
+        these steps, and error of the last attempted step. Errors are relative to the tolerance.
     residuals, jacobians, failures, rejections
         Numbers of residual evaluations, of matrix evaluations, of failed Newton iterations and of
         rejected steps.

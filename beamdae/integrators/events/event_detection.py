@@ -114,7 +114,7 @@ class EventDetector:
     equations
         Equations of all parts, which define the events.
     records
-        Events so far, in order of time.
+        Records of the events so far, in order of time.
     """
 
     equations: EquationsOfMotion

@@ -68,7 +68,7 @@ class NewtonState:
     correction_fraction
         Fraction of each Newton correction that is applied; see `stepper`.
     branch
-        Time inside the smooth interval [s].
+        Time [s] inside the smooth interval.
     has_factors
         1 if the Jacobian has been factorized.
     renew_address
@@ -133,7 +133,7 @@ class IdaWorkspace:
     end
         End of the smooth interval [s].
     filled, most
-        Number of filled rows, and number of requested rows.
+        Number of filled rows, and maximum number of rows to fill.
     """
 
     newton: NewtonState

@@ -22,8 +22,9 @@ class StepSizeState:
     h_{n+1} = 0.9 h_n e_n^(-1/4) min(1, (h_n / h_{n-1}) (e_{n-1} / e_n)^(1/4)), within bounds and
     reduced after many Newton iterations; Gustafsson, ACM Trans. Math. Softw. 20 (1994) 496. Slender
     beams are easy to bend and hard to stretch: Newton's iteration may fail for steps that rotate an
-    element too far, long before the error test fails. Half of such a step is the limit of the
-    following steps (`newton_limit`), which then grows again by small factors.
+    element too far, long before the error test fails. Half of such a step becomes
+    `newton_limit`, the limit of the following steps; this limit then grows again by small factors.
+    e_n is the error of step n relative to the tolerance.
 
     Attributes
     ----------
@@ -90,7 +91,8 @@ class RadauWorkspace:
     stagnation_limit
         Largest permitted weighted correction if the iteration stagnates.
     rows, filled, most
-        Rows (t, q, v, a, lam) of the stages, number of filled rows, and number of requested steps.
+        Rows (t, q, v, a, lam) of the stages, number of filled rows, and maximum number of steps to
+        take.
     t, branch, end
         Current time, a time inside the interval, and the end of the interval [s].
     factors_step
