@@ -221,7 +221,7 @@ class Equilibrium:
         Raises
         ------
         BeamdaeError
-            If no column has this name.
+            If no column has one of the names.
         """
         return load_views().plot_equilibrium_path(self, names)
 

@@ -98,7 +98,7 @@ def _create_path_figure(
 
 
 def _find_unstable_segments(equilibrium: Equilibrium) -> list[bool]:
-    """Return True for each unstable segment between neighboring points.
+    """Return one boolean per segment between neighboring points: True if drawn as unstable.
 
     A segment is drawn as unstable if one of its ends is not known to be stable. Critical points,
     which are neither stable nor unstable, are ignored unless both ends are critical.

@@ -111,7 +111,7 @@ class Scene:
         return zip(self.glyphs, map(self.line, self.glyphs), strict=False)
 
     def extent(self) -> tuple[Array, Array]:
-        """Return the lower left and upper right corner [m] of the scene, at a minimum distance."""
+        """Return the lower left and upper right corner [m] of the scene, with a minimum size."""
         points = [line.reshape(-1, 2) for _, line in self.lines()]
         low, high = bounding_box(np.concatenate(points or [self.poses[..., :2].reshape(-1, 2)]))
         margin = 0.5 * max(_MIN_EXTENT * self.size - float(np.max(high - low)), 0.0)

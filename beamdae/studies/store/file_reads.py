@@ -102,7 +102,7 @@ def _is_read_by_module() -> bool:
 
 @contextmanager
 def record_file_reads() -> Iterator[FileReads]:
-    """Record the files read in this block by any thread, and before by imported modules.
+    """Record files read in this block by any thread, and all files read by imported modules.
 
     The yielded dict maps names to signatures; it is complete at the end of the block.
     """
