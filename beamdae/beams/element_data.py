@@ -195,7 +195,7 @@ def compute_prestrains(curve: PlaneCurve, free: PlaneCurve | None, s: Array) -> 
 
 
 def require_free_curve(part: str, free: Any, curve: PlaneCurve) -> None:
-    """Raise BeamdaeError unless `free` is a curve whose length equals that of `curve` within 1 %."""
+    """Raise BeamdaeError unless `free` is a curve that is as long as `curve`, within 1 %."""
     free = require_curve(f"{part}, free_curve", free)
     if not abs(curve.length - free.length) <= _MAX_INITIAL_STRAIN * free.length:
         raise BeamdaeError(

@@ -128,8 +128,8 @@ class ConstraintKernel:
         """Return the kernel of G^T lam, G^T mu (if `stabilized`) and the constraints at `levels`.
 
         The inputs are (t, branch) and (q, v, a, lam, mu, data), with v only for levels 1 and 2, a
-        only for level 2, and mu only if `stabilized` or for `NO_LEVEL`. The outputs are g for level
-        0, g_dot for level 1, g_ddot for level 2 and mu for `NO_LEVEL`.
+        only for level 2, and mu only if `stabilized` or for `NO_LEVEL`. The constraint of level 0
+        is g, that of level 1 g_dot, that of level 2 g_ddot and that of `NO_LEVEL` mu.
         """
         return self._cache_kernel(self._build_residual_kernel, levels, stabilized)
 
@@ -195,9 +195,9 @@ class NonholonomicKernel(ConstraintKernel):
     """Constraints 0 = A(time, q, data) v + b(time, q, data) of one joint, imposed on velocities.
 
     They are nonholonomic, or integrable but not imposed on positions. A v + b replaces g_dot, A
-    replaces G, and g is zero. Formulations that impose g = 0 but not
-    g_dot = 0 impose A v + b = 0 instead; formulations that impose both impose only A v + b = 0,
-    without a correction of positions.
+    replaces G, and g is zero. Formulations that impose g = 0 but not g_dot = 0 impose A v + b = 0
+    instead; formulations that impose both impose only A v + b = 0, without a correction of
+    positions.
 
     Attributes
     ----------

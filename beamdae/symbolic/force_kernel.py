@@ -35,7 +35,7 @@ class ForceKernel:
         and loads on the left-hand side of F + G^T lam = 0. lam are the multipliers of a joint, for
         example for friction.
     energies
-        (kinetic, strain, gravity) [J].
+        (kinetic energy, strain energy, potential of gravity) [J].
     powers
         (power of the loads, dissipated power) [W].
     reused

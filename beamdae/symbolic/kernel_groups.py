@@ -50,7 +50,7 @@ class KernelGroup(NamedTuple):
 
 
 def group_by_kernel(statements: Sequence[Statement]) -> list[KernelGroup]:
-    """Group statements that have the same kernel, except for the numbers in it."""
+    """Group statements whose kernels are equal, except for the numbers in them."""
     groups: dict[Hashable, list[int]] = {}
     for k, statement in enumerate(statements):
         kernel = statement.kernel
