@@ -1,4 +1,4 @@
-"""Error control of adaptive integrators: components in the error test, and highest order.
+"""Error control of adaptive integrators: tested components, tolerances and highest order.
 
 The choices rest on measurements, which validation/tolerances prints as tables.
 """

@@ -52,7 +52,7 @@ class Integrator(ABC):
     @property
     @abstractmethod
     def order(self) -> int:
-        """Order p of the errors of positions and velocities, proportional to step^p or rtol^p."""
+        """Order p: errors of positions and velocities are proportional to step^p or rtol^p."""
 
     @property
     def label(self) -> str:

@@ -115,7 +115,8 @@ def plan_run(equations: EquationsOfMotion, times: Array) -> RunPlan:
     Raises
     ------
     BeamdaeError
-        If inertia is missing, the model has no consistent start or a law becomes infinite.
+        If the mass matrix is not symmetric or not positive semidefinite, the model has no
+        consistent start, or a law becomes infinite.
     """
     start, end = float(times[0]), float(times[-1])
     intervals = tuple(pairwise((start, *interval_ends(equations.breakpoints, start, end))))

@@ -30,7 +30,7 @@ class LinearSolver:
     needs_pivots
         1 if new pivots have been requested for the current matrix.
     is_untried
-        1 if the pivots have not been used yet.
+        1 if no matrix has been factorized with the current pivots yet.
     singular
         1 if no pivots suit the matrix of the current step.
     factorizations, solves

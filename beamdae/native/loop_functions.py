@@ -18,7 +18,7 @@ Array = np.ndarray
 
 
 def combine(out: Array, factors: tuple[complex, ...], vectors: tuple[Array, ...]) -> None:
-    """Set `out` to the sum of factors times vectors; `out` may be one of the vectors."""
+    """Set `out` to the sum of factor * vector over all pairs; `out` may be one of the vectors."""
     out[:] = sum(factor * vector for factor, vector in zip(factors, vectors, strict=True))
 
 
@@ -33,7 +33,7 @@ def minimum(out: Array, vector: Array, factor: float, other: Array) -> None:
 
 
 def split_complex(real: Array, imaginary: Array, vector: Array) -> None:
-    """Split a complex vector into its real and imaginary parts."""
+    """Write the real and imaginary parts of a complex vector to `real` and `imaginary`."""
     real[:], imaginary[:] = vector.real, vector.imag
 
 

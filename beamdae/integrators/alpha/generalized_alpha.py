@@ -192,7 +192,7 @@ class GeneralizedAlpha(Integrator):
 
     @property
     def order(self) -> int:
-        """1 with rtol; 2 with a fixed step, or 1 for "newmark" with rho_inf < 1."""
+        """1 with `rtol`; 2 with a fixed step, or 1 for "newmark" with `rho_inf` < 1."""
         damped = self.family == "newmark" and self.rho_inf < 1.0
         return 1 if self.rtol is not None or damped else 2
 

@@ -78,7 +78,7 @@ class SksundaeCallbacks:
         self._expected_iterate = None
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
-        """Evaluate the residual for IDA into `out`; see `evaluate_preconditioned`."""
+        """Write the residual for IDA to `out`; see `evaluate_preconditioned`."""
         # Every attempt at a step ends at a different time.
         if t != self._t:
             self._attempts += 1
