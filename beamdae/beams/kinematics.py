@@ -203,7 +203,7 @@ class Kinematics(ABC):
 
     @property
     def frame_follows_section(self) -> bool:
-        """True if the floating frame moves with one section of the body."""
+        """True if the body has a floating frame that moves with one of its sections."""
         return False
 
     @property

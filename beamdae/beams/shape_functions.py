@@ -10,7 +10,7 @@ Array = np.ndarray
 
 
 def shape_functions(nodes: int, xi: Array, derivative: int = 0) -> Array:
-    """Return the Lagrange shape functions, or their derivatives, at local coordinates xi.
+    """Return the Lagrange shape functions, or their derivatives, at local coordinates `xi`.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ def resolve_mass(
 
 
 def rod(part: str, a: Any, b: Any, mass: float | None, density: Any, area: Any) -> Shape:
-    """Return a thin straight rod from a to b; mass m and length l give the inertia m l^2 / 12.
+    """Return a thin straight rod from `a` to `b`; mass m and length l give inertia m l^2 / 12.
 
     Raises
     ------
@@ -189,12 +189,12 @@ def _require_simple(part: str, corners: Array) -> None:
 
 
 def _side_of_line(a: Array, b: Array, p: Array) -> float:
-    """Return 1 for a point left of the line from a to b, -1 right of it, 0 on it."""
+    """Return 1 if `p` is to the left of the line from `a` to `b`, -1 if to the right, else 0."""
     return float(np.sign((b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])))
 
 
 def _is_between(a: Array, b: Array, p: Array) -> bool:
-    """Return True if a point of the line through a and b lies between them."""
+    """Return True if `p`, a point of the line through `a` and `b`, lies between them."""
     return bool(np.all(np.minimum(a, b) <= p) and np.all(p <= np.maximum(a, b)))
 
 

@@ -73,7 +73,7 @@ class Ground(Part):
         Raises
         ------
         BeamdaeError
-            If x or y is not a finite number.
+            If `x` or `y` is not a finite number.
         """
         point = require_point(self.name, "point", (x, y))
         return Attachment(self, point, 0.0, _NO_ROWS, Formula(_fixed_point, point))
@@ -363,7 +363,7 @@ class RigidBody(Part):
         Raises
         ------
         BeamdaeError
-            If x or y is not a finite number.
+            If `x` or `y` is not a finite number.
         """
         point = require_point(self.name, "point", (x, y))
         arm = (point[0] - self.center[0], point[1] - self.center[1])

@@ -23,12 +23,12 @@ def positive_part(x: Any) -> Any:
     Returns
     -------
     float, ndarray or SX
-        The values, with the shape of x.
+        The values, with the shape of `x`.
 
     Raises
     ------
     BeamdaeError
-        If x is not a number, an array of numbers or a symbol.
+        If `x` is not a number, an array of numbers or a symbol.
 
     Examples
     --------
@@ -42,24 +42,24 @@ def positive_part(x: Any) -> Any:
 
 
 def smooth_sign(x: Any, scale: Any) -> Any:
-    """Return tanh(x / scale), a smooth sign of x that reaches 0.96 at x = 2 `scale`.
+    """Return tanh(x / scale), a smooth sign of `x` that reaches 0.96 at x = 2 scale.
 
     Parameters
     ----------
     x
         A number, an array of any shape or a symbol.
     scale
-        A positive number or a symbol, in the unit of x.
+        A positive number or a symbol, in the unit of `x`.
 
     Returns
     -------
     float, ndarray or SX
-        The values, with the shape of x.
+        The values, with the shape of `x`.
 
     Raises
     ------
     BeamdaeError
-        If x is not a number, an array of numbers or a symbol, or `scale` is neither a positive
+        If `x` is not a number, an array of numbers or a symbol, or `scale` is neither a positive
         number nor a symbol.
     """
     x = _require_numeric("smooth_sign", x)
