@@ -474,8 +474,8 @@ class Beam(Part):
         Returns
         -------
         Quantity
-            Columns axial [m] (along the axis at `reference`), transverse [m] (along its left
-            normal) and rotation [rad] (counter-clockwise).
+            Columns axial [m] (along the axis at `reference`), transverse [m] (along the left normal
+            of this axis) and rotation [rad] (counter-clockwise).
 
         Raises
         ------

@@ -220,9 +220,9 @@ def _zero_force(t: Any, numbers: Any) -> Any:
 class MovingForce(Part):
     """Constant force in the inertial frame that moves along a beam at constant speed.
 
-    At time t, the force acts at the arc length start + speed * t; beyond the ends of the beam, it
-    is zero. The shape functions of the element distribute the force to the nodes. Integrators stop
-    and restart when the force passes an end of an element.
+    At time t, the force acts at the arc length start + speed * t; the force is zero while this
+    place is beyond the ends of the beam. The shape functions of the element distribute the force to
+    the nodes. Integrators stop and restart when the force passes an end of an element.
 
     Parameters
     ----------

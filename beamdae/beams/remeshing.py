@@ -43,7 +43,7 @@ class BaseMesh:
     has_slider
         True if a point slides along the beam. Always False if `fixed_by` is set.
     fixed_by
-        Reason why the mesh and the formulation of the beam must not change; empty if they may.
+        Reason why the mesh and the formulation of the beam must not change, or an empty string.
     """
 
     beam: Beam

@@ -333,7 +333,7 @@ def piecewise(*pieces: Any) -> Law:
     Returns
     -------
     Law
-        The law. Its breakpoints are the end times, and those of each law within its interval.
+        The law, with breakpoints at the end times and wherever a law has one within its interval.
 
     Raises
     ------

@@ -137,8 +137,8 @@ def polygon(part: str, points: Any, mass: float | None, density: Any, thickness:
     Raises
     ------
     BeamdaeError
-        If there are fewer than 3 corners, they enclose no area, repeat or are not in order around
-        the polygon, or a value is invalid; see `resolve_mass`.
+        If the corners are fewer than 3, enclose no area, repeat or are not in order around the
+        polygon, or a value is invalid; see `resolve_mass`.
     """
     entries = require_sequence(part, "points", points, "at least 3 pairs (x, y)")
     if len(entries) < 3:

@@ -297,9 +297,9 @@ class RigidBody(Part):
         Raises
         ------
         BeamdaeError
-            If there are fewer than 3 corners, they enclose no area, repeat or are not in order
-            around the polygon, a value is invalid, an unknown argument is given, or the arguments
-            are neither the mass alone nor both density and thickness.
+            If the corners are fewer than 3, enclose no area, repeat or are not in order around the
+            polygon, a value is invalid, an unknown argument is given, or the arguments are neither
+            the mass alone nor both density and thickness.
 
         Examples
         --------

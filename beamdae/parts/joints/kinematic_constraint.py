@@ -215,7 +215,7 @@ class KinematicConstraint(Part):
         Raises
         ------
         BeamdaeError
-            If the subclass does not define them.
+            If the subclass does not define `multipliers`.
         """
         raise BeamdaeError(
             f"{self.name}: {type(self).__name__} has no multipliers; define a Variable "
@@ -229,7 +229,7 @@ class KinematicConstraint(Part):
         Raises
         ------
         BeamdaeError
-            If the subclass does not define them.
+            If the subclass does not define `reactions`.
         """
         raise BeamdaeError(
             f"{self.name}: {type(self).__name__} has no reactions; define a column "
