@@ -74,7 +74,7 @@ def frame(
     section
         Section of the members that do not specify one.
     **settings
-        Further arguments of each `Beam`.
+        Further keyword arguments of each `Beam`.
 
     Returns
     -------
@@ -192,7 +192,7 @@ def welded_beams(
         If True, the end of the last beam is welded to the start of the first, for a curve whose
         ends meet. If False (default), the ends of a ring are not connected.
     **settings
-        Further arguments of each `Beam`. `elements` is the number of elements of each beam,
+        Further keyword arguments of each `Beam`. `elements` is the number of elements of each beam,
         `free_curve` the stress-free shape of the whole beam.
 
     Returns

@@ -148,10 +148,11 @@ class Driver(DrivenJoint):
 class TranslationalDriver(DrivenJoint):
     """Prescribed travel: g = e . (r_b - r_a) - d0 - law(t) [m].
 
-    e is `direction`, fixed to the body of `a`, and d0 is the value of e . (r_b - r_a) in the
-    reference configuration. With `a` on the ground, g prescribes a component of the position of
-    `b`. The reaction F is the force on the body of `b` along e. If the law is not zero at the
-    start, the bodies are moved before the run; see `Driver`.
+    e is the unit vector of `direction`, fixed to the body of `a`; r_a and r_b are the positions of
+    the points, and d0 is the value of e . (r_b - r_a) in the reference configuration. With `a` on
+    the ground, g prescribes a component of the position of `b`. The reaction F is the force on the
+    body of `b` along e. If the law is not zero at the start, the bodies are moved before the run;
+    see `Driver`.
 
     Parameters
     ----------
