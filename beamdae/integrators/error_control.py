@@ -124,7 +124,7 @@ class ErrorControl:
     ----------
     policy
         Components in the error test: "positions"; "rigid velocities" (positions, and velocities of
-        rigid bodies and chord frames); "velocities" (positions and all velocities); or "all" (also
+        rigid bodies and of frames); "velocities" (positions and all velocities); or "all" (also
         multipliers).
     max_order
         Highest order of the method.
@@ -195,12 +195,18 @@ class ErrorControl:
         mask[n : 2 * n] = ~self.tested_velocities(form.equations)
         return mask if mask.any() else None
 
-    def tested_velocities(self, equations: EquationsOfMotion) -> Array:
-        """Return the mask of the velocities in the error test, (n,)."""
+    def tested_velocities(
+        self, equations: EquationsOfMotion, tangent_frames: bool = False
+    ) -> Array:
+        """Return the mask of the velocities in the error test, (n,).
+
+        With `tangent_frames`, "rigid velocities" include frames that move with one section. BDF
+        would follow the vibrations of this section with ten times as many steps.
+        """
         tested = np.full(equations.n, self.policy in ("velocities", "all"))
         if self.policy == "rigid velocities":
             for part in equations.parts:
-                tested[part.rigid] |= not part.follows_section
+                tested[part.rigid] |= tangent_frames or not part.follows_section
         return tested
 
 

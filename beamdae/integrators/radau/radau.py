@@ -44,7 +44,7 @@ class Radau(AdaptiveIntegrator):
         mechanism.
     error_control
         Components in the error test: "positions"; "rigid velocities" (positions, and velocities of
-        rigid bodies and chord frames); or "velocities" (positions and all velocities). "auto"
+        rigid bodies and floating frames); or "velocities" (positions and all velocities). "auto"
         chooses by the stiffness of the mechanism. Multipliers are not tested.
     max_step
         Longest step [s]. Defaults to a twentieth of the run, or to a quarter of the time scale of

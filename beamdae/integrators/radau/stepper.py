@@ -153,7 +153,7 @@ class RadauStepper:
             STIFF_RATIO_RADAU,
             plan.fastest_modes,
         )
-        tested = self._control.tested_velocities(plan.equations)
+        tested = self._control.tested_velocities(plan.equations, tangent_frames=True)
         self._tolerance = tolerance = StepTolerance.from_rtol(rtol, scales, tested)
         longest = plan.longest_step("Radau", max_step)
         real = plan.matrix("Radau", form.pattern)
