@@ -221,10 +221,11 @@ def test_impacts_on_gaps_of_beams_divided_later():
     mech.add(bd.PointMass("mass", 0.1, on=beam.at(0.3)))
     gap = bd.LineSurface(mech.ground.at(0.0, -0.01)).gap(beam.at(0.8))
     mech.when(gap, 0.0, "down", bd.impact(gap, restitution=0.5), name="bounce")
-    solution = bd.simulate(mech, bd.Radau(1e-5), 0.06)
+    # Impacts follow each other faster and faster after the first one, at 0.0409 s.
+    solution = bd.simulate(mech, bd.Radau(1e-5), 0.041)
     assert beam.mesh.elements == 3
     assert solution.status.success, solution.status.sentence
-    assert len(solution.events) > 0
+    assert len(solution.events) == 1
 
 
 def test_parts_added_after_the_first_assembly_keep_the_mesh():

@@ -686,7 +686,7 @@ def test_dependent_joints_fail_the_run(monkeypatch):
     monkeypatch.setattr(step_loop, "evaluate_normal_jerk", singular)
     solution = bd.simulate(PENDULUM.equations, ADAPTIVE, 2.0)
     assert not solution.status.success
-    assert "constraints have become dependent" in solution.status.sentence
+    assert "the constraints have become dependent" in solution.status.sentence
     assert f"stopped at t = {solution.trajectory.end:.6g} s" in solution.status.sentence
     acceleration = ConsistencySolver.acceleration
 

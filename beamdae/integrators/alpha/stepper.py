@@ -46,7 +46,7 @@ _FAILURES = {
     NOT_FINITE: "the residual is not finite",
     SINGULAR: "the matrix is singular or not finite",
     ERROR_TOO_LARGE: "the error test failed",
-    STEP_NOT_CHANGED: "the equations of the jerk are singular",
+    STEP_NOT_CHANGED: "the constraints have become dependent",
 }
 
 
