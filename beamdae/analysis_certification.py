@@ -20,7 +20,8 @@ from beamdae.errors import BeamdaeError, require_count, require_positive, short_
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.analysis_certificate import AnalysisCertificate
-from beamdae.results.columns import Header, select_columns
+from beamdae.results.certificate import MAX_ACCURACY
+from beamdae.results.columns import mark_required_columns, require_certified_columns
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import half_range
 
@@ -38,7 +39,6 @@ _MAX_RATIO = 0.9
 _FLOOR = 1e-3
 # Columns whose scale is below this fraction of the largest one are at rest.
 _REST_TO_OTHERS_RATIO = 1e-9
-_CONTROLLED_UNITS = ("m", "rad")
 
 
 class _Values(NamedTuple):
@@ -64,7 +64,7 @@ def certify_equilibrium(
         A model function or a mechanism.
     accuracy
         Largest permitted error of a column at the end of the path, relative to half the range of
-        the column along the path [-].
+        the column along the path [-], at most 0.1.
     columns
         Observed columns, or names of observables, that must be within the accuracy. Defaults to all
         positions, angles and deflections [m, rad] or, if there are none, to all columns.
@@ -115,9 +115,10 @@ def certify_modes(
     model
         A model function or a mechanism.
     accuracy
-        Largest permitted relative error of a frequency [-].
+        Largest permitted relative error of a frequency [-], at most 0.1.
     n
-        Number of modes.
+        Number of modes. Modes that coarse meshes do not have are assessed after further
+        refinements.
     settings
         Further arguments of `modes`.
 
@@ -173,8 +174,8 @@ def certify_periodic(
     period
         Period of the motion [s].
     accuracy
-        Largest permitted relative error of an amplitude [-]. The amplitude is half the range of a
-        column.
+        Largest permitted relative error of an amplitude [-], at most 0.1. The amplitude is half the
+        range of a column.
     columns
         Observed columns, or names of observables, that must be within the accuracy. Defaults to all
         positions, angles and deflections [m, rad] or, if there are none, to all columns.
@@ -190,10 +191,14 @@ def certify_periodic(
     ------
     BeamdaeError
         If the model or a setting is invalid, no periodic motion is found, or nothing is observed.
+    KeyboardInterrupt
+        If the call is interrupted.
     """
 
     def evaluate(mechanism: Mechanism) -> _Values:
         motion = periodic(mechanism, period, **settings)
+        if motion.solution.status.kind == "interrupted":
+            raise KeyboardInterrupt
         if not motion.status.success:
             raise BeamdaeError(f"certify_periodic: {motion.status.sentence}.")
         observed = motion.solution.columns
@@ -222,6 +227,11 @@ def _certify(
     Beams with coordinates named in `start` keep their meshes.
     """
     accuracy = require_positive(name, "accuracy", accuracy)
+    if accuracy > MAX_ACCURACY:
+        raise BeamdaeError(
+            f"{name}: accuracy must be at most {MAX_ACCURACY:g}, got {accuracy:g}; 0.01 is 1 %."
+        )
+    names = require_certified_columns(name, columns)
     if isinstance(model, Model):
         model = model()
     if not isinstance(model, Mechanism):
@@ -234,24 +244,28 @@ def _certify(
     )
     refinable = [base for base in bases.values() if not base.fixed_by]
     levels = [_evaluate(model, bases, 0, True, evaluate)]
+    required = mark_required_columns(name, names, levels[0].columns)
     floor = _FLOOR * accuracy
     if not refinable:
         # Without beams, there is no mesh error.
         error = np.full(len(levels[0].values), floor if not bases else np.nan)
-        return _finish(levels, error, error * 0.0, columns, accuracy, bases, notes)
+        return _finish(levels, error, error * 0.0, required, accuracy, bases, notes)
     error = np.full(len(levels[0].values), np.inf)
-    while len(levels) < _MIN_MESHES or not _is_within(levels[-1], error, columns, accuracy):
+    while len(levels) < _MIN_MESHES or not _is_within(error, required, accuracy):
         halvings = len(levels)
         if max(base.refined(halvings).elements for base in refinable) > _MAX_ELEMENTS:
             break
         levels.append(_evaluate(model, bases, halvings, True, evaluate))
+        required = mark_required_columns(name, names, levels[-1].columns)
+        error = np.full(len(levels[-1].values), np.inf)
         if len(levels) >= _MIN_MESHES:
             error = np.maximum(_estimate_errors(levels), floor)
     written = levels[-1]
     if any(not base.is_exact for base in refinable):
         written = _evaluate(model, bases, len(levels) - 1, False, evaluate)
-    theory = _relative(written.values - levels[-1].values, levels[-1].scales)
-    return _finish(levels, error, theory, columns, accuracy, bases, notes)
+    fine = levels[-1]
+    theory = _relative(_resize(written.values, len(fine.values)) - fine.values, fine.scales)
+    return _finish(levels, error, theory, required, accuracy, bases, notes)
 
 
 def _evaluate(
@@ -269,11 +283,26 @@ def _evaluate(
 
 
 def _estimate_errors(levels: Sequence[_Values]) -> Array:
-    """Return the estimated relative errors on the finest of at least three meshes."""
-    coarse, middle, fine = (level.values for level in levels[-3:])
+    """Return the estimated relative errors on the finest of at least three meshes.
+
+    The errors of modes that one of the last three meshes does not have are infinite.
+    """
+    count = len(levels[-1].values)
+    coarse, middle, fine = (_resize(level.values, count) for level in levels[-3:])
     before, last = np.abs(middle - coarse), np.abs(fine - middle)
     ratio = np.minimum(last / np.maximum(before, np.finfo(float).tiny), _MAX_RATIO)
-    return _relative(_SAFETY_FACTOR * ratio / (1.0 - ratio) * last, levels[-1].scales)
+    error = _relative(_SAFETY_FACTOR * ratio / (1.0 - ratio) * last, levels[-1].scales)
+    return np.where(np.isnan(coarse) | np.isnan(middle), np.inf, error)
+
+
+def _resize(values: Array, count: int) -> Array:
+    """Return the first `count` values; missing values are NaN.
+
+    Only modes differ in number between meshes and formulations.
+    """
+    resized = np.full(count, np.nan)
+    resized[: len(values)] = values[:count]
+    return resized
 
 
 def _relative(differences: Array, scales: Array) -> Array:
@@ -283,32 +312,21 @@ def _relative(differences: Array, scales: Array) -> Array:
         return np.where(at_rest, 0.0, np.abs(differences) / scales)
 
 
-def _required(headers: Sequence[str], columns: Sequence[str] | str | None) -> Array:
-    if columns is None:
-        required = np.array([Header.of(x).unit in _CONTROLLED_UNITS for x in headers], bool)
-        return required if required.any() else np.ones(len(headers), bool)
-    names = [columns] if isinstance(columns, str) else columns
-    selected = {header for name in names for header in select_columns(headers, name)}
-    return np.array([header in selected for header in headers])
-
-
-def _is_within(
-    level: _Values, error: Array, columns: Sequence[str] | str | None, accuracy: float
-) -> bool:
-    return bool(np.all(error[_required(level.columns, columns)] <= accuracy))
+def _is_within(error: Array, required: Array, accuracy: float) -> bool:
+    return bool(np.all(error[required] <= accuracy))
 
 
 def _finish(
     levels: Sequence[_Values],
     error: Array,
     theory: Array,
-    columns: Sequence[str] | str | None,
+    required: Array,
     accuracy: float,
     bases: dict[str, BaseMesh],
     notes: tuple[str, ...],
 ) -> AnalysisCertificate:
     last = levels[-1]
-    if _is_within(last, error, columns, accuracy):
+    if _is_within(error, required, accuracy):
         status = Status("ok", f"all required columns are within {accuracy:g}")
     else:
         status = Status("limited", f"the mesh error requires more than {_MAX_ELEMENTS} elements")
@@ -321,7 +339,7 @@ def _finish(
         scales=last.scales,
         mesh=error,
         theory_as_written=theory,
-        required=_required(last.columns, columns),
+        required=required,
         accuracy=accuracy,
         status=status,
         elements={name: base.refined(len(levels) - 1).elements for name, base in bases.items()},

@@ -19,22 +19,28 @@ import numpy as np
 from beamdae.beams.beam import EXACT_FORMULATION
 from beamdae.beams.remeshing import BaseMesh, choose_base_meshes, with_meshes
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError, BeamdaeWarning, require_positive, require_sequence
+from beamdae.errors import (
+    BeamdaeError,
+    BeamdaeWarning,
+    format_exception,
+    require_finite,
+    require_positive,
+    short_repr,
+)
 from beamdae.integrators import Radau
 from beamdae.integrators.integrator import Progress
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.forces.contact import Contact
 from beamdae.parts.forces.friction import Friction
 from beamdae.parts.mechanism import Mechanism, require_start
-from beamdae.results.certificate import Certificate, CertificateRun, ErrorBudget
-from beamdae.results.columns import Header, select_columns
+from beamdae.results.certificate import MAX_ACCURACY, Certificate, CertificateRun, ErrorBudget
+from beamdae.results.columns import Header, mark_required_columns, require_certified_columns
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, compute_output_times
 
 Array = np.ndarray
 
-_MAX_ACCURACY = 0.1
 _MIN_ACCURACY = 1e-6
 # First runs: number of elements of a beam without attachments between its ends, which is larger for
 # accuracies below a limit, and rtol.
@@ -95,7 +101,6 @@ _MIN_GROWTH = 1e3
 _MIN_FITTED_SAMPLES = 20
 # Larger differences, relative to half the range, do not decrease in proportion to the error.
 _SATURATION = 0.3
-_CONTROLLED_UNITS = ("m", "rad")
 _AS_WRITTEN = "as written"
 
 
@@ -153,10 +158,11 @@ def certify(
     Raises
     ------
     BeamdaeError
-        If the model or a setting is invalid, nothing is observed, or the time limit is reached
-        before the first run.
+        If the model or a setting is invalid, nothing is observed, `progress` raises an exception,
+        or the time limit is reached before the first run.
     KeyboardInterrupt
-        If the first run is interrupted.
+        If the call is interrupted before the end of the first run. Later interrupts end the
+        refinement, with the status "interrupted".
 
     Warns
     -----
@@ -174,16 +180,19 @@ def certify(
     >>> certificate.success
     True
     """
-    accuracy = require_positive("certify", "accuracy", accuracy)
-    if not _MIN_ACCURACY <= accuracy <= _MAX_ACCURACY:
+    accuracy = require_finite("certify", "accuracy", accuracy)
+    if not _MIN_ACCURACY <= accuracy <= MAX_ACCURACY:
         raise BeamdaeError(
-            f"certify: accuracy must lie between {_MIN_ACCURACY:g} and {_MAX_ACCURACY:g}, got "
+            f"certify: accuracy must lie between {_MIN_ACCURACY:g} and {MAX_ACCURACY:g}, got "
             f"{accuracy:g}; 0.01 is 1 %."
         )
+    required = require_certified_columns("certify", columns)
     if time_limit is not None:
         time_limit = require_positive("certify", "time_limit", time_limit)
     if start is not None:
         require_start("certify", start)
+    if progress is not None and not callable(progress):
+        raise BeamdaeError(f"certify: progress must be a function, got {short_repr(progress)}.")
     origin = model.origin if isinstance(model, (Model, HasOrigin)) else None
     description: dict[str, Any] = {}
     if origin is not None:
@@ -195,8 +204,11 @@ def certify(
         raise BeamdaeError("certify: the model has no end time; pass t_end=.")
     times = compute_output_times("certify", t_end, output_step)
     description["t_end"] = float(times[-1])
-    task = _Task(model, times, accuracy, start, time_limit, progress, description)
-    certificate = _Certification(task, columns).result()
+    task = _Task(model, times, accuracy, required, start, time_limit, progress, description)
+    try:
+        certificate = _Certification(task).result()
+    except _ProgressError as problem:
+        raise BeamdaeError(f"certify: progress failed: {problem}.") from problem.__cause__
     if not certificate.success:
         name = description.get("name", "certify")
         warnings.warn(f"{name}: not certified; {certificate.reason}.", BeamdaeWarning, stacklevel=2)
@@ -210,6 +222,7 @@ class _Task:
     model: Any
     times: Array
     accuracy: float
+    required: Sequence[str] | None
     start: Any
     time_limit: float | None
     progress: Progress | None
@@ -264,12 +277,31 @@ class _Task:
             raise BeamdaeError(
                 "certify: nothing is observed; observe points or quantities with mech.observe."
             )
-        solution = Radau(rtol, time_limit=remaining).integrate(equations, self.times, self.progress)
+        headers = [header for x in equations.observables for header in x.headers]
+        # Wrong names are rejected before the run.
+        mark_required_columns("certify", self.required, headers)
+        progress = None if self.progress is None else self.report_progress
+        solution = Radau(rtol, time_limit=remaining).integrate(equations, self.times, progress)
         solution = replace(solution, model=self.description)
         run = _Run(solution, halvings, rtol, exact, clock.process_time() - begin)
         if not solution.status.success:
             raise _RunError(solution.status, run)
         return run
+
+    def report_progress(self, t: float) -> str | None:
+        """Call `progress`, and raise its exceptions as _ProgressError."""
+        assert self.progress is not None
+        try:
+            return self.progress(t)
+        except Exception as problem:
+            raise _ProgressError(format_exception(problem)) from problem
+
+
+class _ProgressError(Exception):
+    """The user's function `progress` raised an exception.
+
+    A BeamdaeError would end a run with the status "failed".
+    """
 
 
 class _RunError(Exception):
@@ -395,7 +427,6 @@ class _Certification:
     """Runs of one certificate, and the error budget of the last run."""
 
     task: _Task
-    columns: Sequence[str] | str | None
 
     def __post_init__(self) -> None:
         self._runs: list[_Run] = []
@@ -417,17 +448,7 @@ class _Certification:
     @cached_property
     def _required(self) -> Array:
         headers = list(self._last.solution.columns)
-        if self.columns is None:
-            units = [Header.of(header).unit for header in headers]
-            required = np.array([unit in _CONTROLLED_UNITS for unit in units])
-            return required if required.any() else np.ones(len(headers), bool)
-        names = (
-            [self.columns]
-            if isinstance(self.columns, str)
-            else require_sequence("certify", "columns", self.columns, "a list of column names")
-        )
-        selected = {header for name in names for header in select_columns(headers, name)}
-        return np.array([header in selected for header in headers])
+        return mark_required_columns("certify", self.task.required, headers)
 
     @cached_property
     def _beams(self) -> list[BaseMesh]:
@@ -479,6 +500,12 @@ class _Certification:
             status = problem.status
             sentence = f"a run was not completed: {status.sentence}"
             status = Status(status.kind, sentence)
+        except KeyboardInterrupt:
+            # Runs return their status; this interrupt came while equations were assembled or runs
+            # were compared.
+            if not self._runs:
+                raise
+            status = Status("interrupted", "interrupted between two runs")
         return self._certificate(status)
 
     def _refine(self) -> Status:
@@ -583,8 +610,9 @@ class _Certification:
 
     def _set(self, time: Array, mesh: Array) -> None:
         floor = _FLOOR * self.task.accuracy
-        self._time = np.maximum(time, floor)
-        self._mesh = np.maximum(mesh, floor) if self._has_mesh else np.zeros(len(time))
+        mesh = np.maximum(mesh, floor) if self._has_mesh else np.zeros(len(time))
+        # In one statement, so that an interrupt hardly ever separates them.
+        self._time, self._mesh = np.maximum(time, floor), mesh
 
     def _compare(self, coarse: _Run, fine: _Run) -> _Difference:
         self._last_difference = _compare(coarse, fine, self.task.accuracy)

@@ -98,9 +98,45 @@ def test_beams_with_custom_quantities_are_not_assessed():
     [
         (lambda: bd.certify_modes(3), "expected a model or a mechanism, got 3"),
         (lambda: bd.certify_modes(cantilever(), accuracy=-1.0), "accuracy must be positive"),
-        (lambda: bd.certify_equilibrium(cantilever(), columns="tap"), "no column 'tap'"),
+        (lambda: bd.certify_equilibrium(cantilever(), columns="tap"), "no observed column 'tap'"),
+        (lambda: bd.certify_equilibrium(cantilever(), columns=3), "columns must be a list"),
+        (lambda: bd.certify_periodic(cantilever(), 1.0, columns=[]), "at least one name, got"),
+        (lambda: bd.certify_modes(cantilever(), accuracy=1), "must be at most 0.1, got 1; 0.01 is"),
     ],
 )
 def test_invalid_arguments_are_rejected(call, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         call()
+
+
+def test_modes_that_coarse_meshes_do_not_have_are_not_certified():
+    beam = bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), STRIP, elements=1)
+    mech = bd.Mechanism()
+    mech.add(beam)
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    result = bd.certify_modes(mech, n=1000)
+    assert result.status.kind == "limited"
+    assert "more than 32 elements" in result.reason
+    # 32 elements have about twice the modes of 16, and four times those of 8.
+    assessed = np.isfinite(result.mesh)
+    assert np.flatnonzero(assessed).tolist() == list(range(assessed.sum()))
+    assert 0.2 < assessed.mean() < 0.3
+
+
+def test_an_interrupted_periodic_run_raises(monkeypatch):
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, 100.0, 1.0))
+    mech.observe("mass", mass.point)
+    integrate = bd.Radau.integrate
+
+    def interrupted(self, equations, times, progress=None):
+        def stop(t):
+            raise KeyboardInterrupt
+
+        return integrate(self, equations, times, stop)
+
+    monkeypatch.setattr(bd.Radau, "integrate", interrupted)
+    with pytest.warns(bd.BeamdaeWarning), pytest.raises(KeyboardInterrupt):
+        bd.certify_periodic(mech, 0.5)

@@ -1,9 +1,12 @@
 """Certificates against references, their limits, and the refusal of chaotic motions."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae import certification
 from beamdae.beams.remeshing import choose_base_meshes, with_meshes
 from beamdae.symbolic.statements import Quantity, Variable
 
@@ -209,9 +212,14 @@ def test_runs_that_an_event_stops_are_compared_up_to_the_event():
     [
         ({"accuracy": 1.0}, "accuracy must lie between"),
         ({"accuracy": "1%"}, "accuracy must be a number"),
-        ({"columns": ["tap"]}, "there is no column 'tap'"),
+        ({"accuracy": 0.0}, "accuracy must lie between 1e-06 and 0.1, got 0"),
+        ({"columns": ["uper"]}, r"no observed column 'uper' \(did you mean 'upper"),
+        ({"columns": [3]}, r"columns must be a list of names of observed columns, got \[3\]"),
+        ({"columns": []}, r"columns must contain at least one name, got \[\]"),
         ({"t_end": None}, "no end time"),
         ({"start": 3.0}, "start must be"),
+        ({"progress": 3.0}, "progress must be a function, got 3.0"),
+        ({"progress": lambda: None}, "progress failed: TypeError"),
     ],
 )
 def test_invalid_settings_are_rejected(settings, message):
@@ -232,6 +240,62 @@ def test_a_stopped_run_refuses_the_certificate():
     assert not result.success
     assert "enough" in result.reason
     assert result.budget["total"].isna().all()
+
+
+def test_column_names_are_checked_before_the_first_run(monkeypatch):
+    monkeypatch.setattr(bd.Radau, "integrate", lambda *_: pytest.fail("a run was started"))
+    with pytest.raises(bd.BeamdaeError, match="no observed column 'tap'"):
+        bd.certify(double_pendulum(0.3), columns="tap", t_end=0.1)
+
+
+def test_columns_may_be_an_iterator():
+    columns = (name for name in ["upper.x"])
+    result = bd.certify(double_pendulum(0.3), accuracy=0.1, columns=columns, t_end=0.1)
+    assert result.budget.index[result.budget["certified"] == "yes"].tolist() == ["upper.x [m]"]
+
+
+def _interrupt_call(monkeypatch, owner, name, call):
+    """Replace a function by one that raises KeyboardInterrupt in one of its calls."""
+    function, calls = getattr(owner, name), []
+
+    def interrupted(*arguments, **settings):
+        calls.append(name)
+        if len(calls) == call:
+            raise KeyboardInterrupt
+        return function(*arguments, **settings)
+
+    monkeypatch.setattr(owner, name, interrupted)
+
+
+@pytest.mark.parametrize("name", ["as_equations", "_compare"])
+def test_an_interrupt_between_runs_returns_a_certificate(monkeypatch, name):
+    # The second assembly precedes the second run, the first comparison follows it.
+    _interrupt_call(monkeypatch, certification, name, 2 if name == "as_equations" else 1)
+    with pytest.warns(bd.BeamdaeWarning, match="not certified; interrupted between two runs"):
+        result = bd.certify(double_pendulum(0.3), t_end=0.1)
+    assert result.status.kind == "interrupted"
+    assert result.solution.status.success
+    assert len(result.runs) == (1 if name == "as_equations" else 2)
+
+
+def test_an_interrupted_run_returns_a_certificate_or_raises(monkeypatch):
+    def interrupt_run(number):
+        runs = []
+
+        def progress(t):
+            runs.append(t)
+            # Pilot runs and steps at the start also report t = 0.
+            if sum(a > b for a, b in pairwise(runs)) == number - 1 and t > 0.05:
+                raise KeyboardInterrupt
+
+        return progress
+
+    with pytest.raises(KeyboardInterrupt):
+        bd.certify(double_pendulum(0.3), t_end=0.1, progress=interrupt_run(1))
+    with pytest.warns(bd.BeamdaeWarning, match="a run was not completed: interrupted"):
+        result = bd.certify(double_pendulum(0.3), t_end=0.1, progress=interrupt_run(2))
+    assert result.status.kind == "interrupted"
+    assert result.solution.t[-1] == 0.1
 
 
 def test_repr_and_html_name_the_result(certificate):

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
+# Largest accuracy that may be required; the ratios of error and difference hold for small errors.
+MAX_ACCURACY = 0.1
 _SCOPE = "estimated by comparison of runs; without errors of materials, joints and data"
 
 

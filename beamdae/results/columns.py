@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from beamdae.equations.measures import DRIFT_COLUMNS, LEDGER_COLUMNS, TIME
-from beamdae.errors import BeamdaeError, short_repr, suggest
+from beamdae.errors import BeamdaeError, require_iterable, short_repr, suggest
+
+# Units of the columns that a certificate covers by default.
+_CONTROLLED_UNITS = ("m", "rad")
 
 
 class Header(NamedTuple):
@@ -85,3 +90,78 @@ def select_columns(
         f"{of}: there is no column {short_repr(name)}{suggest(name, known_names)}; see "
         f"`{of.lower()}.table()` and `{of.lower()}.coordinates()` for all columns."
     )
+
+
+def require_column_names(part: str, value: Any) -> tuple[str, ...]:
+    """Return column names as a tuple.
+
+    Raises
+    ------
+    BeamdaeError
+        If `value` is not a list of strings.
+    """
+    allowed = "a list of names of observed columns"
+    names = require_iterable(part, "columns", value, allowed)
+    if isinstance(value, (str, bytes)) or not all(isinstance(name, str) for name in names):
+        raise BeamdaeError(f"{part}: columns must be {allowed}, got {short_repr(value)}.")
+    return tuple(names)
+
+
+def select_observed_columns(part: str, names: Sequence[str], present: Sequence[str]) -> list[str]:
+    """Return the observed columns that match `names`, in this order; see `select_columns`.
+
+    Raises
+    ------
+    BeamdaeError
+        If a name matches no column.
+    """
+    selected: dict[str, None] = {}
+    for name in names:
+        try:
+            selected |= dict.fromkeys(select_columns(present, name))
+        except BeamdaeError:
+            allowed = [*present, *(header.rpartition(" [")[0] for header in present)]
+            raise BeamdaeError(
+                f"{part}: there is no observed column "
+                f"{short_repr(name)}{suggest(name, allowed)}; available "
+                f"columns: {', '.join(present) or 'none'}."
+            ) from None
+    return list(selected)
+
+
+def require_certified_columns(part: str, columns: Any) -> tuple[str, ...] | None:
+    """Return the names in the argument `columns` of a certificate, or None for the default.
+
+    Raises
+    ------
+    BeamdaeError
+        If `columns` is neither None, a name nor a list of at least one name.
+    """
+    if columns is None:
+        return None
+    names = (columns,) if isinstance(columns, str) else require_column_names(part, columns)
+    if not names:
+        raise BeamdaeError(
+            f"{part}: columns must contain at least one name, got {short_repr(columns)}; omit "
+            "columns= to require all positions, angles and deflections."
+        )
+    return names
+
+
+def mark_required_columns(
+    part: str, names: Sequence[str] | None, headers: Sequence[str]
+) -> np.ndarray:
+    """Return True for each of the observed columns that a certificate must cover.
+
+    If `names` is None, these are all columns in m and rad or, if there are none, all columns.
+
+    Raises
+    ------
+    BeamdaeError
+        If a name matches no column.
+    """
+    if names is None:
+        required = np.array([Header.of(header).unit in _CONTROLLED_UNITS for header in headers])
+        return required if required.any() else np.ones(len(headers), bool)
+    selected = select_observed_columns(part, names, headers)
+    return np.array([header in selected for header in headers])

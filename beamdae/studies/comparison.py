@@ -10,15 +10,12 @@ import numpy as np
 import pandas as pd
 
 from beamdae.errors import BeamdaeError, require_iterable, require_positive, short_repr
+from beamdae.results.columns import require_column_names
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.studies.case import Case
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
-from beamdae.studies.deviations import (
-    RELATIVE_TIME_TOLERANCE,
-    require_column_names,
-    select_error_columns,
-)
+from beamdae.studies.deviations import RELATIVE_TIME_TOLERANCE, select_error_columns
 from beamdae.studies.references import Reference
 from beamdae.studies.run_values import collect_event_values, collect_run_values, tabulate_trajectory
 from beamdae.studies.tasks import NOT_RUN, Outcome, describe_exception

@@ -19,8 +19,8 @@ from beamdae.errors import (
 from beamdae.integrators import Integrator
 from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model, require_file_name
+from beamdae.results.columns import require_column_names
 from beamdae.studies.case import MAX_CASES, Case, DigestCache
-from beamdae.studies.deviations import require_column_names
 from beamdae.studies.tasks import Limits, Task, describe_exception
 
 _DEFAULT_OUTPUT_ROWS = 400

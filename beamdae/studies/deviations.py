@@ -3,56 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from beamdae.errors import BeamdaeError, require_iterable, short_repr, suggest
-from beamdae.results.columns import Header, observed_columns, select_columns
+from beamdae.errors import BeamdaeError
+from beamdae.results.columns import Header, observed_columns, select_observed_columns
 
 RELATIVE_TIME_TOLERANCE = 1e-12  # output times within it are considered equal
 # Ratio of ranges in the same unit; points that joints hold fixed move by less.
 _MIN_RELATIVE_MOTION = 1e-6
 _POSITION_UNITS = ("m", "rad")
 _REACTION_UNITS = ("N", "N m")
-
-
-def require_column_names(part: str, value: Any) -> tuple[str, ...]:
-    """Return column names as a tuple.
-
-    Raises
-    ------
-    BeamdaeError
-        If `value` is not a list of strings.
-    """
-    allowed = "a list of names of observed columns"
-    names = require_iterable(part, "columns", value, allowed)
-    if isinstance(value, (str, bytes)) or not all(isinstance(name, str) for name in names):
-        raise BeamdaeError(f"{part}: columns must be {allowed}, got {short_repr(value)}.")
-    return tuple(names)
-
-
-def select_observed_columns(part: str, names: Sequence[str], present: Sequence[str]) -> list[str]:
-    """Return the observed columns that match `names`, in this order; see `select_columns`.
-
-    Raises
-    ------
-    BeamdaeError
-        If a name matches no column.
-    """
-    selected: dict[str, None] = {}
-    for name in names:
-        try:
-            selected |= dict.fromkeys(select_columns(present, name))
-        except BeamdaeError:
-            allowed = [*present, *(header.rpartition(" [")[0] for header in present)]
-            raise BeamdaeError(
-                f"{part}: there is no observed column "
-                f"{short_repr(name)}{suggest(name, allowed)}; available "
-                f"columns: {', '.join(present) or 'none'}."
-            ) from None
-    return list(selected)
 
 
 def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -> list[str]:

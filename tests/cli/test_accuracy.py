@@ -63,6 +63,9 @@ def test_the_budget_is_printed_and_on_the_page():
     ("arguments", "message"),
     [
         (["--accuracy", "good"], "--accuracy must be a number such as 1% or 0.01, got 'good'"),
+        (["--accuracy", "nan"], "--accuracy must be a number such as 1% or 0.01, got 'nan'"),
+        (["--accuracy", "0"], "accuracy must lie between 1e-06 and 0.1, got 0"),
+        (["--accuracy=-1"], "accuracy must lie between 1e-06 and 0.1, got -1"),
         (["--accuracy", "200%"], "accuracy must lie between 1e-06 and 0.1, got 2"),
         (["--accuracy", "1%", "--rtol", "1e-4"], "--rtol is not supported with --accuracy"),
         (["--accuracy", "1%", "--integrator", "ida"], "--integrator is not supported"),

@@ -11,8 +11,12 @@ import pandas as pd
 
 from beamdae.errors import BeamdaeError, short_repr, suggest
 from beamdae.report.pictures.figures import characteristic_columns
-from beamdae.results.columns import Header, observed_columns, select_columns
-from beamdae.studies.deviations import select_observed_columns
+from beamdae.results.columns import (
+    Header,
+    observed_columns,
+    select_columns,
+    select_observed_columns,
+)
 from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.run_values import WALL_TIME_COLUMN, format_output_column
 from beamdae.studies.sweeps.parameter_study import (

@@ -23,9 +23,9 @@ from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model
 from beamdae.model_functions import model as create_model
+from beamdae.results.columns import require_column_names
 from beamdae.studies.case import Case
 from beamdae.studies.definition import call_definition
-from beamdae.studies.deviations import require_column_names
 from beamdae.studies.execution.executors import SerialPool, create_executor
 from beamdae.studies.execution.study_progress import StudyProgress
 from beamdae.studies.execution.study_run import run_study

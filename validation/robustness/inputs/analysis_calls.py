@@ -1,4 +1,4 @@
-"""Working calls of analyses: modes, periodic motions, equilibria, section forces."""
+"""Working calls of analyses: modes, periodic motions, equilibria, section forces, certificates."""
 
 from __future__ import annotations
 
@@ -7,7 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import beamdae as bd
-from robustness.inputs.sandbox import KNEE, OUTPUT_STEP, Sandbox, WorkingCall, return_result
+from robustness.inputs.sandbox import (
+    KNEE,
+    OUTPUT_STEP,
+    RUN_TIME_LIMIT,
+    T_END,
+    Sandbox,
+    WorkingCall,
+    return_result,
+)
 
 
 def _spinning_disk(sandbox: Sandbox) -> bd.Mechanism:
@@ -226,11 +234,16 @@ def _section_forces(sandbox: Sandbox, **arguments: Any) -> bd.SectionForces:
     return solution.section_forces(**{"beam": beam, **arguments})
 
 
-def _loaded_cantilever(sandbox: Sandbox) -> bd.Equilibrium:
-    """Return the equilibrium of a clamped beam under its weight."""
+def _cantilever(sandbox: Sandbox) -> bd.Mechanism:
+    """Return the mechanism with a clamped beam."""
     beam = sandbox.beam
     sandbox.mech.add(bd.Weld("clamp", sandbox.mech.ground.at(*beam.start.point), beam.start))
-    return bd.equilibrium(sandbox.mech, loads=["gravity"], step=1.0)
+    return sandbox.mech
+
+
+def _loaded_cantilever(sandbox: Sandbox) -> bd.Equilibrium:
+    """Return the equilibrium of a clamped beam under its weight."""
+    return bd.equilibrium(_cantilever(sandbox), loads=["gravity"], step=1.0)
 
 
 SECTION_FORCE_CALLS: dict[str, WorkingCall] = {
@@ -268,5 +281,75 @@ SECTION_FORCE_CALLS: dict[str, WorkingCall] = {
         lambda box: {"what": "M", "t": OUTPUT_STEP},
         return_result,
         lambda box, **arguments: _section_forces(box).diagram(**arguments),
+    ),
+}
+
+
+_ACCURACY = 0.1
+
+
+def _show_certificate(sandbox: Sandbox, certificate: Any) -> Any:
+    """Use each view of a certificate and return its solution."""
+    certificate.budget, certificate.facts(), certificate._repr_html_(), repr(certificate)
+    return certificate.solution if isinstance(certificate, bd.Certificate) else None
+
+
+def _certify_arguments(sandbox: Sandbox) -> dict[str, Any]:
+    return {
+        "model": sandbox.mech,
+        "accuracy": _ACCURACY,
+        "columns": ["knee"],
+        "t_end": T_END,
+        "output_step": OUTPUT_STEP,
+        "start": "as drawn",
+        "time_limit": RUN_TIME_LIMIT,
+        "progress": lambda t: None,
+    }
+
+
+CERTIFICATE_CALLS: dict[str, WorkingCall] = {
+    "certify": WorkingCall(_certify_arguments, _show_certificate),
+    "certify beam": WorkingCall(
+        lambda box: {
+            "accuracy": _ACCURACY,
+            "columns": "end",
+            "t_end": T_END,
+            "output_step": OUTPUT_STEP,
+            "start": {"bar.angle": -1.0},
+            "time_limit": RUN_TIME_LIMIT,
+        },
+        _show_certificate,
+        lambda box, **arguments: bd.certify(_cantilever(box), **arguments),
+    ),
+    "certify_equilibrium": WorkingCall(
+        lambda box: {
+            "model": _cantilever(box),
+            "accuracy": _ACCURACY,
+            "columns": ["end"],
+            "loads": ["gravity"],
+            "step": 1.0,
+        },
+        _show_certificate,
+    ),
+    "certify_modes": WorkingCall(
+        lambda box: {
+            "model": _cantilever(box),
+            "accuracy": _ACCURACY,
+            "n": 1,
+            "about": "reference",
+        },
+        _show_certificate,
+    ),
+    "certify_periodic": WorkingCall(
+        lambda box: {
+            "model": _shaken_bar(box),
+            "period": _PERIOD,
+            "accuracy": _ACCURACY,
+            "columns": ["knee"],
+            "integrator": box.integrator,
+            "settle": 1,
+            "tolerance": 1e-3,
+        },
+        _show_certificate,
     ),
 }

@@ -13,6 +13,7 @@ from typing import Any
 
 import beamdae as bd
 from robustness.inputs.analysis_calls import (
+    CERTIFICATE_CALLS,
     MODE_CALLS,
     PERIODIC_CALLS,
     SECTION_FORCE_CALLS,
@@ -54,16 +55,19 @@ WORKING_CALLS: dict[str, WorkingCall] = (
     | PERIODIC_CALLS
     | MODE_CALLS
     | SWEEP_CALLS
+    | CERTIFICATE_CALLS
 )
 
 # Public names without a working call, with the reason. Bad values replace results where these are
 # arguments of other calls.
 NOT_CALLABLE = {
+    "AnalysisCertificate": "result of certify_equilibrium, certify_modes and certify_periodic",
     "Animation": "result of animate",
     "BeamRange": "row of Solution.validity",
     "BeamdaeError": "exception",
     "BeamdaeWarning": "warning category",
     "Campbell": "result of campbell",
+    "Certificate": "result of certify",
     "Check": "result of check",
     "CriticalPoint": "row of Equilibrium.critical",
     "EquationsOfMotion": "result of equations_of_motion",
