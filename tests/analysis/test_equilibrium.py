@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
+from beamdae.equations.starts.rigid_motions import DisplacementMeasure
 
 
 def pendulum(gravity=(0.0, -9.81), hinged=True):
@@ -67,6 +68,12 @@ def test_motion_without_stiffness_is_named():
     mech.observe("bob", mech.parts["bob"].at(1.0, 0.0))
     with pytest.warns(bd.BeamdaeWarning, match=r"bob\.angle is free to move without load"):
         assert len(bd.equilibrium(mech, to={"bob.y": -0.5}).q) == 1
+
+
+def test_regression_corrections_that_overflow_are_infinite():
+    """Newton's method diverges if the tangent stiffness is nearly singular."""
+    measure = DisplacementMeasure(np.ones(3), np.array([0, 0, 2]))
+    assert measure.farthest(np.array([1e269, 1.0, 2.0])) == np.inf
 
 
 def mass_on_bushing():

@@ -66,11 +66,6 @@ every_model = pytest.mark.parametrize(
 )
 
 
-RADAU_FAILS = pytest.mark.xfail(
-    reason="Newton's method of Radau(rtol=1e-5) does not converge at t = 1.4 ms on this mechanism"
-)
-
-
 def test_every_public_part_is_tested():
     tested = {type(part) for make in PARTS.values() for part in with_part(make).parts.values()}
     public = [getattr(bd, name) for name in bd.__all__]
@@ -108,10 +103,7 @@ def test_native_off_applies_only_while_it_is_set(monkeypatch):
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 @pytest.mark.parametrize(
     "model",
-    [
-        pytest.param(model, id=name, marks=RADAU_FAILS if name == "Weld" else [])
-        for name, model in {**MODELS, "switched": with_switch}.items()
-    ],
+    [pytest.param(model, id=name) for name, model in {**MODELS, "switched": with_switch}.items()],
 )
 def test_runs_consist_of_compiled_loops(model, monkeypatch):
     runs, begin = [], StepLoop.__init__

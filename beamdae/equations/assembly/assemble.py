@@ -19,6 +19,7 @@ from beamdae.equations.assembly.coordinate_map import (
 from beamdae.equations.assembly.statement_checks import (
     collect_statements,
     require_body_fits,
+    require_coordinates_fit,
     require_pieces_fit,
 )
 from beamdae.equations.equations_of_motion import (
@@ -171,7 +172,8 @@ def _prepare_parts(mechanism: Mechanism, start: Any) -> None:
     requested = set(start) if isinstance(start, Mapping) else set()
     for part in mechanism.parts.values():
         # The first coordinates of a beam are those of its frame or of its first node.
-        names = [f"{part.name}.{x.name}" for x in part.coordinates[_PLACEMENT_COORDINATES:]]
+        coordinates = require_coordinates_fit(part)[_PLACEMENT_COORDINATES:]
+        names = [f"{part.name}.{x.name}" for x in coordinates]
         is_requested = any(name in requested or f"{name}_dot" in requested for name in names)
         part.prepare(attached.get(id(part), []), id(part) in fixed or is_requested)
 

@@ -24,12 +24,18 @@ Sizes = Mapping[int, int]
 Statement = ForceStatement | ConstraintStatement | RangeStatement
 
 
-def require_body_fits(part: Part) -> None:
-    """Reject coordinates, start values, laws or an outline that do not conform to `Part`."""
+def require_coordinates_fit(part: Part) -> list[Variable]:
+    """Return the coordinates of the part; reject those that do not conform to `Part`."""
     coordinates = _require_list(part.name, "coordinates", part.coordinates, Variable)
     for coordinate in coordinates:
         require_unit(part.name, coordinate.unit)
     require_unique(part.name, "coordinates", [coordinate.name for coordinate in coordinates])
+    return coordinates
+
+
+def require_body_fits(part: Part) -> None:
+    """Reject coordinates, start values, laws or an outline that do not conform to `Part`."""
+    coordinates = require_coordinates_fit(part)
     starts = {
         "initial_position": part.initial_position,
         "initial_velocity": part.initial_velocity,

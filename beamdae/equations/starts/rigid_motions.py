@@ -205,7 +205,9 @@ class DisplacementMeasure:
 
     def distances(self, change: Array) -> Array:
         """Return the displacement of each coordinate, or of its point if it has one, (n,)."""
-        squares = np.bincount(self.point, change**2, len(self.point))
+        # Solutions of nearly singular systems may overflow; their displacement is infinite.
+        with np.errstate(over="ignore"):
+            squares = np.bincount(self.point, change**2, len(self.point))
         return np.asarray(np.sqrt(squares)[self.point])
 
     def farthest(self, change: Array) -> float:
