@@ -35,6 +35,10 @@ def test_dense_output_is_as_accurate_as_the_steps(integrator):
     if integrator.method == "Radau":
         # Velocities of Radau are of order 5 at the steps and of order 4 between them.
         bounds[1] = 10.0
+    if integrator.method == "Ida":
+        # Accelerations are derivatives of the interpolation polynomial, of one order less (1.76
+        # with the tolerance of two periods).
+        bounds[2] = 2.0
     assert (ratio < bounds).all(), ratio
 
 

@@ -652,7 +652,7 @@ def test_unbounded_force_fails_the_run():
     assert not solution.status.success
     for words in ("error test failed", "at a step of", "loosen rtol"):
         assert words in solution.status.sentence
-    # Steps are at least 1e-9 of the run.
+    # Steps are at least 1e-12 of the run.
     assert_allclose(solution.trajectory.end, 0.5, rtol=0.0, atol=1e-5)
     assert np.all(np.isfinite(solution.q))
 

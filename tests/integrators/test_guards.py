@@ -214,7 +214,7 @@ def test_time_limit_ends_a_stalled_run(integrator):
         (bd.GeneralizedAlpha(step=9e-9), None, "GeneralizedAlpha: step of 9e-09 s requires 1.1e"),
         (bd.Ida(max_step=1e-60), None, "Ida: max_step of 1e-60 s requires 1e"),
         (bd.Radau(max_step=1e-60), None, "Radau: max_step of 1e-60 s requires 1e"),
-        (bd.Auto(max_step=1e-60), None, "Ida: max_step of 1e-60 s requires 1e"),
+        (bd.Auto(max_step=1e-60), None, "Radau: max_step of 1e-60 s requires 1e"),
         (bd.Ida(), FAST, "Ida: the longest step "),
         (bd.Radau(), FAST, "Radau: the longest step "),
         (bd.GeneralizedAlpha(rtol=1e-4), FAST, "GeneralizedAlpha: the longest step"),

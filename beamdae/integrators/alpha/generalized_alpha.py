@@ -32,6 +32,7 @@ from beamdae.integrators.integrator import (
     require_tolerance,
 )
 from beamdae.integrators.limits import require_feasible_step
+from beamdae.integrators.method import Method
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.radau import Radau
 from beamdae.integrators.run_plan import RunPlan
@@ -211,9 +212,14 @@ class GeneralizedAlpha(Integrator):
             require_feasible_step(
                 "GeneralizedAlpha", "step", self.step, float(times[-1] - times[0])
             )
-        # At loose tolerances, a method of second order may leave the motion that it should measure.
-        pilot = None if self.rtol is None else Radau(PILOT_RTOL).method_on
+        pilot = None if self.rtol is None else self._pilot_method
         return drive(self, equations, times, self.method_on, progress, pilot)
+
+    def _pilot_method(self, plan: RunPlan) -> Method:
+        # At loose tolerances, a method of second order may leave the motion that it should measure.
+        return Radau(PILOT_RTOL, max_step=plan.longest_step("GeneralizedAlpha", None)).method_on(
+            plan
+        )
 
     def method_on(self, plan: RunPlan) -> FixedAlphaStepper | AdaptiveAlphaStepper:
         """Return the stepper for a plan."""

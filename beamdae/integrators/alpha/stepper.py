@@ -31,7 +31,7 @@ Array = np.ndarray
 # mechanism. A value ten times larger would change the sixth digit of long runs.
 _INCREMENT_ROUNDING = 1e-15
 # Shortest adaptive step, relative to the duration of the run.
-_MIN_STEP_SHARE = 1e-9
+_MIN_STEP_SHARE = 1e-12
 # Longest first step, relative to its smooth interval.
 _FIRST_STEP_SHARE = 0.01
 # In validation/tolerances, deflections exceeded the bound of the other integrators in a quarter of
@@ -212,7 +212,7 @@ class AdaptiveAlphaStepper(AlphaStepper):
     """Stepper with adaptive steps whose estimated errors stay below a tolerance.
 
     The first step tried in an interval is at most `first` [s], and no step exceeds `largest` [s].
-    The run fails if the error or Newton's iteration requires steps below 1e-9 of its duration.
+    The run fails if the error or Newton's iteration requires steps below 1e-12 of its duration.
     """
 
     _loop: ClassVar[Callable[[Any], int]] = staticmethod(take_adaptive_steps)
