@@ -114,7 +114,7 @@ def _write_cache(folder: Path, source: ObjectSource, content: bytes) -> None:
 
 def _warn_of_cache(problem: CacheError) -> None:
     _warn_once(
-        f"{problem}. Each process compiles kernels and loops again, which takes some seconds"
+        f"{problem}; each process compiles kernels and loops again, which takes some seconds"
     )
 
 

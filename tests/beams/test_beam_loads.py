@@ -108,11 +108,11 @@ BEAM = VARIANTS[0].beam(ARC)
         (lambda: bd.MovingForce("p", BEAM, 1.0, 1.0), "p: force must be a pair"),
         (
             lambda: bd.MovingForce("p", BEAM, (0, 1), 0.0),
-            "p: speed must not be zero; for a load at rest, use a Force",
+            r"p: speed must not be zero; for a force at rest, use a Force on beam\.at\(s\)",
         ),
         (
             lambda: bd.MovingForce("p", BEAM, (0, 1), 5e-324),
-            "p: at speed = .* m/s the load needs more than",
+            "p: at speed = .* m/s, the force needs more than",
         ),
         (lambda: bd.MovingForce("p", BEAM, (0, 1), 1.0, np.nan), "p: start must be finite"),
     ],

@@ -74,4 +74,4 @@ def test_missing_exudyn_is_reported():
     command = [sys.executable, "-c", code, str(FOLDER / "no interpreter")]
     process = subprocess.run(command, cwd=FOLDER, capture_output=True, text=True, check=True)
     assert process.stdout.strip() == "None"
-    assert "are skipped." in process.stderr
+    assert "so its runs are skipped; run pip install exudyn." in process.stderr

@@ -25,6 +25,9 @@ RUN = ("run", "model.py", "--output-step", "1")
 
 _START_TIME = 2.0  # s; later signals arrive during the run
 _TABLE_LINES = 1002  # of a complete run: header and 1001 rows
+# End times [s] of runs of LONG_MODEL that take 4 s or more. Ida takes steps of 1e-5 s and Radau of
+# 4e-4 s; until 300 s and 600 s, respectively, their runs would count as stalled.
+_LONG_END_TIMES = {"ida": "50", "radau": "300", "generalized-alpha": "2000"}
 
 
 def _send_signal(bench: Bench, number: int, seconds: float, repetitions: int = 1) -> CommandResult:
@@ -99,7 +102,9 @@ def termination_signal(bench: Bench) -> None:
 def time_limit(bench: Bench) -> None:
     """--time-limit ends a run with that reason, and keeps computed rows."""
     bench.write("model.py", LONG_MODEL)
-    result = expect_exit(bench.run(*RUN, "--time-limit", "2", time_limit=30.0), 1)
+    # The default integrator chooses Radau for this model.
+    more = ("--t-end", _LONG_END_TIMES["radau"], "--time-limit", "2")
+    result = expect_exit(bench.run(*RUN, *more, time_limit=30.0), 1)
     expect("time limit" in result.err, f"no message about the limit: {result.error_tail}")
     _expect_rows_kept(bench, "limited")
 
@@ -113,8 +118,8 @@ def time_limit_of_a_build(bench: Bench) -> None:
 def time_limit_of_each_method(bench: Bench) -> None:
     """--time-limit applies to each integrator."""
     bench.write("model.py", LONG_MODEL)
-    for method in ("ida", "radau", "generalized-alpha"):
-        more = ("--integrator", method, "--time-limit", "1", "--no-estimate")
+    for method, t_end in _LONG_END_TIMES.items():
+        more = ("--integrator", method, "--t-end", t_end, "--time-limit", "1", "--no-estimate")
         result = expect_exit(bench.run(*RUN, *more, time_limit=30.0), 1)
         expect(
             "time limit" in result.err, f"{method}: no message about the limit: {result.error_tail}"
@@ -231,7 +236,7 @@ def results_folder_deleted(bench: Bench) -> None:
     """A results folder that is deleted during the run is created again."""
     bench.write("model.py", LONG_MODEL)
     (bench.folder / "results").mkdir()
-    settings = ("--integrator", "ida", "--t-end", "1000", "--no-estimate")
+    settings = ("--integrator", "ida", "--t-end", "20", "--no-estimate")
     process = bench.start(bench.command(*RUN, *settings))
     # The rows are written at the end of the run, long after the deletion.
     time.sleep(2.0)
