@@ -771,10 +771,10 @@ class _Certification:
 
 
 def _reduce(differences: Array, ratio: float) -> Array:
-    """Return the error of the finer run, given the ratio of error and difference.
+    """Return the error of the finer run, given the ratio of error to difference.
 
-    The ratio holds for small differences only: runs of a chaotic motion differ by its range, with
-    any tolerance.
+    Differences above `_SATURATION` are returned unchanged: two runs of a chaotic motion eventually
+    differ by as much as the motion itself varies, at any tolerance.
     """
     return np.where(differences > _SATURATION, differences, ratio * differences)
 

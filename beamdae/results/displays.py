@@ -89,6 +89,6 @@ class Views(Protocol):
 def load_views() -> Views:
     """Import and return `beamdae.views`, which draws results.
 
-    Result classes do not import drawing code; their methods that draw call this function.
+    Result classes do not import drawing code; their plotting methods call this function instead.
     """
     return cast("Views", deferred.module("views"))

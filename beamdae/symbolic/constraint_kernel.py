@@ -79,7 +79,7 @@ class ConstraintKernel:
     ) -> tuple[tuple[int, ...], bool]:
         """Return the levels that replace `levels`, and True if q' includes the term G^T mu.
 
-        Holonomic constraints keep both arguments.
+        For holonomic constraints, both arguments are returned unchanged.
         """
         return levels, stabilized
 

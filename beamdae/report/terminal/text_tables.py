@@ -71,7 +71,7 @@ def format_number(value: Any, digits: int = 3) -> str:
 
 
 def fact_list(title: str, rows: Mapping[str, Any]) -> FactList:
-    """Create a `FactList`, formatting values that are not texts."""
+    """Create a `FactList`, formatting values that are not strings."""
     texts = {name: x if isinstance(x, str) else format_number(x) for name, x in rows.items()}
     return FactList(title, texts)
 
