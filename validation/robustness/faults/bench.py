@@ -42,8 +42,8 @@ def arm(length=LENGTH, elements=1, label="tip"):
     # more
     return mech
 """
-# Runs for minutes unless it is stopped.
-LONG_MODEL = MODEL.replace("t_end=0.02", "t_end=2000.0")
+# Runs for many seconds unless it is stopped; longer runs would count as stalled.
+LONG_MODEL = MODEL.replace("t_end=0.02", "t_end=100.0")
 
 
 class WrongBehaviorError(Exception):
