@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time as clock
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from beamdae.integrators.method import Method
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.radau import Radau
 from beamdae.integrators.run_plan import RunPlan
+from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 
 Array = np.ndarray
@@ -28,7 +30,7 @@ class Auto(AdaptiveIntegrator):
     phase error grows over free oscillations, whereas Radau IIA is of order 5 and damps them.
     Without such modes, BDF resolves all modes with order 5 in about the same time (tables in
     validation/tolerances). If `Ida` fails, for example near a singular position, `Radau` repeats
-    the run, and the longer run is returned.
+    the run, and the longer run is returned; `time_limit` applies to both together.
 
     Parameters
     ----------
@@ -63,17 +65,29 @@ class Auto(AdaptiveIntegrator):
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
         """Integrate over the output times; see `Integrator.integrate`."""
+        began = clock.perf_counter()
         pilot = replace(self, rtol=PILOT_RTOL)
-        solution = drive(
-            self, equations, times, self._choose_method, progress, pilot._choose_method
-        )
-        if not (solution.status.kind == "failed" and solution.integrator["method"] == "Ida"):
-            return solution
-        second = drive(self, equations, times, self._radau, progress, pilot._radau)
-        if not second.trajectory.end > solution.trajectory.end:
-            return solution
-        note = f"Ida failed at t = {solution.trajectory.end:.6g} s; the run was repeated by Radau"
-        return replace(second, integrator={**second.integrator, "note": note})
+        first = drive(self, equations, times, self._choose_method, progress, pilot._choose_method)
+        if not (first.status.kind == "failed" and first.integrator["method"] == "Ida"):
+            return first
+        limited = self
+        if self.time_limit is not None:
+            remaining = self.time_limit - (clock.perf_counter() - began)
+            if remaining <= 0.0:
+                return first
+            limited = replace(self, time_limit=remaining)
+        end = f"t = {first.trajectory.end:.6g} s"
+        try:
+            second = drive(limited, equations, times, self._radau, progress, pilot._radau)
+        except KeyboardInterrupt:
+            return replace(first, status=Status("interrupted", f"interrupted at {end}"))
+        if second.trajectory.end > first.trajectory.end:
+            note = f"Ida failed at {end}; the run was repeated by Radau"
+            settings = {**second.integrator, "time_limit": self.time_limit, "note": note}
+            return replace(second, made_by=self, integrator=settings)
+        # An interrupt ends the call, whichever run is longer.
+        is_interrupted = second.status.kind == "interrupted"
+        return replace(first, status=second.status) if is_interrupted else first
 
     def _choose_method(self, plan: RunPlan) -> Method:
         if has_stiff_modes(plan):

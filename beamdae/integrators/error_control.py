@@ -95,12 +95,12 @@ class MotionScales:
         return float(np.sqrt(2.0 / max(fastest, self.rate**2 / local)))
 
 
-def motion_scales(plan: RunPlan) -> MotionScales:
-    """Return the scales of the motion during a run.
+def motion_rate(plan: RunPlan) -> float:
+    """Return the characteristic rate of the motion during a run [1/s].
 
-    The rate is the largest of 1 / duration, 1 / (time scale of the laws), and the rate that a pilot
-    run measured. Without a pilot run, the rates of the initial velocities and accelerations take
-    the place of the measured rate.
+    It is the largest of 1 / duration, 1 / (time scale of the laws), and the rate that a pilot run
+    measured. Without a pilot run, the rates of the initial velocities and accelerations take the
+    place of the measured rate.
     """
     equations, state, position = plan.equations, plan.state, plan.scales
     rates = [1.0 / plan.duration]
@@ -111,13 +111,23 @@ def motion_scales(plan: RunPlan) -> MotionScales:
         rates.append(plan.amplitudes.rate)
     if equations.time_scale is not None:
         rates.append(1.0 / equations.time_scale)
-    rate = max(rates)
+    return max(rates)
+
+
+def count_periods(plan: RunPlan) -> float:
+    """Return the number of periods of the motion during a run, at least 1."""
+    # A short time scale of a law does not repeat the motion.
+    rate = 0.0 if plan.amplitudes is None else plan.amplitudes.rate
+    return max(1.0, rate * plan.duration / (2.0 * np.pi))
+
+
+def motion_scales(plan: RunPlan) -> MotionScales:
+    """Return the scales of the motion during a run."""
+    equations, state, position = plan.equations, plan.state, plan.scales
+    rate = motion_rate(plan)
     inertial = plan.starter.force(plan.time, state.q, state.v, position * rate**2)
     force = max(float(np.max(np.abs(inertial))), float(np.max(np.abs(state.lam), initial=0.0)))
-    # A short time scale of a law does not repeat the motion.
-    motion_rate = 0.0 if plan.amplitudes is None else plan.amplitudes.rate
-    periods = max(1.0, motion_rate * plan.duration / (2.0 * np.pi))
-    return MotionScales(position, equations.position_scales, rate, force, periods)
+    return MotionScales(position, equations.position_scales, rate, force, count_periods(plan))
 
 
 @dataclass(frozen=True)
@@ -219,7 +229,7 @@ class ErrorControl:
 def has_stiff_modes(plan: RunPlan) -> bool:
     """Return True if a natural mode is over 300 times faster than the motion, too fast for BDF."""
     fastest = max((mode.frequency for mode in plan.fastest_modes()), default=0.0)
-    return fastest > STIFF_RATIO_BDF * motion_scales(plan).rate
+    return fastest > STIFF_RATIO_BDF * motion_rate(plan)
 
 
 def resolve_error_control(

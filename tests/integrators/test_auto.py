@@ -6,8 +6,10 @@ from hub_beam import hub_beam
 from numpy.testing import assert_allclose
 
 import beamdae as bd
+from beamdae.integrators.drive import drive
 from beamdae.integrators.ida.stepper import IdaStepper
 from beamdae.integrators.method import StepError
+from beamdae.simulation import as_equations
 
 
 @pytest.mark.parametrize("rtol", [1e-3, 1e-6])
@@ -54,6 +56,10 @@ def test_adaptive_generalized_alpha_notes_what_rtol_does_not_control():
     assert "note" not in fixed
 
 
+def fail(*_):
+    raise StepError("no step is possible")
+
+
 def swing():
     """A rigid pendulum."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
@@ -64,14 +70,42 @@ def swing():
 
 
 def test_radau_repeats_a_run_in_which_ida_fails(monkeypatch):
-    def fail(*_):
-        raise StepError("no step is possible")
-
     monkeypatch.setattr(IdaStepper, "advance", fail)
     solution = bd.simulate(swing(), bd.Auto(1e-4), t_end=0.5)
     assert solution.status.success
     assert solution.integrator["method"] == "Radau"
     assert "Ida failed at t = 0 s" in solution.integrator["note"]
+
+
+def test_the_repeated_run_shares_the_time_limit(monkeypatch):
+    settings = []
+
+    def record(integrator, *arguments):
+        settings.append(integrator)
+        return drive(integrator, *arguments)
+
+    monkeypatch.setattr("beamdae.integrators.auto.drive", record)
+    monkeypatch.setattr(IdaStepper, "advance", fail)
+    solution = bd.simulate(swing(), bd.Auto(1e-4, time_limit=60.0), t_end=0.5)
+    assert solution.status.success
+    assert len(settings) == 2
+    assert 0.0 < settings[1].time_limit < 60.0
+    assert solution.made_by == bd.Auto(1e-4, time_limit=60.0)
+    assert solution.integrator["time_limit"] == 60.0
+
+
+def test_an_interrupt_of_the_repeated_run_is_reported(monkeypatch):
+    """It was swallowed: the status was that of the failed first run."""
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(IdaStepper, "advance", fail)
+    for place in ("RadauStepper.advance", "RadauStepper.__init__"):
+        with monkeypatch.context() as patch:
+            patch.setattr(f"beamdae.integrators.radau.stepper.{place}", interrupt)
+            solution = bd.Auto(1e-4).integrate(as_equations("test", swing()), np.array([0.0, 0.5]))
+        assert solution.status.kind == "interrupted"
 
 
 def test_auto_is_the_default_integrator():

@@ -23,7 +23,7 @@ from beamdae.integrators.alpha.family import (
 )
 from beamdae.integrators.alpha.stepper import AdaptiveAlphaStepper, FixedAlphaStepper
 from beamdae.integrators.drive import drive
-from beamdae.integrators.error_control import motion_scales
+from beamdae.integrators.error_control import count_periods
 from beamdae.integrators.integrator import (
     Accuracy,
     Integrator,
@@ -234,7 +234,7 @@ class GeneralizedAlpha(Integrator):
             first=self.step,
             largest=plan.longest_step("GeneralizedAlpha", None),
             duration=plan.duration,
-            tolerance=local_tolerance(self.rtol, motion_scales(plan).periods),
+            tolerance=local_tolerance(self.rtol, count_periods(plan)),
         )
 
 
