@@ -21,7 +21,11 @@ from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.analysis_certificate import AnalysisCertificate
 from beamdae.results.certificate import MAX_ACCURACY
-from beamdae.results.columns import mark_required_columns, require_certified_columns
+from beamdae.results.columns import (
+    mark_required_columns,
+    require_certified_columns,
+    require_observed,
+)
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import half_range
 
@@ -87,11 +91,7 @@ def certify_equilibrium(
         path = equilibrium(mechanism, **settings)
         if not path.status.success:
             raise BeamdaeError(f"certify_equilibrium: {path.status.sentence}.")
-        if not path.columns:
-            raise BeamdaeError(
-                "certify_equilibrium: nothing is observed; observe points or quantities with "
-                "mech.observe."
-            )
+        require_observed("certify_equilibrium", path.columns)
         rows = np.stack(list(path.columns.values()), axis=1)
         # A path of a single row begins at the equilibrium.
         scales = 0.5 * np.ptp(rows, axis=0) if len(rows) > 1 else np.abs(rows[-1])
@@ -202,11 +202,7 @@ def certify_periodic(
         if not motion.status.success:
             raise BeamdaeError(f"certify_periodic: {motion.status.sentence}.")
         observed = motion.solution.columns
-        if not observed:
-            raise BeamdaeError(
-                "certify_periodic: nothing is observed; observe points or quantities with "
-                "mech.observe."
-            )
+        require_observed("certify_periodic", observed)
         amplitudes = np.array([half_range(column) for column in observed.values()])
         return _Values(motion, tuple(observed), amplitudes, amplitudes)
 

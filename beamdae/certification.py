@@ -29,15 +29,19 @@ from beamdae.errors import (
 )
 from beamdae.integrators import Radau
 from beamdae.integrators.integrator import Progress
-from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.forces.contact import Contact
 from beamdae.parts.forces.friction import Friction
 from beamdae.parts.mechanism import Mechanism, require_start
 from beamdae.results.certificate import MAX_ACCURACY, Certificate, CertificateRun, ErrorBudget
-from beamdae.results.columns import Header, mark_required_columns, require_certified_columns
+from beamdae.results.columns import (
+    mark_required_columns,
+    mark_resting_columns,
+    require_certified_columns,
+    require_observed,
+)
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
-from beamdae.simulation import as_equations, compute_output_times
+from beamdae.simulation import as_equations, compute_output_times, unpack_model
 
 Array = np.ndarray
 
@@ -88,10 +92,6 @@ _FLOOR = 1e-3
 _MAX_EXACT_COST = 3.0
 _MAX_KEPT_THEORY_SHARE = 0.2
 
-# Columns whose half range is below any of these are at rest; see `verification`.
-_REST_TO_OTHERS_RATIO = 1e-9
-_REST_TO_VALUES_RATIO = 1e-12
-_REST_TO_SIZE_RATIO = 1e-12  # for lengths relative to the mechanism, for angles in rad
 # Columns that exceed the accuracy at no more than this fraction of the samples may jump at events;
 # their difference is then measured at matching events.
 _MAX_JUMP_FRACTION = 0.05
@@ -193,15 +193,7 @@ def certify(
         require_start("certify", start)
     if progress is not None and not callable(progress):
         raise BeamdaeError(f"certify: progress must be a function, got {short_repr(progress)}.")
-    origin = model.origin if isinstance(model, (Model, HasOrigin)) else None
-    description: dict[str, Any] = {}
-    if origin is not None:
-        t_end = origin.t_end if t_end is None else t_end
-        description = {"name": origin.name, "parameters": origin.parameters}
-    if isinstance(model, Model):
-        model = model()
-    if t_end is None:
-        raise BeamdaeError("certify: the model has no end time; pass t_end=.")
+    model, t_end, description = unpack_model("certify", model, t_end)
     times = compute_output_times("certify", t_end, output_step)
     description["t_end"] = float(times[-1])
     task = _Task(model, times, accuracy, required, start, time_limit, progress, description)
@@ -273,11 +265,8 @@ class _Task:
                     Status("limited", f"reached the time limit of {self.time_limit:g} s"), None
                 )
         equations = self.build(halvings, exact)
-        if not equations.observables:
-            raise BeamdaeError(
-                "certify: nothing is observed; observe points or quantities with mech.observe."
-            )
         headers = [header for x in equations.observables for header in x.headers]
+        require_observed("certify", headers)
         # Wrong names are rejected before the run.
         mark_required_columns("certify", self.required, headers)
         progress = None if self.progress is None else self.report_progress
@@ -339,18 +328,8 @@ class _Run:
     @cached_property
     def is_at_rest(self) -> Array:
         """True for columns whose half range is at the level of rounding errors."""
-        kinds = [Header.of(name).kind for name in self.solution.columns]
-        of_kind = {
-            kind: max(x for k, x in zip(kinds, self.half_range, strict=True) if k == kind)
-            for kind in kinds
-        }
-        others = np.array([of_kind[kind] for kind in kinds])
-        largest = np.max(np.abs(self.rows), axis=0)
-        units = [Header.of(name).unit for name in self.solution.columns]
-        sizes = {"m": self.solution.equations.length, "rad": 1.0}
-        size = np.array([sizes.get(unit, 0.0) for unit in units])
-        limit = np.maximum(_REST_TO_OTHERS_RATIO * others, _REST_TO_VALUES_RATIO * largest)
-        return np.asarray(self.half_range <= np.maximum(limit, _REST_TO_SIZE_RATIO * size))
+        headers, length = list(self.solution.columns), self.solution.equations.length
+        return mark_resting_columns(headers, self.rows, self.half_range, length)
 
 
 @dataclass(frozen=True)

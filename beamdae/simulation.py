@@ -111,17 +111,8 @@ def simulate(
     >>> print(f"{solution['ball.x'].iloc[-1]:.6f}")
     1.200000
     """
-    name = "simulate"
-    description: dict[str, Any] = {}
-    origin = model.origin if isinstance(model, (Model, HasOrigin)) else None
-    if origin is not None:
-        t_end = origin.t_end if t_end is None else t_end
-        name = origin.name
-        description = {"name": name, "parameters": origin.parameters}
-    if isinstance(model, Model):
-        model = model()
-    if t_end is None:
-        raise BeamdaeError("simulate: the model has no end time; pass t_end=.")
+    model, t_end, description = unpack_model("simulate", model, t_end)
+    name = description.get("name", "simulate")
     checkpoint = _read_checkpoint(start)
     if checkpoint is None and start is not None:
         require_start("simulate", start, ", a solution, an equilibrium or the path of a checkpoint")
@@ -165,6 +156,29 @@ def simulate(
     for sentence in sentences:
         warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
     return solution
+
+
+def unpack_model(caller: str, model: Any, t_end: float | None) -> tuple[Any, float, dict[str, Any]]:
+    """Return what a model function builds, the end time [s], and name and parameters of the model.
+
+    `t_end` defaults to the end time of the model; `caller` is the calling function, for messages.
+    Name and parameters are missing if the model does not come from a model function.
+
+    Raises
+    ------
+    BeamdaeError
+        If there is no end time.
+    """
+    description: dict[str, Any] = {}
+    origin = model.origin if isinstance(model, (Model, HasOrigin)) else None
+    if origin is not None:
+        t_end = origin.t_end if t_end is None else t_end
+        description = {"name": origin.name, "parameters": origin.parameters}
+    if isinstance(model, Model):
+        model = model()
+    if t_end is None:
+        raise BeamdaeError(f"{caller}: the model has no end time; pass t_end=.")
+    return model, t_end, description
 
 
 def load(path: str | Path, model: Any = None) -> Solution | SavedRun:

@@ -12,7 +12,7 @@ from beamdae.beams.beam import Beam
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.integrators import GeneralizedAlpha, Ida, Integrator, Radau
 from beamdae.integrators.integrator import Progress, require_integrator
-from beamdae.results.columns import Header
+from beamdae.results.columns import Header, largest_of_kind, mark_resting_columns
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
@@ -49,12 +49,8 @@ _ALLOWED_ERROR_OF_DAMPED_BEAMS = 30.0
 _ALLOWED_ERROR_WITHOUT_RTOL = 1e-3
 _RTOL_FOR_FIXED_STEPS = 1e-6  # of the second run, if the first run has fixed steps
 
-# Columns whose half range is below either of these are at rest.
-_REST_TO_OTHERS_RATIO = 1e-9  # relative to the largest half range of a column with the same unit
-_REST_TO_VALUES_RATIO = 1e-12  # relative to the largest value of the column: rounding errors
-_REST_TO_SIZE_RATIO = 1e-12  # relative to the size of the mechanism, or to 1 rad: rounding errors
-# They are also at rest if the half range is below this multiple of rtol, relative to the largest
-# half range with the same unit, and the difference of two runs exceeds the following part of it:
+# In addition to `mark_resting_columns`, columns are at rest if the half range is below this multiple
+# of rtol, relative to the largest half range with the same unit, and the difference of two runs exceeds the following part of it:
 # positions that joints hold fixed move by errors only (up to 0.002 rtol, their rates 0.009 rtol).
 _UNRESOLVED_TO_RTOL_RATIO = 0.01
 _MIN_NOISE_SHARE = 0.5
@@ -444,8 +440,9 @@ def _compare(
             signed = np.take_along_axis(differences, worst[None], axis=0)[0] / half_range
         error = fraction * np.abs(signed)
         is_noise = np.abs(signed) > _MIN_NOISE_SHARE
-    of_kind = _largest_of_kind(solution, half_range)
-    is_at_rest = half_range <= _rest_limits(solution, of_kind, np.max(np.abs(rows), axis=0))
+    headers = list(solution.columns)
+    is_at_rest = mark_resting_columns(headers, rows, half_range, solution.equations.length)
+    of_kind = largest_of_kind(headers, half_range)
     is_at_rest |= is_noise & (half_range <= _UNRESOLVED_TO_RTOL_RATIO * rtol * of_kind)
     error = np.where(np.isfinite(half_range), error, np.nan)
     if not np.isnan(fraction):
@@ -457,22 +454,3 @@ def _stack_columns(solution: Solution) -> Array:
     """Return the observed columns, (k, number of columns)."""
     columns = solution.columns.values()
     return np.stack(list(columns), axis=1) if columns else np.zeros((len(solution.t), 0))
-
-
-def _largest_of_kind(solution: Solution, half_range: Array) -> Array:
-    """Return the largest half range of the columns with the same unit as each column."""
-    kinds = [Header.of(name).kind for name in solution.columns]
-    of_kind = dict.fromkeys(kinds, 0.0)
-    for kind, value in zip(kinds, np.nan_to_num(half_range, posinf=np.inf).tolist(), strict=True):
-        of_kind[kind] = max(of_kind[kind], value)
-    return np.array([of_kind[kind] for kind in kinds])
-
-
-def _rest_limits(solution: Solution, of_kind: Array, largest: Array) -> Array:
-    """Return the half range of each column at or below which the column is at rest."""
-    sizes = {"m": solution.equations.length, "rad": 1.0}
-    rounding = [
-        _REST_TO_SIZE_RATIO * sizes.get(Header.of(name).unit, 0.0) for name in solution.columns
-    ]
-    limits = _REST_TO_OTHERS_RATIO * of_kind, _REST_TO_VALUES_RATIO * largest, np.array(rounding)
-    return np.maximum.reduce(limits)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.results.displays import load_views
+from beamdae.results.certificate import CertificateStatus, describe_verdicts
 from beamdae.results.outcome import Status
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class AnalysisCertificate:
+class AnalysisCertificate(CertificateStatus):
     """Result of an analysis with its mesh error.
 
     See `certify_equilibrium`, `certify_modes` and `certify_periodic`.
@@ -68,22 +68,6 @@ class AnalysisCertificate:
     meshes: int = 0
     notes: tuple[str, ...] = ()
 
-    def __repr__(self) -> str:
-        return f"<AnalysisCertificate of {self.accuracy:g}: {self.status.kind}, {self.reason}>"
-
-    def _repr_html_(self) -> str:
-        return load_views().summarize_certificate_as_html(self)
-
-    @property
-    def success(self) -> bool:
-        """True if all required columns are within the accuracy."""
-        return self.status.success
-
-    @property
-    def reason(self) -> str:
-        """The reason for the status."""
-        return self.status.sentence
-
     @property
     def name(self) -> str:
         """Class name of the result: "Equilibrium", "Modes" or "PeriodicMotion"."""
@@ -94,14 +78,12 @@ class AnalysisCertificate:
         """Table with value, scale, mesh error, accuracy, verdict and theory error per column."""
         import pandas as pd
 
-        words = np.where(self.mesh <= self.accuracy, "yes", "no").tolist()
-        needed = self.required.tolist()
         rows = {
             "value": self.values,
             "scale": self.scales,
             "mesh": self.mesh,
             "accuracy": np.full(len(self.mesh), self.accuracy),
-            "certified": [x if y else f"({x})" for x, y in zip(words, needed, strict=True)],
+            "certified": describe_verdicts(self.mesh, self.accuracy, self.required),
             "theory as written": self.theory_as_written,
         }
         return pd.DataFrame(rows, index=pd.Index(list(self.columns)))

@@ -21,6 +21,39 @@ MAX_ACCURACY = 0.1
 _SCOPE = "estimated by comparison of runs; without errors of materials, joints and data"
 
 
+class CertificateStatus:
+    """Status and display of a certificate; a base class without fields."""
+
+    accuracy: float
+    status: Status
+
+    def __repr__(self) -> str:
+        name = type(self).__name__
+        return f"<{name} of {self.accuracy:g}: {self.status.kind}, {self.reason}>"
+
+    def _repr_html_(self) -> str:
+        return load_views().summarize_certificate_as_html(self)
+
+    @property
+    def success(self) -> bool:
+        """True if all required columns are within the accuracy."""
+        return self.status.success
+
+    @property
+    def reason(self) -> str:
+        """The reason for the status."""
+        return self.status.sentence
+
+
+def describe_verdicts(errors: Array, accuracy: float, required: Array) -> list[str]:
+    """Return "yes" or "no" for each error, in parentheses if its column is not required."""
+    words = np.where(errors <= accuracy, "yes", "no").tolist()
+    return [
+        word if needed else f"({word})"
+        for word, needed in zip(words, required.tolist(), strict=True)
+    ]
+
+
 @dataclass(frozen=True, eq=False)
 class ErrorBudget:
     """Estimated errors of the observed columns, relative to half their ranges [-].
@@ -84,7 +117,7 @@ class CertificateRun(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Certificate:
+class Certificate(CertificateStatus):
     """Solution with an error budget; see `certify`.
 
     The budget is an estimate from the differences of several runs, not a proof. It refers to the
@@ -130,22 +163,6 @@ class Certificate:
     runs: tuple[CertificateRun, ...] = ()
     notes: tuple[str, ...] = ()
 
-    def __repr__(self) -> str:
-        return f"<Certificate of {self.accuracy:g}: {self.status.kind}, {self.reason}>"
-
-    def _repr_html_(self) -> str:
-        return load_views().summarize_certificate_as_html(self)
-
-    @property
-    def success(self) -> bool:
-        """True if all required columns are certified."""
-        return self.status.success
-
-    @property
-    def reason(self) -> str:
-        """The reason for the status."""
-        return self.status.sentence
-
     @property
     def cost(self) -> float:
         """Processor time of all runs / processor time of the last run [-]."""
@@ -170,13 +187,6 @@ class Certificate:
         """Return the columns of `budget` as arrays and lists, by header."""
         errors = self.error_budget
         total = errors.total
-        is_certified = total <= self.accuracy
-        verdicts = [
-            word if needed else f"({word})"
-            for word, needed in zip(
-                np.where(is_certified, "yes", "no").tolist(), errors.required.tolist(), strict=True
-            )
-        ]
         return {
             "half the range": errors.half_range,
             "time": errors.time,
@@ -184,7 +194,7 @@ class Certificate:
             "theory": errors.theory,
             "total": total,
             "accuracy": np.full(len(total), self.accuracy),
-            "certified": verdicts,
+            "certified": describe_verdicts(total, self.accuracy, errors.required),
             "theory as written": errors.theory_as_written,
         }
 

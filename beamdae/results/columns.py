@@ -13,6 +13,11 @@ from beamdae.errors import BeamdaeError, require_iterable, short_repr, suggest
 # Units of the columns that a certificate covers by default.
 _CONTROLLED_UNITS = ("m", "rad")
 
+# Columns whose half range is at or below any of these are at rest.
+_REST_TO_OTHERS_RATIO = 1e-9  # relative to the largest half range of a column with the same unit
+_REST_TO_VALUES_RATIO = 1e-12  # relative to the largest value of the column: rounding errors
+_REST_TO_SIZE_RATIO = 1e-12  # relative to the size of the mechanism, or to 1 rad: rounding errors
+
 
 class Header(NamedTuple):
     """Parts of a column header 'name.suffix [unit]'; `name` itself may contain dots.
@@ -165,3 +170,52 @@ def mark_required_columns(
         return required if required.any() else np.ones(len(headers), bool)
     selected = select_observed_columns(part, names, headers)
     return np.array([header in selected for header in headers])
+
+
+def require_observed(part: str, headers: Iterable[str]) -> None:
+    """Reject a model without observed columns.
+
+    Raises
+    ------
+    BeamdaeError
+        If there are no headers.
+    """
+    if not list(headers):
+        raise BeamdaeError(
+            f"{part}: nothing is observed; observe points or quantities with mech.observe."
+        )
+
+
+def largest_of_kind(headers: Iterable[str], half_range: np.ndarray) -> np.ndarray:
+    """Return the largest half range of the columns with the same unit as each column."""
+    kinds = [Header.of(header).kind for header in headers]
+    of_kind = dict.fromkeys(kinds, 0.0)
+    for kind, value in zip(kinds, np.nan_to_num(half_range, posinf=np.inf).tolist(), strict=True):
+        of_kind[kind] = max(of_kind[kind], value)
+    return np.array([of_kind[kind] for kind in kinds])
+
+
+def mark_resting_columns(
+    headers: Sequence[str], rows: np.ndarray, half_range: np.ndarray, length: float
+) -> np.ndarray:
+    """Return True for each column whose half range is at the level of rounding errors.
+
+    Parameters
+    ----------
+    headers
+        Headers of the columns.
+    rows
+        Columns (k, columns).
+    half_range
+        Half the range of each column, (columns,).
+    length
+        Length of the mechanism [m].
+    """
+    sizes = {"m": length, "rad": 1.0}
+    size = np.array([sizes.get(Header.of(header).unit, 0.0) for header in headers])
+    limits = (
+        _REST_TO_OTHERS_RATIO * largest_of_kind(headers, half_range),
+        _REST_TO_VALUES_RATIO * np.max(np.abs(rows), axis=0),
+        _REST_TO_SIZE_RATIO * size,
+    )
+    return np.asarray(half_range <= np.maximum.reduce(limits))
