@@ -1,7 +1,7 @@
 """Equilibria, natural modes and periodic motions with an estimated mesh error.
 
-The error of the finest of at least three meshes, each with elements of half the length, follows
-from the observed ratio of their differences.
+The error on the finest mesh follows from the ratio of the differences between three successive
+meshes, each with elements half as long as those of the previous mesh.
 """
 
 from __future__ import annotations
@@ -59,8 +59,9 @@ def certify_equilibrium(
 ) -> AnalysisCertificate:
     """Compute an equilibrium on meshes that are refined until its mesh error is small enough.
 
-    Elements are halved, in at least three meshes and up to 32 elements per beam. Beams are
-    geometrically exact, except beams with custom kinematics or a mesh that must not change.
+    At least three meshes are used. Each halves the elements of the previous one, up to 32 elements
+    per beam. Beams are geometrically exact, except beams with custom kinematics or a mesh that must
+    not change.
 
     Parameters
     ----------
@@ -106,9 +107,9 @@ def certify_modes(
 ) -> AnalysisCertificate:
     """Compute natural modes on meshes that are refined until their frequencies are accurate.
 
-    Elements are halved, in at least three meshes and up to 32 elements per beam. Beams are
-    geometrically exact, except beams with custom kinematics or a mesh that must not change.
-    Modes of different meshes are matched by their order.
+    At least three meshes are used. Each halves the elements of the previous one, up to 32 elements
+    per beam. Beams are geometrically exact, except beams with custom kinematics or a mesh that must
+    not change. Modes of different meshes are matched by their order.
 
     Parameters
     ----------
@@ -163,9 +164,10 @@ def certify_periodic(
 ) -> AnalysisCertificate:
     """Find a periodic motion on meshes that are refined until its amplitudes are accurate.
 
-    Elements are halved, in at least three meshes and up to 32 elements per beam. Beams are
-    geometrically exact, except beams with custom kinematics or a mesh that must not change. Time
-    errors are not estimated: at the default rtol of `periodic`, 1e-8, they are much smaller.
+    At least three meshes are used. Each halves the elements of the previous one, up to 32 elements
+    per beam. Beams are geometrically exact, except beams with custom kinematics or a mesh that must
+    not change. Time errors are not estimated: at the default rtol of `periodic`, 1e-8, they are
+    much smaller.
 
     Parameters
     ----------
@@ -302,7 +304,7 @@ def _resize(values: Array, count: int) -> Array:
 
 
 def _relative(differences: Array, scales: Array) -> Array:
-    """Return |differences| / scales, or 0 where a scale is below 1e-9 of the largest scale."""
+    """Return |differences| / scales, or 0 where a scale is at most 1e-9 of the largest."""
     at_rest = scales <= _REST_TO_OTHERS_RATIO * np.max(scales, initial=0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(at_rest, 0.0, np.abs(differences) / scales)

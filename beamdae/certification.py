@@ -384,7 +384,7 @@ def _scale(differences: Array, fine: _Run) -> Array:
 def _match_events(coarse: _Run, fine: _Run, times: Array) -> tuple[Array, float] | None:
     """Return the coarse rows at times mapped by matching events, and the largest time shift [s].
 
-    Returns None if the runs do not have the same sequence of events.
+    Returns None if the runs have no events, different sequences of events, or simultaneous events.
     """
     records = coarse.solution.event_records, fine.solution.event_records
     sequences = [[(record.name, record.direction) for record in x] for x in records]
@@ -420,7 +420,7 @@ class _Certification:
 
     @property
     def _last(self) -> _Run:
-        """The last run with the formulation of the solution."""
+        """The last run with the chosen formulation, or the last run if there is none."""
         chosen = [run for run in self._runs if run.exact == self._exact]
         return chosen[-1] if chosen else self._runs[-1]
 
@@ -441,7 +441,7 @@ class _Certification:
 
     @property
     def _is_nonsmooth(self) -> bool:
-        """True if the motion has contacts, friction or events."""
+        """True if the model has contacts or friction, or if the last run had events."""
         model = self.task.model
         parts = model.parts.values() if isinstance(model, Mechanism) else ()
         has_contacts = any(isinstance(part, (Contact, Friction)) for part in parts)

@@ -81,9 +81,9 @@ class MeshAssessment:
     beam
         Name of the beam.
     length_error
-        Largest relative error of the arc length of an element.
+        Largest relative error of the arc length of an element [-].
     curvature_error
-        Largest error of the curvature, times the length of the beam.
+        Largest error of the curvature times the length of the beam [-].
     verdict
         "good", or "fair" or "coarse" with a recommended number of elements.
     """

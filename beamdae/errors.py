@@ -162,8 +162,8 @@ def require_count(part: str, name: str, value: Any, least: int = 1, most: int | 
 def require_sequence(part: str, name: str, value: Any, what: str) -> list[Any]:
     """Return the entries of a list, tuple or other sequence, or of an array.
 
-    Sets, strings and iterators are rejected by a BeamdaeError; `what` describes the expected value
-    in its message.
+    Sets, strings and iterators are rejected with a BeamdaeError; `what` describes the expected
+    value in its message.
     """
     is_sequence = isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray))
     dimensions = getattr(value, "ndim", 0)
@@ -177,7 +177,8 @@ def require_iterable(
 ) -> list[Any]:
     """Return the first `most` items of an iterable (None: all items).
 
-    Other values are rejected by a BeamdaeError; `what` describes the expected value in its message.
+    Other values are rejected with a BeamdaeError; `what` describes the expected value in its
+    message.
     """
     try:
         return list(islice(value, most))
@@ -186,7 +187,7 @@ def require_iterable(
 
 
 def require_pair(part: str, name: str, value: Any, what: str = "a pair (x, y)") -> tuple[Any, Any]:
-    """Return the two entries of `value`, or raise BeamdaeError with `what` as expected value."""
+    """Return the two entries of `value`, or raise BeamdaeError; `what` is the expected value."""
     entries = require_sequence(part, name, value, what)
     if len(entries) != 2:
         raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")

@@ -159,10 +159,10 @@ def simulate(
 
 
 def unpack_model(caller: str, model: Any, t_end: float | None) -> tuple[Any, float, dict[str, Any]]:
-    """Return what a model function builds, the end time [s], and name and parameters of the model.
+    """Return the built model, its end time [s], and a dict with its name and parameters.
 
     `t_end` defaults to the end time of the model; `caller` is the calling function, for messages.
-    Name and parameters are missing if the model does not come from a model function.
+    The dict is empty if the model does not come from a model function.
 
     Raises
     ------

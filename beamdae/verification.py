@@ -76,8 +76,8 @@ class _SecondRun:
         Estimated error of the first run / difference of the two runs, before the correction by the
         numbers of steps.
     order
-        If not None, the second run has the same method as the first run and tighter tolerances. The
-        errors are then proportional to (number of steps)^-order.
+        If not None, the second run has the same method as the first run and a tighter tolerance or
+        a smaller step. The errors are then proportional to (number of steps)^-order.
     same_method
         True if both runs have the same method, so that their numbers of steps must differ.
     """
@@ -88,7 +88,10 @@ class _SecondRun:
     same_method: bool = True
 
     def difference_factor(self, steps: int, other_steps: int) -> float | None:
-        """Return estimated error / difference of the runs, or None if the step counts are close."""
+        """Return estimated error / difference of the runs, or None.
+
+        None means that runs of the same method have step counts within 5 % of each other.
+        """
         ratio = other_steps / max(steps, 1)
         if self.same_method and _MAX_STEP_COUNT_RATIO < ratio < 1.0 / _MAX_STEP_COUNT_RATIO:
             return None
@@ -106,10 +109,11 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     The motion is integrated again, and the estimate is the largest difference of the two runs times
     a factor. If the run has a tolerance, the second run has a tenth of it, but at least 1e-10:
 
-    - after `Radau`, or `Ida` with orders up to 5, the same method, and the factor is
-      1.75 / (1 - (n / n2)^p), at most 3, with the numbers of steps n and n2 and the order p;
+    - after `Radau`, or `Ida` with a maximum order above 2, it uses the same method, and the
+      factor is 1.75 / (1 - (n / n2)^p), at most 3, with the numbers of steps n and n2 of the first
+      and second runs and the order p;
     - after `GeneralizedAlpha`, or `Ida` with order 2, which would take two to three times the
-      steps, it is `Radau`, and the factor is 1.25.
+      steps, it uses `Radau`, and the factor is 1.25.
 
     If this run does not reach the end, or the tolerance does not determine its steps, another
     tolerance or another method is used. For fixed steps, the second run has twice the step; the

@@ -111,7 +111,7 @@ class StepWorkspace:
     newton_tolerance
         Bound on the error of Newton's iteration, relative to the scales.
     has_impulses
-        1 if the unknowns are time integrals of multipliers; see `Formulation.impulses`.
+        1 if the unknowns include time integrals of the multipliers; see `Formulation.impulses`.
     residual
         Residual in the last Newton iteration of any stage.
     rows, filled, most
@@ -272,7 +272,7 @@ class FixedStepMethod:
     Raises
     ------
     BeamdaeError
-        If the run would take too many steps of this length.
+        If the run would take more than 1e8 steps of this length.
     """
 
     rows_per_step: ClassVar[int] = 1

@@ -180,9 +180,9 @@ class ErrorControl:
         """Return absolute tolerances of (q, v, multipliers), huge for untested components.
 
         If `iterated` is True, untested multipliers lam have tolerances for Newton's iteration. If
-        the unknowns are time integrals of multipliers, these tolerances are multiplied by a typical
-        step h, for which (h rate)^(k + 1) equals the tolerance of a single component; k is the
-        highest order.
+        the unknowns include time integrals of the multipliers, these tolerances are multiplied by a
+        typical step h, for which (h rate)^(k + 1) equals the tolerance of a single component; k is
+        the highest order.
         """
         n, m = form.equations.n, form.equations.m
         has_impulses = form.formulation.impulses

@@ -95,7 +95,7 @@ class RunPlan:
         Raises
         ------
         BeamdaeError
-            If the run would take too many steps of this length.
+            If the run would take more than 1e8 steps of this length.
         """
         if max_step is not None:
             require_feasible_step(part, "max_step", max_step, self.duration)

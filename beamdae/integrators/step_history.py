@@ -145,7 +145,7 @@ class StepHistory:
         return len(bad) == 0
 
     def _complete_steps(self, count: int) -> int:
-        """Return the number of rows of the complete steps among the first `count` rows."""
+        """Return the number of rows of the start and of complete steps in the first `count`."""
         return max(count - 1, 0) // self._rows_per_step * self._rows_per_step + 1
 
     def tail(self, first: int, branch: float) -> tuple[Interval, float] | None:

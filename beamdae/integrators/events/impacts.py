@@ -42,7 +42,7 @@ def apply_impact(
     Raises
     ------
     BeamdaeError
-        If the active joints are dependent on each other at the impact.
+        If the active joints depend on each other at the impact.
     """
     equations, solver = impact.equations, ConsistencySolver(impact.equations)
     names = equations.lam_names

@@ -111,7 +111,7 @@ class IdaWorkspace:
     newton, sundials
         Newton iteration, and SUNDIALS functions.
     has_impulses
-        1 if the unknowns are time integrals of multipliers; see `Formulation.impulses`.
+        1 if the unknowns include time integrals of the multipliers; see `Formulation.impulses`.
     rows
         Rows (t, q, v, a, lam) of the steps taken.
     orders
