@@ -49,9 +49,10 @@ _ALLOWED_ERROR_OF_DAMPED_BEAMS = 30.0
 _ALLOWED_ERROR_WITHOUT_RTOL = 1e-3
 _RTOL_FOR_FIXED_STEPS = 1e-6  # of the second run, if the first run has fixed steps
 
-# In addition to `mark_resting_columns`, columns are at rest if the half range is below this multiple
-# of rtol, relative to the largest half range with the same unit, and the difference of two runs exceeds the following part of it:
-# positions that joints hold fixed move by errors only (up to 0.002 rtol, their rates 0.009 rtol).
+# In addition to `mark_resting_columns`, columns are at rest if the half range is at most this
+# multiple of rtol times the largest half range with the same unit, and the largest difference of
+# two runs exceeds _MIN_NOISE_SHARE times the half range: positions that joints hold fixed move by
+# errors only (up to 0.002 rtol, their rates 0.009 rtol).
 _UNRESOLVED_TO_RTOL_RATIO = 0.01
 _MIN_NOISE_SHARE = 0.5
 

@@ -58,7 +58,7 @@ class GravityLaws:
     def _statement(
         self, weightless: ForceStatement, unit_x: ForceStatement, unit_y: ForceStatement
     ) -> ForceStatement:
-        """Return the statement under the laws from those without gravity and under unit gravity."""
+        """Combine the statements without gravity and under unit gravity into one with the laws."""
         slopes = unit_x.data - weightless.data, unit_y.data - weightless.data
         rows = np.flatnonzero(np.any(slopes[0], axis=1) | np.any(slopes[1], axis=1))
         if not rows.size:

@@ -65,7 +65,7 @@ def resolve_mass(
 
 
 def rod(part: str, a: Any, b: Any, mass: float | None, density: Any, area: Any) -> Shape:
-    """Return a thin straight rod from `a` to `b`; mass m and length l give inertia m l^2 / 12.
+    """Return a thin straight rod from `a` to `b`; mass m and length l give the inertia m l^2 / 12.
 
     Raises
     ------
@@ -132,7 +132,9 @@ def plate(
 
 
 def polygon(part: str, points: Any, mass: float | None, density: Any, thickness: Any) -> Shape:
-    """Return a polygonal plate with corners in either orientation, by Green's theorem.
+    """Return a polygonal plate with corners in either orientation.
+
+    The mass properties follow from Green's theorem.
 
     Raises
     ------
@@ -194,7 +196,7 @@ def _side_of_line(a: Array, b: Array, p: Array) -> float:
 
 
 def _is_between(a: Array, b: Array, p: Array) -> bool:
-    """Return True if `p`, a point of the line through `a` and `b`, lies between them."""
+    """Return True if `p`, a point of the line through `a` and `b`, lies on the edge a-b."""
     return bool(np.all(np.minimum(a, b) <= p) and np.all(p <= np.maximum(a, b)))
 
 

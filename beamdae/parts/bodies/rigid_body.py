@@ -79,7 +79,7 @@ class Ground(Part):
         return Attachment(self, point, 0.0, _NO_ROWS, Formula(_fixed_point, point))
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
-        """Return the fixed points to which other parts refer."""
+        """Return the drawing of the fixed points to which other parts refer."""
         return Drawing("ground", list(attached))
 
 
@@ -375,7 +375,7 @@ class RigidBody(Part):
         return [ForceStatement(self.name, _rigid_body_kernel(), (Piece(self, _ALL_ROWS),), data)]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
-        """Return the shape or, without a shape, a line through the attachments.
+        """Return the drawing of the shape or, without a shape, of a line through the attachments.
 
         If there is at most one attachment, the line ends at the center of mass.
         """

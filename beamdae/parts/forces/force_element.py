@@ -206,7 +206,7 @@ class _ElementExpression:
         return x, self.law(x, local.dot(x), law_numbers())
 
     def observe(self, column: SX) -> SX:
-        """Return the column, or the norm of the column if a single row is observed."""
+        """Return the column, or its norm if the column has more rows than the observed force."""
         return column if column.numel() == self.rows else ca.norm_2(column)
 
 

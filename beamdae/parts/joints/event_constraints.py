@@ -117,7 +117,7 @@ def _offset_function(expression: FormulaExpression, size: int, n_data: int) -> R
 def evaluate_frozen_gap(
     joint: KinematicConstraint, law: Law | None, time: Array, local: Array
 ) -> tuple[float, ...]:
-    """Return the offsets at which a joint is frozen.
+    """Return the offsets [m or rad] at which a joint is frozen.
 
     Parameters
     ----------
