@@ -41,7 +41,8 @@ def build_run_page(
         Table columns by header, for example the combined table of a run and its continuation.
         Defaults to the table of the run.
     errors
-        Error columns with one row per observed column. The first one, half the range, is not shown.
+        Error columns with one row per observed column. The first column, half the range, is not
+        shown.
     warnings
         Warnings to show in addition to the warnings of the run.
     certificate

@@ -62,7 +62,7 @@ def summarize_certificate_as_html(certificate: Certificate | AnalysisCertificate
 
 
 def format_html_table(facts: Mapping[str, str]) -> str:
-    """Return an HTML table with the columns name and value."""
+    """Return an HTML table with a column of names and a column of values."""
     rows = "".join(
         f"<tr><td {_NAME_STYLE}>{html.escape(name)}</td>"
         f"<td {_VALUE_STYLE}>{html.escape(value)}</td></tr>"

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 
 def make_printable(text: str) -> str:
-    """Return the text on one line: white space becomes spaces, other unprintables escapes."""
+    """Return the text on one line, with unprintable characters escaped.
+
+    Tabs, line breaks and other white space become spaces.
+    """
     return "".join(map(_escape, text))
 
 

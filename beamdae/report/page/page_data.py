@@ -148,8 +148,8 @@ def _pack_curves(curves: Mapping[str, Any], logarithmic: Sequence[str] = ()) -> 
 def _pack_values(values: Sequence[float | None] | Array, log: bool = False) -> dict[str, Any]:
     """Quantize values, or the logarithms of their magnitudes, into equal 16-bit steps.
 
-    Values that are missing, not finite or at least `_MAX_MAGNITUDE`, and zeros on a logarithmic
-    scale, become `_MISSING_CODE`.
+    Values that are missing, not finite or of magnitude `_MAX_MAGNITUDE` or more, and zeros on a
+    logarithmic scale, become `_MISSING_CODE`.
     """
     x = np.array(values, float)
     if log:

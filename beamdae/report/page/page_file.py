@@ -154,7 +154,7 @@ def _join_files(folder: Traversable, names: Sequence[str], suffix: str) -> str:
 
 
 def _complete_page(page: Mapping[str, Any]) -> dict[str, Any]:
-    """Add default entries, encode curves and frames, and replace non-finite numbers by None."""
+    """Add default entries, encode curves and frames, and replace non-finite numbers with None."""
     page = {**_PAGE_DEFAULTS, **page}
     groups = [_GROUP_DEFAULTS | group for group in page["groups"]]
     cases = [_CASE_DEFAULTS | case for case in page["cases"]]

@@ -201,8 +201,8 @@ def require_picture_path(name: str, path: Any) -> Path:
 def save_figure(figure: Figure, path: Path) -> Path:
     """Write a figure to a file and return the path.
 
-    The suffix selects the format. Folders are created as needed, and a path without a suffix is
-    written in PNG format.
+    The suffix selects the format; a file without a suffix is written in PNG format. Folders are
+    created as needed.
 
     Raises
     ------

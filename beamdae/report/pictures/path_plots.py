@@ -41,8 +41,8 @@ def save_path_figure(path: Path, equilibrium: Equilibrium, title: str) -> Path:
     """Plot the load factor over observed positions, deformations and forces, and write the figure.
 
     The suffix of `path` selects the image format. Lines are dashed where the equilibrium is
-    unstable under constant loads, and limit, branch and flutter points are marked. The load factors
-    of several stages are added.
+    unstable under constant loads, and limit, branch and flutter points are marked. If the path has
+    several stages, their load factors are added.
 
     Returns
     -------

@@ -108,7 +108,7 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
 def _line_styles(count: int) -> list[dict[str, Any]]:
     """Return a line style for each of `count` runs; the styles repeat after 28 runs.
 
-    The numbers of colors and dashes have no common divisor, so that all their pairs occur.
+    The numbers of colors and dashes are coprime, so that all their pairs occur.
     """
     pairs = zip(range(count), cycle(COLORS), cycle(DASHES), strict=False)
     return [{"color": color, "ls": dash} for _, color, dash in pairs]

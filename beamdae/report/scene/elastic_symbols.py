@@ -38,7 +38,7 @@ _SURFACE_CORNERS = 90
 
 
 def draw_spring_damper(part: SpringDamper, builder: SceneBuilder) -> None:
-    """Draw a coil, a dashpot or both side by side, or a spiral if the points always coincide."""
+    """Draw a coil, a dashpot or both side by side, or a spiral if the points stay close."""
     draw_supports(part, builder)
     a, b, size = builder.add_attachment(part.a), builder.add_attachment(part.b), builder.size
     distances = np.hypot(*builder.relative_position(a, b).T)
@@ -99,7 +99,7 @@ def _spiral(size: float) -> Array:
 
 
 def draw_torsion_spring(part: TorsionSpring, builder: SceneBuilder) -> None:
-    """Draw a spiral and, if the points do not coincide, a line between them."""
+    """Draw a spiral and, if the points are farther apart than its size, a line between them."""
     draw_supports(part, builder)
     a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
     # The spring depends only on the angles of the bodies; it is drawn at the first point.

@@ -177,7 +177,7 @@ def draw_distance(part: Distance, builder: SceneBuilder) -> None:
 
 
 def draw_driver(part: Driver, builder: SceneBuilder) -> None:
-    """Draw an arc-shaped arrow around the joint."""
+    """Draw an arc-shaped arrow around the second attachment."""
     draw_supports(part, builder)
     row = builder.add_attachment(part.b)
     angle = np.linspace(-0.25 * math.pi, 1.05 * math.pi, 24)

@@ -78,7 +78,7 @@ def build_scene(
 
 
 def collect_drawings(mechanism: Mechanism, points: int) -> list[tuple[str, Drawing]]:
-    """Return names and drawings of the ground and all parts with an outline.
+    """Return names and drawings of the ground and of all bodies that can be drawn.
 
     Beams are drawn through `points` sections; for other bodies, see their `Part.draw`.
     """
