@@ -156,7 +156,7 @@ def require_certified_columns(part: str, columns: Any) -> tuple[str, ...] | None
 def mark_required_columns(
     part: str, names: Sequence[str] | None, headers: Sequence[str]
 ) -> np.ndarray:
-    """Return True for each of the observed columns that a certificate must cover.
+    """Return the mask of the observed columns that a certificate must cover.
 
     If `names` is None, these are all columns in m and rad or, if there are none, all columns.
 
@@ -187,7 +187,7 @@ def require_observed(part: str, headers: Iterable[str]) -> None:
 
 
 def largest_of_kind(headers: Iterable[str], half_range: np.ndarray) -> np.ndarray:
-    """Return the largest half range of the columns with the same unit as each column."""
+    """Return, for each column, the largest half range of columns of the same `Header.kind`."""
     kinds = [Header.of(header).kind for header in headers]
     of_kind = dict.fromkeys(kinds, 0.0)
     for kind, value in zip(kinds, np.nan_to_num(half_range, posinf=np.inf).tolist(), strict=True):
@@ -198,7 +198,7 @@ def largest_of_kind(headers: Iterable[str], half_range: np.ndarray) -> np.ndarra
 def mark_resting_columns(
     headers: Sequence[str], rows: np.ndarray, half_range: np.ndarray, length: float
 ) -> np.ndarray:
-    """Return True for each column whose half range is at the level of rounding errors.
+    """Return the mask of the columns whose half range is at the level of rounding errors.
 
     Parameters
     ----------

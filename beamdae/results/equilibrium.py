@@ -209,8 +209,8 @@ class Equilibrium:
     def plot(self, *names: str) -> Plot:
         """Plot the load factor over columns, one panel per column.
 
-        Unstable segments are dashed, and critical points are marked. The load factors of several
-        stages are added.
+        Unstable segments are dashed, and critical points are marked. If the path has several
+        stages, their load factors are added.
 
         Parameters
         ----------

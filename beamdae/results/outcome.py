@@ -63,7 +63,7 @@ class Statistics:
     rejected_steps
         Number of steps rejected because of the error test or because Newton's method failed.
     residual_calls, jacobian_calls
-        Number of calls to the compiled residual and to the compiled Jacobian.
+        Number of evaluations of the residual and of the Jacobian.
     factorizations, solves
         Number of LU factorizations and of linear solves.
     newton_failures

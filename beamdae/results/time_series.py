@@ -96,8 +96,8 @@ class TimeSeries:
         Parameters
         ----------
         other
-            The run to subtract, of the same model or a different one. Its dense output is evaluated
-            at the times of this run.
+            The run to subtract, of the same model or a different one. A solution is evaluated at
+            the times of this run; a saved run must have rows at these times.
         *names
             Names of columns, see `solution[name]`. Defaults to the observed columns that both runs
             contain.
@@ -111,8 +111,8 @@ class TimeSeries:
         Raises
         ------
         BeamdaeError
-            If `other` is not a run, one of the runs does not contain a column, or no output time of
-            this run lies within the other run.
+            If `other` is not a run, one of the runs does not contain a column, no output time of
+            this run lies within the other run, or a saved run has no row at one of these times.
 
         Examples
         --------

@@ -85,7 +85,8 @@ class EnergyLedger:
         Energies (k, 3) [J], powers (k, 3) [W] and norms (k, 5) at the k nodes of each interval, see
         `measures.plan_balance`.
     works
-        Works (steps, 3) [J] from the start of the run to each step, one array per interval.
+        Works (steps + 1, 3) [J] from the start of the run to the times `Interval.t`, one array per
+        interval.
     """
 
     trajectory: Trajectory
@@ -176,7 +177,7 @@ class EnergyLedger:
         return Imbalance(residual, scale, scale)
 
     def time_above(self, residual: float) -> float:
-        """Return the fraction of the run time with |F + G^T lam| above `residual` or nan."""
+        """Return the fraction of the run time in which |F + G^T lam| is nan or above `residual`."""
         durations = [np.diff(i.t, prepend=i.t[0]) for i in self.trajectory.intervals]
         is_above = ~(self._step_norms[:, 0] <= residual)
         duration = self.trajectory.end - self.trajectory.start

@@ -297,7 +297,7 @@ def _require_numbers(part: str, name: str, value: Any) -> Array:
 
 
 def _requested_sections(beam: Beam, s: Any) -> tuple[Array, Array]:
-    """Return arc lengths, and True for sections at the end, which are evaluated before a load."""
+    """Return arc lengths, and the mask of the sections at the end, evaluated before a load."""
     arc_lengths = _require_numbers(beam.name, "s", s)
     near = _SAME_SECTION_TOLERANCE * beam.length
     if np.any(arc_lengths < -near) or np.any(arc_lengths > beam.length + near):

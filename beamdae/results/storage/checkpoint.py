@@ -34,7 +34,7 @@ class Checkpoint:
     t
         Time of the state [s].
     q, v
-        Coordinates and velocities by coordinate name.
+        Coordinates [m or rad] and velocities [m/s or rad/s] by coordinate name.
     events
         Events that were executed at this time and do not occur again at the start of the resumed
         run.
