@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable
 
 from beamdae.model_functions import MAX_NAME_BYTES
 
-# All characters except letters, digits and underscores, and =, . and +, which have no special
-# meaning in file systems and shells.
+# All characters but letters, digits, underscores, =, . and +, which have no special meaning in file
+# systems and shells.
 _INVALID_CHARACTERS = re.compile(r"[^\w=.+]+")
 
 

@@ -289,7 +289,7 @@ def create_executor(part: str, prefix: str, workers: Any, scheduler: Any) -> Exe
     Raises
     ------
     BeamdaeError
-        If `workers` is not a count or too large, `scheduler` is not a string, or the `DaskPool`
+        If `workers` is not a count or is too large, `scheduler` is not a string, or the `DaskPool`
         cannot be created.
     """
     if scheduler is not None and not isinstance(scheduler, str):

@@ -83,7 +83,7 @@ class ParameterStudy(Study):
         return {id(case): x for case, x in zip(self.cases, self.settings, strict=True)}
 
     def tag(self, case: Case) -> str:
-        """Return a label with the varied (if none, all) parameters of a case and their values."""
+        """Return a label with the values of the varied parameters, or of all if none varies."""
         setting = self._setting_by_case[id(case)]
         values = [f"{x}={format_setting(setting[x])}" for x in self.varied or setting]
         return ", ".join(values) or self.name

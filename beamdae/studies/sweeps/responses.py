@@ -200,7 +200,8 @@ def is_numeric_parameter(table: pd.DataFrame, name: str) -> bool:
 def choose_axis(study: ParameterStudy, table: pd.DataFrame, name: Any = None) -> str:
     """Return the parameter of the horizontal axis.
 
-    Defaults to the numeric parameter with the most distinct values.
+    Defaults to the numeric parameter or, without numeric parameters, to the parameter with the most
+    distinct values.
 
     Raises
     ------

@@ -215,8 +215,8 @@ class SweepResults:
             max"). Defaults to the outputs or, without outputs, to the columns selected with `of` or
             the characteristic columns.
         x
-            Parameter on the horizontal axis. Defaults to the numeric parameter with the most
-            values.
+            Parameter on the horizontal axis. Defaults to the numeric parameter with the most values
+            or, without numeric parameters, to the parameter with the most values.
 
         Raises
         ------
@@ -233,8 +233,8 @@ class SweepResults:
         *names
             Responses; see `plot`.
         x, y
-            Parameters on the horizontal and vertical axis. By default, the numeric parameter with
-            the most values is on the horizontal axis.
+            Parameters on the horizontal and vertical axes. The default of `x` is the same as in
+            `plot`.
 
         Raises
         ------
