@@ -35,9 +35,9 @@ class CommandOutput:
     Attributes
     ----------
     quiet
-        Print errors only.
+        True to print errors only.
     as_json
-        Print the results as one JSON document instead of tables.
+        True to print the results as one JSON document instead of tables.
     results, files, warnings, errors
         Contents of the JSON document.
     """
@@ -157,7 +157,7 @@ class WrittenFiles:
 
 
 def _to_json_value(value: Any) -> Any:
-    """Convert a value for JSON: non-finite numbers become null, arrays lists, paths strings."""
+    """Convert a value for JSON: nan and infinity to null, arrays to lists, paths to strings."""
     if isinstance(value, Mapping):
         return {str(key): _to_json_value(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):

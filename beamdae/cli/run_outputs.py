@@ -184,7 +184,7 @@ def write_tables(run: Run, parts: RunParts, solution: Solution, checkpoint: Path
 
 
 def estimate_errors(run: Run, solution: Solution, verify: bool, table: Path) -> None:
-    """Compare the run with a second run: an error estimate, or `verify` by a different method.
+    """Estimate the errors by a second run or, with `verify`, compare with a different method.
 
     The errors of the observed columns are added to the metadata of the file `table`, unless the
     second run is interrupted.

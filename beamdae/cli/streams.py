@@ -38,7 +38,7 @@ class _UnclosableStream(io.TextIOWrapper):
 
 
 def secure_streams() -> None:
-    """Replace standard output and error by streams whose `write` never fails.
+    """Replace standard output and error with streams whose `write` never fails.
 
     Streams of terminals are kept, with characters escaped that they cannot encode. A closed stream
     is connected to the null device. Otherwise, the next opened file would get its descriptor and
