@@ -67,7 +67,7 @@ class Campbell:
         )
 
     def table(self) -> pd.DataFrame:
-        """Return one row per speed: speed [rad/s], frequencies [Hz] and growth rates [1/s]."""
+        """Return a table of speeds [rad/s], frequencies [Hz] and growth rates [1/s], by speed."""
         import pandas as pd
 
         columns: dict[str, Any] = {"speed [rad/s]": self.speeds}
@@ -106,7 +106,7 @@ def campbell(
     Returns
     -------
     Campbell
-        Eigenvalues (s, k) of s speeds and k modes.
+        Eigenvalues (s, k) of at most `n` modes at each of the s speeds.
 
     Raises
     ------

@@ -46,9 +46,10 @@ class LinearModel:
     Attributes
     ----------
     A, B, C, D
-        Arrays (states, states), (states, inputs), (outputs, states) and (outputs, inputs) of
-        x' = A x + B u, y = C x + D u. `tuple(model)` returns all four, for `scipy.signal` and
-        python-control: `control.ss(*model, inputs=[u.name for u in model.inputs])`.
+        Matrices of x' = A x + B u, y = C x + D u, with the shapes (states, states),
+        (states, inputs), (outputs, states) and (outputs, inputs). `tuple(model)` returns them, for
+        `scipy.signal` and python-control:
+        `control.ss(*model, inputs=[u.name for u in model.inputs])`.
     states
         Names and units of the states: independent coordinates of the mechanism, then independent
         velocities.
@@ -63,7 +64,7 @@ class LinearModel:
     about
         Description of the state.
     warnings
-        Sentences, for example if the state is not an equilibrium.
+        Warning if the state is at rest but not an equilibrium; otherwise empty.
     """
 
     A: Array
@@ -207,9 +208,10 @@ class ModelInput(NamedTuple):
     quantity
         Name and unit, such as "push.Fy" [N]; for drivers, the prescribed acceleration.
     force
-        Change of F per unit of the law of the part, (n,).
+        Derivative of the residual F of the equations of motion with respect to the law, (n,).
     constraints
-        Change of each constraint per unit of the law, by name of its multiplier; empty for loads.
+        Nonzero derivatives of the constraints with respect to the law, by name of the multiplier;
+        empty for loads.
     """
 
     quantity: Variable
@@ -304,7 +306,8 @@ def _resolve_outputs(
 class _StateReduction:
     """Reduction to independent coordinates x and rates w: dq = Z x, dv = Y w + W x.
 
-    W is nonzero only with constraints on velocities; it satisfies V W = -J Z.
+    W is nonzero only if constraints act on velocities; it satisfies V W = -J Z with the Jacobians
+    J and V of these constraints (see `linearization`).
     """
 
     def __init__(self, lin: Linearization, inputs: Sequence[ModelInput]) -> None:
@@ -380,10 +383,7 @@ class _StateReduction:
     def _differentiate_outputs(
         self, observables: Sequence[Observable], dq: Array, dv: Array, dlam: Array
     ) -> tuple[Array, Array, tuple[Variable, ...]]:
-        """Return the Jacobian of the outputs with respect to (x, w, u), and the outputs.
-
-        The outputs are returned as their values and their names with units.
-        """
+        """Return the Jacobian of the outputs with respect to (x, w, u), their values and names."""
         lin, full = self.lin, self.lin.full_equations
         # Multipliers of inactive or redundant constraints are zero; row -1 refers to the appended
         # zero.
@@ -414,7 +414,7 @@ class _StateReduction:
 def _independent_coordinates(rows: Array, scales: Array) -> tuple[Array, Array]:
     """Return the indices of independent coordinates, and the matrix Z with rows @ Z = 0.
 
-    All dq with rows @ dq = 0 are dq = Z dq[indices]. The indices are chosen by QR factorization
+    Every dq with rows @ dq = 0 equals Z @ dq[indices]. The indices are chosen by QR factorization
     with column pivoting of the scaled rows.
     """
     n = rows.shape[1]

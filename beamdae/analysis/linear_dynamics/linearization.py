@@ -69,7 +69,7 @@ class Linearization:
     tangent
         Matrices of the linearized equations.
     warnings
-        Sentence that names the coordinate with the largest acceleration if the state is at rest but
+        Warning that names the coordinate with the largest acceleration if the state is at rest but
         not an equilibrium; otherwise empty.
     zero_square
         Squared frequencies up to this magnitude [1/s^2] are treated as zero.
@@ -210,7 +210,16 @@ def _linearize_path_end(name: str, model: Any, path: Equilibrium) -> Linearizati
 def linearize_at_rest(
     e: EquationsOfMotion, time: Array, tangent_at: TangentFunction
 ) -> tuple[State, Tangent, tuple[str, ...], float]:
-    """Linearize about the start positions of `e` at rest, with drivers fixed.
+    """Linearize at rest at the start positions of `e`, corrected to close the joints.
+
+    Parameters
+    ----------
+    e
+        Equations of motion with independent constraints.
+    time
+        (t, branch), at which laws are evaluated; drivers keep the values of this time.
+    tangent_at
+        Function from a `State` to its `Tangent`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Natural modes: frequencies, damping ratios, shapes and kinetic energies of the parts."""
+"""Natural modes: frequencies, damping ratios, shapes and distribution of kinetic energy."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ _DIFFERENCE_TOLERANCE = 1e-9
 class Modes:
     """Natural modes of a mechanism about a state, in ascending order of |eigenvalue|; see `modes`.
 
-    Small motions about the state are sums of Re(shape exp(eigenvalue t)).
+    Small free motions about the state are sums of Re(c shape exp(eigenvalue t)) with complex
+    amplitudes c.
 
     Attributes
     ----------
@@ -61,9 +62,9 @@ class Modes:
     q
         Coordinates of the state, (n,).
     mechanism
-        Mechanism for pictures of the modes, or None.
+        Mechanism for pictures of the modes; None if the model is not a `Mechanism`.
     warnings
-        Sentences if the state is unstable or not an equilibrium, or if there are no modes.
+        Warnings that the state is unstable or not an equilibrium, or that there are no modes.
     """
 
     about: str
@@ -104,7 +105,7 @@ class Modes:
 
     @cached_property
     def shares(self) -> dict[str, Array]:
-        """Fraction of the kinetic energy of each mode in each part [-]: (k,) by part name."""
+        """Share of each part in the kinetic energy of each mode [-]: arrays (k,) by part name."""
         e = self._linearization.equations
         momentum = self._linearization.tangent.mass @ self.shapes.T
         energy = np.real(self.shapes.conj().T * momentum)
@@ -115,8 +116,8 @@ class Modes:
     def effective_masses(self) -> Array:
         """Effective modal masses |x^H M r|^2 along x and y [kg], (k, 2).
 
-        r is the unit translation of all points along the axis. If only the ground supports the
-        mechanism, the effective masses of all modes add up to the mass that can move.
+        r is the unit translation of all points along the axis. For undamped modes, the effective
+        masses add up to at most r^T M r, the mass of the moving parts.
         """
         lin = self._linearization
         coordinates, mass = RotatingCoordinates.from_equations(lin.equations), lin.tangent.mass
@@ -126,7 +127,7 @@ class Modes:
         return np.where(masses > _MASS_ROUNDING * total, masses, 0.0)
 
     def table(self) -> pd.DataFrame:
-        """Return one row per mode: frequency, damping, growth, effective masses, kind and parts."""
+        """Return a table of frequencies, damping, growth, masses, kinds and parts, by mode."""
         import pandas as pd
 
         columns: dict[str, Any] = {
@@ -279,7 +280,7 @@ def _classify_mode(value: complex) -> str:
 
 
 class EigenSolution(NamedTuple):
-    """Eigenvalues and mode shapes, in ascending order of magnitude.
+    """Eigenvalues and mode shapes, in ascending order of |eigenvalue|.
 
     Attributes
     ----------

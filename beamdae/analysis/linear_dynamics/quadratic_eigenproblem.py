@@ -142,7 +142,7 @@ class QuadraticProblem:
     def _select(self, values: Array, shapes: Array) -> tuple[Array, Array]:
         """Remove rounding errors; keep one eigenvalue of each conjugate pair.
 
-        Zero eigenvalues are replaced by one per independent free motion.
+        Nearly zero eigenvalues are replaced by one zero for each independent free motion.
         """
         tangent = self.tangent
         stiffness, mass, damping = tangent.stiffness, tangent.mass, tangent.damping

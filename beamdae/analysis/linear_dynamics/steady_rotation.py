@@ -64,7 +64,7 @@ class Rotation:
 
 
 def rotation(speed: float, center: tuple[float, float] = (0.0, 0.0)) -> Rotation:
-    """Specify a steady rotation of the whole mechanism, for `modes`, `linearize` and `campbell`.
+    """Specify a steady rotation of the whole mechanism, for `modes` and `linearize`.
 
     The ground is a turntable: joints to the ground rotate with it, and drivers keep their value at
     the time `t` of the analysis. Coordinates refer to the corotating frame, so that frequencies are
@@ -150,7 +150,7 @@ class RotatingCoordinates:
 
     @property
     def generator(self) -> sp.csr_array:
-        """S = dD/d(angle) at angle 0, sparse (n, n)."""
+        """Generator S of the rotation: dD/d(angle) at angle 0, sparse (n, n)."""
         ones = np.ones(len(self.x))
         entries = np.concatenate([ones, -ones])
         positions = (np.concatenate([self.y, self.x]), np.concatenate([self.x, self.y]))

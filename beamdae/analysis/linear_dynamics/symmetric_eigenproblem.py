@@ -50,7 +50,7 @@ _MIN_INVERTIBLE = 1e-200
 
 
 class MasslessError(BeamdaeError):
-    """Raised if an admissible motion has no inertia; `coordinate` names its main coordinate."""
+    """Raised if a motion has no inertia; `coordinate` is the name of its largest coordinate."""
 
     def __init__(self, coordinate: str) -> None:
         super().__init__(f"{coordinate}: this coordinate has no inertia; add mass or a joint.")
@@ -204,7 +204,7 @@ class FrequencyRange:
     growth_rate
         Largest growth rate of unstable motions [1/s], or 0.
     massless
-        Name of a coordinate without inertia, for which no range is computed, or "".
+        Name of a coordinate without inertia, which prevents computing a range; "" if there is none.
     """
 
     lowest: float | None
@@ -216,7 +216,7 @@ class FrequencyRange:
 
 
 def compute_frequency_range(e: EquationsOfMotion, time: Array, state: State) -> FrequencyRange:
-    """Return the range of natural frequencies about a consistent state.
+    """Return the range of undamped natural frequencies about a consistent state.
 
     Constraints must be independent. The computing time grows with the cube of the number of
     coordinates.

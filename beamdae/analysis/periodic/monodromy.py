@@ -117,7 +117,7 @@ class VariationalEquations:
         """Propagate disturbances through an interval by dense matrices, many steps at a time.
 
         The stages Y_j satisfy sum_j inverse(A)_ij E_i (Y_j - y) / h + J_i Y_i = 0 with E = R_y' and
-        J = R_y.
+        J = R_y; A is the Butcher matrix.
         """
         size, n_state = self.form.size, len(y)
         batch = max(_MAX_BATCH_ENTRIES // (_STAGES**2 * size**2), 1)

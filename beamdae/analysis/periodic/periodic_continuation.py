@@ -115,8 +115,8 @@ def frequency_response(
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, loads or drivers are not periodic, parts are inactive, or events
-        stop the run, switch parts or cause impacts.
+        If an argument is invalid, `period` fails, loads or drivers are not periodic, parts are
+        inactive, or events stop the run, switch parts or cause impacts.
 
     Warns
     -----
@@ -201,7 +201,7 @@ class CurvePoint:
         Tangent of the curve in (q, v) and in the parameter relative to its range, (2 n + 1,).
     orientation
         Sign of the determinant of the extended Jacobian with the tangent as its last row; it is
-        constant along a curve.
+        constant along a curve; 0 if not yet computed.
     iterations
         Number of Newton iterations that led to the motion.
     """

@@ -138,7 +138,10 @@ def periodic(
 
 
 def _refine_multipliers(period_map: PeriodMap, result: ShootingResult) -> tuple[Array, float]:
-    """Return the Floquet multipliers, and the last change of the largest modulus by refinement."""
+    """Return the Floquet multipliers and an error estimate.
+
+    The estimate is the change of the largest modulus in the last refinement of the steps.
+    """
     variational = VariationalEquations(period_map.equations)
     multipliers, error = floquet_multipliers(result.monodromy), np.inf
     for refinement in range(1, _MAX_REFINEMENTS + 1):

@@ -79,7 +79,7 @@ class StagePath:
     status
         Status at the end of the path, with the reason why the path ended.
     step
-        Size of the next step, in units of the control.
+        Proposed size of the next step, in units of the control; infinity before the first step.
     is_stuck
         True if the path ended because no step converges.
     """
@@ -149,11 +149,12 @@ def follow_path(
     targets: Sequence[float],
     direction: PathDirection | None = None,
 ) -> None:
-    """Extend `path` in place from its end to each target in turn; set `status` if it ends early.
+    """Extend `path` in place from its end to each target in turn.
 
-    `direction` is the initial direction of the path for steps by arc length. By default, the load
-    factor changes towards the first target if the targets are load factors, and increases
-    otherwise.
+    If the targets cannot be reached, `path.status` gives the reason. A stop at the requested branch
+    point does not change the status. `direction` is the initial direction of the path for steps by
+    arc length. By default, the load factor changes towards the first target if the targets are load
+    factors, and increases otherwise.
     """
     path.step, initial_count = np.inf, len(path.branch_points)
     for target in targets:

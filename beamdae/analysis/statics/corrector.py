@@ -28,7 +28,7 @@ _STAGNATION_RATIO = 0.1
 
 
 class CorrectorError(ArithmeticError):
-    """Raised if a path cannot be computed at a point; the message is a phrase without a period."""
+    """Raised if a path cannot be computed at a point; the message has no final period."""
 
 
 @dataclass(frozen=True)

@@ -157,7 +157,7 @@ class LoadedEquations:
         return unloaded + mu * change, change
 
     def tangent(self, x: Array, mu: float) -> Array:
-        """Return the derivative of the residual with respect to x: non-zeros on `pattern`."""
+        """Return the non-zeros, on `pattern`, of the Jacobian of the residual with respect to x."""
         n = self.equations.n
         union, unloaded_positions, loaded_positions = self._union_pattern
         tangent = np.zeros(union.nnz)
@@ -212,13 +212,13 @@ class FixedFactorEquations:
         return self.system.residual(np.append(q, lam), self.mu)[0]
 
     def matrix(self, q: Array, lam: Array) -> sp.csc_array:
-        """Return the derivative of the residual with respect to (q, lam)."""
+        """Return the Jacobian of the residual with respect to (q, lam), (n + m, n + m)."""
         return self.system.matrix(self.system.tangent(np.append(q, lam), self.mu))
 
 
 @dataclass(frozen=True)
 class Loading:
-    """Mechanism with the static equations of its load stages.
+    """Static equations of the load stages of a model.
 
     Attributes
     ----------

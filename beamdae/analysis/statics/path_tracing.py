@@ -137,7 +137,7 @@ class PathSettings:
         }
 
     def for_earlier_stage(self) -> PathSettings:
-        """Return the settings of stages before the last: load control up to the full load."""
+        """Return the settings for stages before the last: load control up to the full load."""
         return PathSettings("", (1.0,), LOAD, None, (), self.max_points)
 
 
@@ -167,7 +167,7 @@ class EquilibriumPath(NamedTuple):
     status
         Status at the end of the path.
     iterations
-        Number of Newton iterations, including failed steps.
+        Number of Newton iterations, including those of failed steps but not of relaxation.
     """
 
     points: list[EquilibriumPoint]
