@@ -1,4 +1,4 @@
-"""`beamdae check`: build a model and report its structure and defects without running it."""
+"""`beamdae check`: build a model and report its structure, defects and predicted cost."""
 
 from __future__ import annotations
 
