@@ -324,7 +324,7 @@ class Beam(Part):
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Mesh errors, curvature measures and facts of the curve, by name."""
+        """Dimensionless mesh errors and curvature measures, and the facts of the curve, by name."""
         return {
             "largest relative error of arc length": self.mesh.length_error,
             "largest error of curvature times length": self.kinematics.curvature_error,
@@ -368,7 +368,7 @@ class Beam(Part):
         return [ForceStatement(self.name, kernel, (piece,), self.kinematics.data(gravity))]
 
     def ranges(self) -> list[RangeStatement]:
-        """Return the data for assessing the strains, as at most one statement."""
+        """Return the statement for assessing the strains; none if they hold for any deformation."""
         validity = self.kinematics.strain_validity
         if validity is None:
             return []

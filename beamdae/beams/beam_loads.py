@@ -151,7 +151,7 @@ class DistributedForce(Part):
         return "line"
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return one statement per quadrature point of the inertia terms."""
+        """Return one load statement per Gauss point of the inertia terms."""
         mesh = self.beam.mesh
         kind = (
             _FormulaLineLoad(self.axes, self.name, self.law)
@@ -326,7 +326,7 @@ class MovingForce(Part):
         return "shares"
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
-        """Return the forces on all nodes."""
+        """Return one load statement per node of the beam."""
         arc_lengths = self.beam.mesh.node_arc_lengths.tolist()
         return [
             load_statement(self.name, self.beam.at(s), dead_load, laws)

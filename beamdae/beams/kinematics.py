@@ -78,8 +78,9 @@ class StrainRatePoint(NamedTuple):
     stiffness
         (EA [N], GA [N], EI [N m^2]).
     rates
-        Rates of axial strain, shear strain and kappa11, linear in the velocities: linearized about
-        the undeformed beam in a floating frame, and about the deformed beam for exact beams.
+        Rates of axial strain [1/s], shear strain [1/s] and kappa11 [1/(m s)], linear in the
+        velocities: linearized about the undeformed beam in a floating frame, and about the deformed
+        beam for exact beams.
     """
 
     weight: SX
@@ -164,7 +165,8 @@ class StrainValidity(NamedTuple):
     data
         Data of the kernel, one column per element.
     defect
-        Kernel of the forces of exact strains minus those of the element; None for exact strains.
+        Kernel of the elastic forces for exact strains minus those for the strains of the element;
+        None if the element uses exact strains.
     remedies
         Settings that extend the valid range.
     """
@@ -209,7 +211,7 @@ class Kinematics(ABC):
     @property
     @abstractmethod
     def initial_position(self) -> Array:
-        """Coordinates in the reference configuration, shape (n,)."""
+        """Coordinates [m, rad] in the reference configuration, shape (n,)."""
 
     @abstractmethod
     def initial_velocity(self, velocity: tuple[float, float], angular_velocity: float) -> Array:

@@ -35,7 +35,7 @@ class BaseMesh:
     Attributes
     ----------
     beam
-        The beam as written.
+        The beam of the original mechanism.
     mesh
         The coarsest mesh.
     is_aligned
@@ -54,7 +54,7 @@ class BaseMesh:
 
     @property
     def is_exact(self) -> bool:
-        """True if the beam as written is geometrically exact."""
+        """True if the original beam is geometrically exact."""
         return self.beam.formulation == EXACT_FORMULATION
 
     @property
@@ -64,7 +64,7 @@ class BaseMesh:
 
     @property
     def has_custom_kinematics(self) -> bool:
-        """True if a function of the user replaces the built-in formulations."""
+        """True if the beam has custom kinematics instead of a built-in formulation."""
         return self.beam.formulation == CUSTOM_FORMULATION
 
     def refined(self, halvings: int) -> Mesh:
@@ -95,8 +95,8 @@ def choose_base_meshes(
     mechanism
         The mechanism.
     elements
-        Number of elements of a beam without attachments between its ends. A beam that has fewer
-        elements as written keeps its number; a strongly curved beam may have more.
+        Number of elements of a beam without attachments between its ends. A beam with fewer
+        elements in the original mechanism keeps its number; a strongly curved beam may have more.
     start
         Start that replaces the start of the mechanism. Beams whose coordinates it names keep their
         meshes and formulations.

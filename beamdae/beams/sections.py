@@ -407,7 +407,15 @@ class VaryingSection:
 
 @dataclass(frozen=True)
 class Taper:
-    """Section whose dimensions vary linearly along a beam; created by `taper`."""
+    """Section whose dimensions vary linearly along a beam; created by `taper`.
+
+    Attributes
+    ----------
+    shape, material
+        See `taper`.
+    dimensions
+        (name, (value at the start, value at the end)) of each dimension.
+    """
 
     shape: Callable[..., Section]
     material: Material

@@ -144,8 +144,8 @@ def interpolate_track(points: SX, along: SX) -> SX:
 def interpolate_uneven_track(points: SX, s: SX, nodes: tuple[float, ...]) -> SX:
     """Return the point of the smooth curve through `points` (2, count) at the arc length s [m].
 
-    `nodes` are the ascending arc lengths of the points [m]. For equidistant nodes, the curve is the
-    curve of `interpolate_track`.
+    `nodes` are the ascending arc lengths of the points [m]. For equidistant nodes, this curve is
+    the same as in `interpolate_track`.
     """
     weights = SX.zeros(len(nodes))
     cells = _uneven_coefficients(nodes)
@@ -204,7 +204,7 @@ def nearest_arc_length(curve: PlaneCurve, position: tuple[float, float]) -> floa
 
 @dataclass(frozen=True)
 class _TrackConstraint:
-    """Constraint kernel r_a - r_track(s) of a sliding point.
+    """Kernel of the constraint r - r_track(s) = 0 on the position r of a sliding point.
 
     Local coordinates: coordinates of the point, coordinates of the nodes, and the arc length s.
 
@@ -382,7 +382,7 @@ class SlidingOnBeam(Part):
 
     @property
     def s(self) -> Quantity:
-        """Arc length s of the point [m], and rate of s [m/s]."""
+        """Arc length s of the point [m], and its rate [m/s]."""
         columns = (Variable("", "m"), Variable("rate", "m/s"))
         values, _ = FormulaExpression.of(_arc_length_and_rate, ())
         return Quantity(columns, (Piece(self, _SLIDER_OPERATOR),), values)
@@ -409,7 +409,8 @@ class SlidingOnBeam(Part):
         Returns
         -------
         Quantity
-            Columns Fx, Fy [N]. For "a", also M [N m], which is zero, unless `a` is a particle.
+            Columns Fx, Fy [N]. For "a", also M [N m] if the body of `a` can rotate; the moment is
+            always zero.
 
         Raises
         ------

@@ -73,8 +73,8 @@ class _StrainElement(Protocol):
 class InterpolatedStrains:
     """Strains at a section, interpolated between the stiffness points of its element.
 
-    `numbers` are the interpolation weights of the points; then follow, for each quantity in
-    `layout.stiffness_point` except the quadrature weight, its values at all points.
+    `numbers` are the interpolation weights of the points, then the values at all points: one
+    quantity of `layout.stiffness_point` after another, without the quadrature weight.
     """
 
     element: _StrainElement

@@ -76,7 +76,7 @@ class GeometricallyExact(FormulationKinematics):
 
     @cached_property
     def initial_position(self) -> Array:
-        """Coordinates in the reference configuration, shape (n,)."""
+        """Coordinates [m, rad] in the reference configuration, shape (n,)."""
         nodal = np.empty((self.mesh.node_count, NODE_SIZE))
         nodal[self.mesh.element_nodes, :2] = self.mesh.node_points
         nodal[:, 2] = self._node_angles

@@ -118,7 +118,7 @@ class FloatingFrame(FormulationKinematics):
 
     @property
     def initial_position(self) -> Array:
-        """Coordinates in the reference configuration, shape (n,)."""
+        """Coordinates [m, rad] in the reference configuration, shape (n,)."""
         return self._without_deformation([*self.origin, self.frame_angle])
 
     def initial_velocity(self, velocity: tuple[float, float], angular_velocity: float) -> Array:

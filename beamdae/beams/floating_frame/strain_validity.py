@@ -53,7 +53,7 @@ def range_kernel(element: FloatingFrameElement) -> RangeKernel:
 
 @cache
 def strain_defect_kernel(element: FloatingFrameElement) -> StrainDefectKernel:
-    """Return the kernel of exact elastic forces minus those of the strains of an element.
+    """Return the kernel of exact elastic forces minus the elastic forces of an element.
 
     The stiffness of the kernel does not contain the geometric stiffness of the section forces.
     Assembled for a beam, it is therefore positive definite even if the beam buckles or snaps
