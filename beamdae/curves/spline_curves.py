@@ -400,7 +400,10 @@ def fit_smoothing_spline(parameter: Array, points: Array, noise: float) -> Any:
 
 
 def measure_fit(curve: PlaneCurve, points: Array) -> Mapping[str, float]:
-    """Return RMS and largest distance of points from a curve, and the largest curvature."""
+    """Return RMS and largest distance of points from a curve, and its largest curvature.
+
+    The keys contain the units, m and 1/m.
+    """
     s = np.linspace(0.0, curve.length, _DISTANCE_SAMPLES)
     on_curve, tangent = curve.point(s), curve.tangent_angle(s)
     distances = np.array([_distance_to_curve(p, on_curve, tangent) for p in points])

@@ -20,6 +20,7 @@ from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
 from beamdae.parts.events import Impact
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.parts.mechanism import Mechanism
+from beamdae.read_only import read_only_data
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import RangeStatement, StrainDefectKernel, Variable
 
@@ -36,6 +37,7 @@ class State(NamedTuple):
     lam: Array
 
 
+@read_only_data
 @dataclass(frozen=True)
 class RangeTerm:
     """Deformation measures of a part as functions of the global coordinates."""
@@ -115,6 +117,7 @@ class RangeTerm:
         return np.tile(self.statement.data.T, (count, 1))
 
 
+@read_only_data
 @dataclass(frozen=True)
 class Observable:
     """Named columns with units and the function that evaluates them.
@@ -245,7 +248,7 @@ class Start(NamedTuple):
         Requested coordinates and velocities, (n,) each, before they are made consistent. For
         "equilibrium", the equilibrium positions and zero velocities.
     moves
-        True if the positions differ from "as drawn".
+        True if positions are requested, not only velocities.
     """
 
     description: str
@@ -254,6 +257,7 @@ class Start(NamedTuple):
     moves: bool
 
 
+@read_only_data
 @dataclass(frozen=True, eq=False)
 class EquationsOfMotion:
     """Equations of motion of a mechanism or a constrained system.
@@ -376,6 +380,7 @@ class EquationsOfMotion:
         return np.where(angle, 1.0, self.length)
 
 
+@read_only_data
 @dataclass(frozen=True, eq=False)
 class Configuration:
     """Equations of the active parts of a mechanism, between two events.
@@ -398,16 +403,17 @@ class Configuration:
     frozen_gaps: FrozenGaps = field(default_factory=dict)
 
     def select_multipliers(self, lam: Array) -> Array:
-        """Return the active multipliers in rows, given all multipliers in rows `lam`."""
+        """Return the active multipliers, (rows, active), from all multipliers `lam`, (rows, m)."""
         return lam[:, self.multiplier_rows]
 
     def expand_multipliers(self, lam: Array, m: int) -> Array:
-        """Return all `m` multipliers in rows, zero for inactive parts, given the active `lam`."""
+        """Return all multipliers, (rows, m), from active ones `lam`; zero for inactive parts."""
         multipliers = np.zeros((len(lam), m))
         multipliers[:, self.multiplier_rows] = lam
         return multipliers
 
 
+@read_only_data
 @dataclass(frozen=True)
 class ImpactEquations:
     """Equations of the active parts, extended by the constraints of an impact.

@@ -16,7 +16,7 @@ Array = np.ndarray
 
 
 def hash_model(equations: EquationsOfMotion) -> str:
-    """Return a hash of the model that ignores initial conditions, observables and events.
+    """Return a hash of the model; initial conditions, observables and events do not affect it.
 
     Numbers enter with nine significant digits, so that rounding errors hardly ever change the hash.
     """

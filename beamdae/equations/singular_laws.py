@@ -32,14 +32,14 @@ _POLE_GROWTH = 16.0
 
 
 class PartLaw(NamedTuple):
-    """Time-dependent law: name of the part, function of (t, branch), numbers in the law."""
+    """Law that depends on time: its part, a function of (t, branch) and numbers, the numbers."""
 
     part: str
     function: RowFunction
     numbers: Array
 
     def size(self, times: Array, branches: Array) -> Array:
-        """Return |law|, (rows, k), at `times` [s] on one branch per row; nan becomes 0."""
+        """Return |law| at `times` [s], (rows, k), on one branch per row; nan becomes 0."""
         rows = np.stack(np.broadcast_arrays(times, branches[:, None]), axis=-1).reshape(-1, 2)
         sizes = np.abs(self.function(rows, self.numbers)).reshape(times.shape)
         return np.where(np.isnan(sizes), 0.0, sizes)

@@ -51,7 +51,7 @@ class Ordering(NamedTuple):
 
 
 def compute_bordered_ordering(pattern: sp.csc_array) -> Ordering:
-    """Order unknowns for elimination: first definitions such as q' = v, then a band, then a border.
+    """Order unknowns for elimination: definitions such as q' = v, then a band, then a border.
 
     The nodes of a beam, in order along the beam, form a band. The floating frame of the beam is
     coupled with all nodes, and multipliers have no diagonal entry: frames and multipliers form the

@@ -106,7 +106,7 @@ class CompiledLoop:
         self._work = work
 
     def __call__(self) -> int:
-        """Run the loop, update the numbers of the object, and return the code of the loop."""
+        """Run the loop, update the numbers of the object, and return the code from the loop."""
         self.load()
         code = self._call(self.table.ctypes.data)
         self.unload()

@@ -35,7 +35,7 @@ class ObjectSource:
     name
         Prefix of the file name in the cache: letters, digits and underscores.
     text
-        Module of LLVM IR or, if `ir` is given, text that determines the module that it returns.
+        Module of LLVM IR or, if `ir` is given, text that determines the module returned by `ir`.
     symbols
         Exported symbols of the module.
     imports

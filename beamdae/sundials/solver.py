@@ -145,7 +145,7 @@ class IdaSolver:
     Attributes
     ----------
     t, y, yp
-        Time and state after the last step; IDA writes the state into these arrays.
+        Time [s] and state after the last step; IDA writes the state into the arrays y and yp.
     errors
         Array into which IDA writes local errors or error weights, whichever are requested.
     pointers

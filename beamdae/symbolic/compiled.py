@@ -106,7 +106,7 @@ class RowFunction:
         return self._mapped_functions[key]
 
     def jacobians(self, *arguments: Array) -> list[Array]:
-        """Return the dense Jacobian (size, k) with respect to each argument, of shape (k,)."""
+        """Return dense Jacobians: one array (size, k) for each argument of shape (k,)."""
         function = self._function
         unused_value = np.zeros(function.numel_out(0))
         derivatives = function.jacobian()(*map(np.ravel, arguments), unused_value)

@@ -121,7 +121,7 @@ class Local:
 
 
 def describe_column_error(name: str, value: Any, rows: int, *symbols: SX) -> str:
-    """Return an error message unless `value` is a column (`rows`, 1) in `symbols`, else ''."""
+    """Return an error message if `value` is not a column (`rows`, 1) in `symbols`; otherwise ''."""
     if not isinstance(value, SX):
         return f"{name} must be a CasADi SX column, got {type(value).__name__}"
     if value.shape != (rows, 1):

@@ -17,6 +17,7 @@ from beamdae.errors import BeamdaeError, require_choice, require_count, require_
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
+from beamdae.read_only import read_only_data
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,9 +40,10 @@ _EXACT_TOLERANCE = 1e-12
 _DIFFERENCE_TOLERANCE = 1e-9
 
 
+@read_only_data
 @dataclass(frozen=True, repr=False)
 class Modes:
-    """Natural modes of a mechanism about a state, in ascending order of |eigenvalue|; see `modes`.
+    """Natural modes about a state, in ascending order of |eigenvalue|; see `modes`.
 
     Small free motions about the state are sums of Re(c shape exp(eigenvalue t)) with complex
     amplitudes c.

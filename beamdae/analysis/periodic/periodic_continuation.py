@@ -368,9 +368,9 @@ def _cosine(point: CurvePoint, next_point: CurvePoint) -> float:
 
 
 def _extended_jacobian(result: ShootingResult, by_parameter: Array) -> Array:
-    """Return the Jacobian (k, k + 1) of the deviation with respect to the state and the parameter.
+    """Return the Jacobian of the deviation with respect to the state and the parameter.
 
-    The state is expressed in terms of the basis of `result`.
+    Its shape is (k, k + 1). The state is expressed in terms of the basis of `result`.
     """
     by_state = result.monodromy - np.eye(len(result.deviation))
     return np.column_stack([by_state, by_parameter])

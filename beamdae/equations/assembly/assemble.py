@@ -69,7 +69,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     ------
     BeamdaeError
         If `mechanism` is not a Mechanism, no body can move, a part or an observable does not fit
-        the mechanism, redundant="minimum norm" meets parts that can be switched, memory does not
+        the mechanism, redundant="minimum norm" is combined with switched parts, memory does not
         suffice for a run, or the initial conditions cannot be satisfied.
 
     Warns

@@ -125,7 +125,7 @@ class Expressions:
         ------
         BeamdaeError
             If `expression` depends on another symbol, cannot be converted to CasADi or expanded to
-            SX, or contains the constants nan or inf and is not `observed`.
+            SX, or, unless `observed`, has a constant entry that is nan or inf.
         """
         kind = type(self.t)
         allowed_names = _join_names([*on, *(["parameters"] if self.parameters else [])])
@@ -227,7 +227,7 @@ def _join_names(names: Any) -> str:
 
 
 def parse_header(header: Any) -> Variable:
-    """Return name and unit of a header such as 'tip.x [m]'; the unit defaults to '-'.
+    """Return the `Variable` of a header such as 'tip.x [m]'; the unit defaults to '-'.
 
     Raises
     ------

@@ -31,7 +31,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class StaticSums:
-    """Plans of the sums with inputs (q, 0, lam), and the tangent pattern of `StaticEquations`."""
+    """Plans of the sums of `StaticEquations`, with inputs (q, 0, lam), and the tangent pattern."""
 
     residual: SumPlan
     tangent: SumPlan
@@ -40,7 +40,7 @@ class StaticSums:
 
 @cache_on_owner
 def plan_static_sums(structure: Structure) -> StaticSums:
-    """Return the plans of the sums of the static residual and of its tangent."""
+    """Return the plans that evaluate the static residual and its tangent."""
     n, m, total = structure.n, structure.m, create_matrix_sum()
     # Velocities and accelerations share the zeros of the input.
     layout = InputLayout(q=0, v=n, a=n, lam=2 * n)

@@ -212,7 +212,7 @@ class ConstraintRank:
     matrix
         G with columns scaled by `position_scales` and rows of length one, (m, n).
     lengths
-        Lengths of the rows after the columns are scaled and before the rows are, (m,).
+        Lengths of the rows of G with scaled columns, before the rows are normalized, (m,).
     rows
         Selection of independent rows.
     """
@@ -239,7 +239,7 @@ def analyze_constraint_rank(evaluator: StateEvaluator, time: Array, q: Array) ->
 def find_dependent_sets(
     evaluator: StateEvaluator, time: Array, q: Array, v: Array, constraint_rank: ConstraintRank
 ) -> tuple[DependentSet, ...]:
-    """Return one minimal dependent set per redundant constraint, in the order of the constraints.
+    """Return one minimal dependent set per redundant constraint, in order of the constraints.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ class StaticSystem(Protocol):
         """Return the residual, (n + m,)."""
 
     def matrix(self, q: Array, lam: Array) -> sp.csc_array:
-        """Return the derivative of the residual with respect to (q, lam)."""
+        """Return the Jacobian of the residual with respect to (q, lam), sparse (n + m, n + m)."""
 
 
 class FlowStep(NamedTuple):
@@ -97,7 +97,7 @@ class FlowStep(NamedTuple):
 
 @dataclass(frozen=True)
 class GradientFlow:
-    """Implicit steps along the gradient flow of a mechanism that starts at positions `begin`."""
+    """Implicit steps along the gradient flow of a mechanism from the positions `begin`, (n,)."""
 
     static: StaticSystem
     begin: Array
