@@ -20,7 +20,6 @@ from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
 from beamdae.parts.events import Impact
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.parts.mechanism import Mechanism
-from beamdae.read_only import read_only_data
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import RangeStatement, StrainDefectKernel, Variable
 
@@ -37,7 +36,6 @@ class State(NamedTuple):
     lam: Array
 
 
-@read_only_data
 @dataclass(frozen=True)
 class RangeTerm:
     """Deformation measures of a part as functions of the global coordinates."""
@@ -117,7 +115,6 @@ class RangeTerm:
         return np.tile(self.statement.data.T, (count, 1))
 
 
-@read_only_data
 @dataclass(frozen=True)
 class Observable:
     """Named columns with units and the function that evaluates them.
@@ -257,7 +254,6 @@ class Start(NamedTuple):
     moves: bool
 
 
-@read_only_data
 @dataclass(frozen=True, eq=False)
 class EquationsOfMotion:
     """Equations of motion of a mechanism or a constrained system.
@@ -380,7 +376,6 @@ class EquationsOfMotion:
         return np.where(angle, 1.0, self.length)
 
 
-@read_only_data
 @dataclass(frozen=True, eq=False)
 class Configuration:
     """Equations of the active parts of a mechanism, between two events.
@@ -413,7 +408,6 @@ class Configuration:
         return multipliers
 
 
-@read_only_data
 @dataclass(frozen=True)
 class ImpactEquations:
     """Equations of the active parts, extended by the constraints of an impact.

@@ -17,7 +17,6 @@ from beamdae.errors import BeamdaeError, require_choice, require_count, require_
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
-from beamdae.read_only import read_only_data
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,7 +39,6 @@ _EXACT_TOLERANCE = 1e-12
 _DIFFERENCE_TOLERANCE = 1e-9
 
 
-@read_only_data
 @dataclass(frozen=True, repr=False)
 class Modes:
     """Natural modes about a state, in ascending order of |eigenvalue|; see `modes`.
