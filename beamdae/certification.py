@@ -352,7 +352,6 @@ class _Difference:
 
     @cached_property
     def largest(self) -> Array:
-        """Largest difference of each column."""
         return np.asarray(np.max(self.rows, axis=0))
 
 

@@ -286,7 +286,6 @@ class ForceElement(Part):
 
     @property
     def _law(self) -> tuple[Callable[..., ElementResponse], tuple[float, ...]]:
-        """Law of the element and its numbers."""
         raise NotImplementedError
 
     @property

@@ -248,7 +248,6 @@ class ForceLaw(Part):
 
     @cached_property
     def _arguments(self) -> tuple[Any, ...]:
-        """Arguments of an `_AttachedLaw`."""
         return (self.name, self.on, self.law, self.energy, self.dissipative)
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:

@@ -157,7 +157,6 @@ class FactList:
         self._rows = {make_printable(topic): make_printable(text) for topic, text in rows.items()}
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Yield the title and the list."""
         if self._title:
             yield Text(self._title, style="bold")
         table = Table(box=None, show_header=False, pad_edge=False)
