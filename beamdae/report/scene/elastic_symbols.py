@@ -99,7 +99,7 @@ def _spiral(size: float) -> Array:
 
 
 def draw_torsion_spring(part: TorsionSpring, builder: SceneBuilder) -> None:
-    """Draw a spiral and, if the points are farther apart than its size, a line between them."""
+    """Draw a spiral and, if the points are farther apart than a symbol, a line between them."""
     draw_supports(part, builder)
     a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
     # The spring depends only on the angles of the bodies; it is drawn at the first point.
