@@ -209,13 +209,44 @@ def test_permissions_are_kept_and_new_files_follow_the_umask(tmp_path):
 
 
 @posix
-def test_the_target_of_a_link_is_replaced_and_the_link_kept(tmp_path):
+def test_regression_links_are_replaced_and_their_targets_kept(tmp_path, writer):
+    """A link in a results folder was followed, and the file it pointed to was overwritten."""
+    path = writer(tmp_path / "there")
+    names = [file.name for file in path.parent.iterdir()]
+    for name in names:
+        (tmp_path / "there" / name).write_text("precious")
+        (tmp_path / name).symlink_to(tmp_path / "there" / name)
+    writer(tmp_path)
+    assert read_folder(tmp_path / "there") == dict.fromkeys(names, b"precious")
+    assert not any((tmp_path / name).is_symlink() for name in names)
+    assert all((tmp_path / name).read_bytes() != b"precious" for name in names)
+
+
+@posix
+def test_links_to_missing_files_and_pipes_are_replaced_and_links_to_folders_are_kept(tmp_path):
     (tmp_path / "there").mkdir()
-    (tmp_path / "file.txt").symlink_to(tmp_path / "there" / "real.txt")
-    for text in ("first", "second"):
-        write_text(tmp_path / "file.txt", text)
-    assert (tmp_path / "file.txt").is_symlink()
-    assert read_folder(tmp_path / "there") == {"real.txt": text.encode()}
+    os.mkfifo(tmp_path / "pipe")
+    for name, target in (("missing.txt", "there/real.txt"), ("waiting.txt", "pipe")):
+        (tmp_path / name).symlink_to(tmp_path / target)
+        assert write_text(tmp_path / name, "new").read_text() == "new"
+        assert not (tmp_path / name).is_symlink()
+    assert not list((tmp_path / "there").iterdir())
+    (tmp_path / "folder").symlink_to(tmp_path / "there")
+    with pytest.raises(BeamdaeError, match="folder: the file cannot be written: Is a directory"):
+        write_text(tmp_path / "folder", "new")
+    write_text(tmp_path / "folder" / "inside.txt", "new")
+    assert read_folder(tmp_path / "there") == {"inside.txt": b"new"}
+
+
+@posix
+def test_links_of_the_system_are_written_directly(tmp_path):
+    code = (
+        "from pathlib import Path; from beamdae.results.storage.files import write_text; "
+        "write_text(Path('/dev/stdout'), 'text')"
+    )
+    with open(tmp_path / "out.txt", "w") as out:
+        subprocess.run([sys.executable, "-c", code], stdout=out, check=True)
+    assert read_folder(tmp_path) == {"out.txt": b"text"}
 
 
 @posix

@@ -184,20 +184,21 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
     The folder of `path` is created if needed. If the block raises any exception, including
     KeyboardInterrupt, the file at `path` is unchanged and the scratch file is removed. Permissions
-    of an existing file are preserved, and symbolic links are followed. Paths that are not regular
-    files, such as pipes, are written directly.
+    of an existing file are preserved. If `path` is a symbolic link, the link is replaced and its
+    target is unchanged; links to folders in the path are followed. Devices and pipes, and links of
+    the system such as /dev/stdout, are written directly.
 
     Raises
     ------
     BeamdaeError
         If the file cannot be written, or the block raises an OSError.
     """
-    target = Path(os.path.realpath(path))
+    target = Path(os.path.realpath(path.parent), path.name)
     owner = f"{os.getpid()}@{platform.node()}"
     scratch = target.with_name(f".{owner}@{secrets.token_hex(8)}.scratch")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        if target.exists() and not (target.is_file() or target.is_dir()):
+        if _is_written_directly(target):
             yield target
             return
         scratch.touch(exist_ok=False)
@@ -213,6 +214,14 @@ def atomic_write(path: Path) -> Iterator[Path]:
         raise BeamdaeError(f"{path}: the file cannot be written: {why}.") from problem
 
 
+def _is_written_directly(target: Path) -> bool:
+    """Return True for devices, pipes and sockets, and for links of the system."""
+    if target.is_symlink():
+        # Such as /dev/stdout and /dev/fd/1.
+        return str(target.parent) in ("/dev", f"/proc/{os.getpid()}/fd")
+    return target.exists() and not (target.is_file() or target.is_dir())
+
+
 def _flush_to_disk(file: Path) -> None:
     # Otherwise the renamed file could reach the disk before its content. Some file systems report a
     # full disk only here.
@@ -224,7 +233,9 @@ def _flush_to_disk(file: Path) -> None:
 
 
 def _replace_file(target: Path, scratch: Path) -> None:
-    if target.is_file():
+    if target.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if target.is_file() and not target.is_symlink():
         if not os.access(target, os.W_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
         scratch.chmod(target.stat().st_mode & 0o777)
