@@ -368,7 +368,7 @@ class Beam(Part):
         return [ForceStatement(self.name, kernel, (piece,), self.kinematics.data(gravity))]
 
     def ranges(self) -> list[RangeStatement]:
-        """Return the statement for assessing the strains; none if they hold for any deformation."""
+        """Return the statement for assessing the strains, if the kinematics provide the data."""
         validity = self.kinematics.strain_validity
         if validity is None:
             return []

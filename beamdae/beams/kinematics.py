@@ -103,7 +103,7 @@ class Element(ABC):
 
     @abstractmethod
     def kernel(self) -> ForceKernel:
-        """Return the virtual work of inertia, elasticity, material damping and weight.
+        """Return the kernel of the forces of inertia, elasticity, material damping and weight.
 
         Equal elements must return the same object, because all elements that share a kernel are
         evaluated together.

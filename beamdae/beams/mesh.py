@@ -99,9 +99,10 @@ class Mesh:
         """Return a mesh with element ends at the given ascending arc lengths [m].
 
         This mesh must have n elements of equal length; the elements of the result are at most as
-        long. An arc length does not become an element end if its distance from the preceding one or
-        from an end of the beam is at most 1e-4 of the element length. Return this mesh if its
-        elements already end at all arc lengths, or if more than 2 n + 8 elements would be needed.
+        long. An arc length does not become an element end if its distance from the preceding
+        element end or from an end of the beam is at most 1e-4 of the element length. Return this
+        mesh if its elements already end at all arc lengths, or if more than 2 n + 8 elements would
+        be needed.
         """
         if all(map(self.has_end_at, arc_lengths)):
             return self

@@ -32,7 +32,17 @@ _POLE_GROWTH = 16.0
 
 
 class PartLaw(NamedTuple):
-    """Law that depends on time: its part, a function of (t, branch) and numbers, the numbers."""
+    """Law that depends on time.
+
+    Attributes
+    ----------
+    part
+        Name of the part.
+    function
+        Function of rows of (t, branch) and of `numbers`.
+    numbers
+        Numbers in the law, (k,).
+    """
 
     part: str
     function: RowFunction

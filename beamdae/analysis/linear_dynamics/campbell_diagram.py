@@ -67,7 +67,7 @@ class Campbell:
         )
 
     def table(self) -> pd.DataFrame:
-        """Return a table of speeds [rad/s], frequencies [Hz] and growth rates [1/s], by speed."""
+        """Return a table with one row per speed [rad/s]: frequencies [Hz], growth rates [1/s]."""
         import pandas as pd
 
         columns: dict[str, Any] = {"speed [rad/s]": self.speeds}

@@ -127,7 +127,11 @@ class Modes:
         return np.where(masses > _MASS_ROUNDING * total, masses, 0.0)
 
     def table(self) -> pd.DataFrame:
-        """Return a table of frequencies, damping, growth, masses, kinds and parts, by mode."""
+        """Return a table with one row per mode.
+
+        Columns: number, frequency [Hz], damping ratio [-], growth rate [1/s], effective masses
+        [kg], kind, and the parts with at least 0.5 % of the kinetic energy.
+        """
         import pandas as pd
 
         columns: dict[str, Any] = {

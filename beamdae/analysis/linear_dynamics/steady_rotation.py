@@ -104,7 +104,7 @@ def rotation(speed: float, center: tuple[float, float] = (0.0, 0.0)) -> Rotation
 class RotatingCoordinates:
     """Transformation of coordinates under a rigid rotation: q = c + D (z - c) + angle * e.
 
-    D rotates the pairs (x, y) about the center c, e increases inertial angles by the angle, and
+    D rotates the pairs (x, y) about the center c, angle * e is added to inertial angles, and
     coordinates relative to a body do not change. z are the coordinates in the rotating frame.
 
     Attributes

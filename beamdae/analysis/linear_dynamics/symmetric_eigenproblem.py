@@ -50,7 +50,7 @@ _MIN_INVERTIBLE = 1e-200
 
 
 class MasslessError(BeamdaeError):
-    """Raised if a motion has no inertia; `coordinate` is the name of its largest coordinate."""
+    """Raised if a motion has no inertia; `coordinate` names the coordinate that moves most."""
 
     def __init__(self, coordinate: str) -> None:
         super().__init__(f"{coordinate}: this coordinate has no inertia; add mass or a joint.")

@@ -169,7 +169,7 @@ class PathSegment:
     def _locate_instability(self, counts: Sequence[int]) -> SegmentCriticalPoint:
         """Return the point where the number of unstable modes changes under nonconservative loads.
 
-        Modes that flutter come in pairs, so the number changes by two or more.
+        Modes that flutter come in pairs, so the number changes by two or more at a flutter point.
         """
         low, high = 0.0, 1.0
         while high - low > _POSITION_TOLERANCE:

@@ -66,11 +66,11 @@ class ExactElement(Element):
         return self.layout.size
 
     def kernel(self) -> ForceKernel:
-        """Return the virtual work of inertia, elasticity, material damping and weight."""
+        """Return the kernel of the forces of inertia, elasticity, material damping and weight."""
         return exact_kernel(self)
 
     def strain_points(self, points: SX, q: SX) -> list[tuple[SX, SX]]:
-        """Return weight and (axial strain, shear strain, kappa11) of the stiffness points.
+        """Return weight and (axial strain, shear strain, kappa11) of each stiffness point.
 
         The strains are r'.t - 1, r'.n and psi0' - psi' with the axes t = (cos psi, sin psi) and n
         of the section; kappa11 has the sign of Pan & Liu (2012). Rigid motions do not change the
@@ -130,7 +130,7 @@ class ExactElement(Element):
 
 @cache
 def exact_kernel(element: ExactElement) -> ForceKernel:
-    """Return the virtual work of one element: inertia, elasticity, damping and weight."""
+    """Return the kernel of one element: forces of inertia, elasticity, damping and weight."""
     local = Local(element.size, element.n_data)
     data = element.layout.split(local.data)
     inertia, kinetic, potential = _inertial_work(element, local, data)

@@ -87,7 +87,7 @@ class FloatingFrameElement(Element):
         return self.layout.size
 
     def kernel(self) -> ForceKernel:
-        """Return the virtual work of one element; see `floating_frame_kernel`."""
+        """Return the kernel of one element; see `floating_frame_kernel`."""
         return floating_frame_kernel(self)
 
     def strain_points(self, points: SX, q: SX) -> list[tuple[SX, SX]]:
@@ -210,7 +210,7 @@ class AxisMotion:
 
 
 def rotation_matrix(cosine: SX, sine: SX) -> SX:
-    """Return the matrix of a plane rotation."""
+    """Return the matrix of a plane rotation by the angle with this cosine and sine."""
     return ca.vertcat(ca.horzcat(cosine, -sine), ca.horzcat(sine, cosine))
 
 
@@ -243,7 +243,7 @@ def _mass_points(
 
 
 def strain_points(element: FloatingFrameElement, points: SX, nodal: SX) -> list[tuple[SX, SX]]:
-    """Return weight and (axial strain, shear strain 2 eps12, kappa11) of the stiffness points.
+    """Return weight and (axial strain, shear strain 2 eps12, kappa11) of each stiffness point.
 
     The strains are those of eqs. (5) and (6) with kappa11 = -phi'. With along = u' - v/R and
     across = v' + u/R, the derivative of the position is (1 + along, across) in ec. The exact
@@ -297,7 +297,7 @@ def _interpolate(row: np.ndarray, nodal: SX, component: int) -> SX:
 
 @cache
 def floating_frame_kernel(element: FloatingFrameElement) -> ForceKernel:
-    """Return the virtual work of one element: inertia, weight, elasticity and material damping.
+    """Return the kernel of one element: forces of inertia, weight, elasticity and damping.
 
     Eqs. (10), (11), (15) and (21) of Pan & Liu (2012). Inertial forces follow from the mass per
     length and the acceleration of the axis. Unlike in the paper, the rotary inertia is consistent:

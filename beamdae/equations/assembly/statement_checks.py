@@ -93,7 +93,7 @@ def require_columns_fit(part: str, columns: Any) -> None:
 
 
 def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[list, list, list]:
-    """Return the forces, constraints and ranges of a part.
+    """Return the force, constraint and range statements of a part.
 
     `sizes` maps `id(body)` to the number of coordinates of the body.
 
@@ -150,7 +150,7 @@ def call_part(part: str, what: str, function: Callable[..., Any], *arguments: An
 def select_multipliers(
     forces: Sequence[ForceStatement], rows: Mapping[str, slice]
 ) -> np.ndarray | None:
-    """Return indices of the multipliers on which forces of one kernel depend, or None.
+    """Return indices of the multipliers on which forces of one kernel depend; None if none.
 
     `rows` maps each part to the slice of its multipliers.
 

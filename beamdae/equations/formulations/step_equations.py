@@ -83,7 +83,7 @@ class StepEquations:
         return self.buffers()
 
     def residual(self, time: Array, at: StepPrediction, x: Array) -> Array:
-        """Return the residual (size,) at time = (t, branch); in loops, use `buffers`."""
+        """Return the residual (size,) at (t, branch); for loops, see `evaluate_step_residual`."""
         result = np.zeros(self.pattern.shape[0])
         t, branch = time
         evaluate_step_residual(self._buffers, t, branch, at, x, result)

@@ -60,7 +60,7 @@ class Tangent(NamedTuple):
 
 
 def compute_tangent(e: EquationsOfMotion, time: Array, state: State) -> Tangent:
-    """Return the derivatives at a state and time = (t, branch), exact up to rounding."""
+    """Return the `Tangent` at a state and `time` = (t, branch), exact up to rounding."""
     form = formulate_first_order(e, "index3", apart=True)
     y, rates = form.pack(state)
     pattern = form.pattern

@@ -163,7 +163,7 @@ class ConsistencySolver(StateEvaluator):
     def require_continuous(self, branch_before: float, time: Array, q: Array) -> None:
         """Reject laws that make positions jump at `time` = (t, branch).
 
-        `branch_before` is the branch before t.
+        `branch_before` selects the branch of laws before t.
 
         Raises
         ------

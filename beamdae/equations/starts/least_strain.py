@@ -39,7 +39,7 @@ def solve_least_change(weight: Any, rows: Any, values: Array, force: Array | Non
 
     Returns
     -------
-    Array
+    numpy.ndarray
         x, (n,); nan if `weight` is singular on the null space of `rows`.
     """
     n, count = weight.shape[0], rows.shape[0]
@@ -82,13 +82,13 @@ def minimize_strain(
     unstrained
         Positions (n,) whose forces F (elastic forces, weight and loads) are subtracted.
     constraints
-        Function from positions to gaps (k,) and their derivative R (k, n).
+        Function from positions to gaps (k,) and their Jacobian R (k, n).
     square
         T^2 [s^2], the weight of forces relative to inertia.
 
     Returns
     -------
-    Array
+    numpy.ndarray
         Positions (n,); `q` itself if the iteration fails or increases the strain energy.
     """
     zeros, scale = np.zeros(len(q)), evaluator.equations.position_scales

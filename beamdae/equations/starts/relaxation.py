@@ -116,7 +116,7 @@ class GradientFlow:
     def initial_acceleration(self) -> tuple[Array, Array]:
         """Return the acceleration (n,) and the multipliers (m,) at rest in `begin`.
 
-        They belong to the forces of `static`, which may be a fraction of the forces in its
+        Both follow from the forces of `static`, which may be a fraction of the forces in its
         equations. If the acceleration is zero, `begin` is an equilibrium with these multipliers.
         """
         time, q, n = self.static.time, self.begin, len(self.begin)
