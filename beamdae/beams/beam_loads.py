@@ -282,7 +282,6 @@ class MovingForce(Part):
 
     @property
     def _nodal_laws(self) -> list[tuple[Law, Law]]:
-        """Laws of both force components on each node of the beam."""
         mesh, laws = self.beam.mesh, []
         for node in range(mesh.node_count):
             step = mesh.nodes - 1

@@ -106,7 +106,7 @@ class CompiledLoop:
         self._work = work
 
     def __call__(self) -> int:
-        """Run the loop, update the numbers of the object, and return the code from the loop."""
+        """Run the loop, update the numbers of the object, and return the loop's return code."""
         self.load()
         code = self._call(self.table.ctypes.data)
         self.unload()
@@ -223,7 +223,6 @@ _loading_lock = threading.Lock()
 
 
 def _load_entries(entries: _EntryPoints, kind: Any) -> dict[str, int]:
-    """Return the addresses of compiled functions by symbol."""
     if not is_native_enabled():
         raise MachineCodeError("machine code is switched off")
     name = entries[0][1][0].__name__

@@ -73,7 +73,6 @@ def load_library() -> SundialsLibrary:
 
 
 def _find_images() -> list[ctypes.CDLL]:
-    """Return the libraries to be searched for functions."""
     if sys.platform == "win32":
         try:
             from sksundae import _cy_ida  # noqa: F401

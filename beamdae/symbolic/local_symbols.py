@@ -30,7 +30,7 @@ class MatrixFactors(NamedTuple):
     c_q, c_v, c_a
         Factors of dF/dq, dF/dv and dF/da; c_a is also the factor of d g_ddot/da.
     c_l
-        Factor of derivatives with respect to multipliers.
+        Factor of derivatives with respect to multipliers if their time integrals are the unknowns.
     c_h
         Factor of d g_dot/dq.
     c_r

@@ -182,7 +182,7 @@ class PeriodMap:
     def full_revolutions(self, solution: Solution) -> Array:
         """Return 2 pi times the number of full revolutions of each angle in a period [rad], (n,).
 
-        Other coordinates have zeros.
+        The entries of other coordinates are zero.
         """
         last = solution.trajectory.intervals[-1].state.q[-1]
         first = solution.trajectory.intervals[0].state.q[0]

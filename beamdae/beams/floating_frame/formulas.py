@@ -44,7 +44,7 @@ class SectionMotion:
 
 
 def frame_motion(q: SX, frame_angle: Any) -> tuple[SX, SX]:
-    """Return position and rotation of the frame; `frame_angle` is its reference angle."""
+    """Return position and rotation of the frame; `frame_angle` holds its reference angle."""
     return q[ORIGIN], q[THETA] - frame_angle[0]
 
 

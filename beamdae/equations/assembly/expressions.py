@@ -53,8 +53,8 @@ class Expressions:
         Raises
         ------
         BeamdaeError
-            If an argument is not a symbol, `q` and `v` differ in size, SX and MX are mixed, symbols
-            are used twice, or a parameter is neither a number nor a law.
+            If an argument is not a symbol, `t` is not a scalar, `q` and `v` differ in size, SX and
+            MX are mixed, symbols are used twice, or a parameter is neither a number nor a law.
         """
         symbols = {"t": t, "q": q, "v": v} | ({} if lam is None else {"lam": lam})
         for name, symbol in symbols.items():
@@ -232,7 +232,7 @@ def parse_header(header: Any) -> Variable:
     Raises
     ------
     BeamdaeError
-        If `header` is not a string of this form.
+        If the name or the unit is invalid.
     """
     name, unit = header, "-"
     if isinstance(header, str) and header.endswith("]") and " [" in header:

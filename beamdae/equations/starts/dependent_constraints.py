@@ -130,7 +130,6 @@ class DependentSet:
     everywhere: bool = True
 
     def __str__(self) -> str:
-        """Return a phrase that describes the set."""
         return _describe_sets([self])
 
 
