@@ -37,7 +37,7 @@ class Frame(NamedTuple):
     Attributes
     ----------
     beams
-        Beams by the pair of names of their two points, in the order in which the member lists them.
+        Beams by pair of point names (first point, second point), in the order given in `members`.
     corners
         Attachment at each point that has a beam, by the name of the point, for joints, loads and
         observables.

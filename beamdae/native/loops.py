@@ -261,7 +261,7 @@ def _compile_entries(entries: _EntryPoints, functions: tuple[FunctionType, ...],
 
 @contextmanager
 def _pause_garbage_collection() -> Iterator[None]:
-    """Pause garbage collection: numba creates millions of objects, most of which stay."""
+    """Pause garbage collection: numba creates millions of objects, most of which persist."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:

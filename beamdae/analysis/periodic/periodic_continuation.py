@@ -201,7 +201,7 @@ class CurvePoint:
         Tangent of the curve in (q, v) and in the parameter relative to its range, (2 n + 1,).
     orientation
         Sign of the determinant of the extended Jacobian with the tangent as its last row; it is
-        constant along a curve; 0 if not yet computed.
+        constant along a curve, and 0 if not yet computed.
     iterations
         Number of Newton iterations that led to the motion.
     """

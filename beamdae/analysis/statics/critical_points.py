@@ -124,7 +124,7 @@ class PathSegment:
     def locate_critical_points(self, splits: int = _MAX_SPLITS) -> list[SegmentCriticalPoint]:
         """Return the critical points in the segment, in order along the path.
 
-        The list is empty if the stability is unknown. `splits` is the number of bisections allowed.
+        The list is empty if the stability is unknown. `splits` is the maximum depth of bisection.
 
         Raises
         ------

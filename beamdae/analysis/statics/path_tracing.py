@@ -178,7 +178,7 @@ class EquilibriumPath(NamedTuple):
 
 
 def trace_path(loading: Loading, q: Array, settings: PathSettings) -> EquilibriumPath:
-    """Trace the path from the unloaded equilibrium near `q` to the targets.
+    """Trace the path from the equilibrium without scaled loads, near `q`, to the targets.
 
     Raises
     ------
@@ -387,7 +387,7 @@ def _end_status(path: StagePath, system: LoadedEquations, control: str) -> Statu
 
 
 def _remedy(path: StagePath, e: EquationsOfMotion, control: str) -> str:
-    """Return a remedy, with the likely reason why no step converges, to end a message; or ""."""
+    """Return the end of a message: why steps probably fail, and a remedy; "" if unknown."""
     if control == DISPLACEMENT and len(path.points) == 1:
         return "; check that the loads move the prescribed column"
     if control == DISPLACEMENT:

@@ -71,7 +71,7 @@ def collect_bodies(e: EquationsOfMotion) -> tuple[Body, ...]:
 
 
 def _node_coordinates(index: dict[str, int]) -> Array | None:
-    """Return the indices (x, y, angle) of nodes, (k, 3); None if there are other coordinates."""
+    """Return the indices (x, y, angle) of nodes, (k, 3); None unless these are all coordinates."""
     count = len(index) // len(_NODE_COORDINATES)
     names = [f"{name}{k}" for k in range(count) for name in _NODE_COORDINATES]
     if not count or set(names) != set(index):
