@@ -54,7 +54,7 @@ class IdaError(Exception):
 
 
 class IdaStatistics(NamedTuple):
-    """Counters of IDA since the last start, and its last and next order and step.
+    """Counters of IDA since the last start, and its last and next order and step size [s].
 
     A Newton iteration that fails with an old Jacobian increases `newton_failures` and is repeated
     with a new Jacobian (another setup). If the repetition also fails, it increases `failed_solves`
@@ -259,7 +259,7 @@ class IdaSolver:
 
     @property
     def statistics(self) -> IdaStatistics:
-        """Counters since the last start, and the last and next order and step."""
+        """Counters since the last start, and the last and next order and step size [s]."""
         values = []
         for name, kind in _GETTERS:
             value = kind()

@@ -49,7 +49,7 @@ def _return_numbers(numbers: Any) -> Any:
 
 
 def constant_formula(*numbers: float) -> Formula:
-    """Return a formula without arguments whose value is the given numbers."""
+    """Return a formula without arguments that returns the given numbers."""
     return Formula(_return_numbers, numbers)
 
 

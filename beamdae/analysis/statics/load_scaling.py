@@ -199,7 +199,7 @@ class FixedFactorEquations:
 
     @property
     def equations(self) -> EquationsOfMotion:
-        """Equations of motion, used for the inertia."""
+        """Equations of motion with all loads of the stage; relaxation uses their inertia."""
         return self.system.equations
 
     @property

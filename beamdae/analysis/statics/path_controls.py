@@ -164,7 +164,7 @@ class StepNorm:
     factor: float
 
     def max_norm(self, x: Array, mu: float = 0.0) -> float:
-        """Return the largest absolute entry of q / `scale` and mu / `factor`."""
+        """Return the largest absolute entry of q / `scale` and mu / `factor`, for x = (q, lam)."""
         by_position = float(np.max(np.abs(x[: len(self.scale)] / self.scale), initial=0.0))
         return max(by_position, abs(mu) / self.factor)
 
@@ -190,7 +190,7 @@ class StepNorm:
         return direction.add(other.scale(-share))
 
     def arc_length_control(self, x: Array, mu: float, direction: PathDirection) -> ArcLengthControl:
-        """Return the arc-length control that starts at (x, mu) along `direction`."""
+        """Return the control that measures the distance from (x, mu) along `direction`."""
         squared_length = self.inner_product(direction, direction)
         along, along_mu = self.dual(direction)
         return ArcLengthControl(x, mu, along / squared_length, along_mu / squared_length)

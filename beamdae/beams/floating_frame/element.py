@@ -165,7 +165,8 @@ class AxisMotion:
     def _deformation_accelerations(self) -> SX:
         """Accelerations due to the nodal displacements, one column per node.
 
-        The map is linear and the same at all points, so its columns can be interpolated.
+        They depend linearly on the nodal motion, in the same way at all points, and can therefore
+        be interpolated.
         """
         q, v, a = (_nodal_vectors(z) for z in (self.q, self.v, self.a))
         return self._transport_matrix @ q + 2 * self.v[THETA] * _rotate_quarter_turn(v) + a

@@ -93,7 +93,7 @@ def require_independent_constraints(evaluator: StateEvaluator, time: Array, q: A
 
 
 def _are_clearly_independent(rows: sp.csr_array) -> bool:
-    """Return True if the lowest eigenvalue of rows @ rows.T is above 1e-8 by inverse iteration."""
+    """Return True if inverse iteration finds the lowest eigenvalue of rows @ rows.T above 1e-8."""
     try:
         factors = splu(sp.csc_array(rows @ rows.T), "MMD_AT_PLUS_A", 0.0)
     except RuntimeError:
