@@ -324,7 +324,7 @@ class Beam(Part):
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Dimensionless mesh errors and curvature measures, and the facts of the curve, by name."""
+        """Dimensionless mesh errors and curvature measures, and `curve.facts` if any, by name."""
         return {
             "largest relative error of arc length": self.mesh.length_error,
             "largest error of curvature times length": self.kinematics.curvature_error,

@@ -66,7 +66,7 @@ def minimize_strain(
 
     Newton's method solves M (q - begin) + T^2 (F(q) - F(unstrained)) + R^T mu = 0: elastic forces
     are measured relative to the positions `unstrained`, for example as drawn. Loads contribute only
-    as far as they differ from those at `unstrained`. The result is used only if it reduces the
+    insofar as they differ from those at `unstrained`. The result is used only if it reduces the
     strain energy.
 
     Parameters
