@@ -12,6 +12,8 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 _MAX_MAGNITUDE = 1e75  # no value in SI units is larger; the fourth power does not overflow
 _MIN_POSITIVE = 1e-75  # the fourth power does not underflow to zero
 _MAX_REPR_LENGTH = 80  # characters of a value in a message
@@ -104,8 +106,12 @@ def as_real(value: Any) -> float | None:
 
 
 def unbox_scalar(value: Any) -> Any:
-    """Return a NumPy scalar or zero-dimensional array as a Python scalar, or `value` unchanged."""
-    return value.item() if getattr(value, "ndim", None) == 0 else value
+    """Return a NumPy scalar or zero-dimensional array as a Python scalar, or `value` unchanged.
+
+    Masked values stay masked, because `item` would return the number behind the mask.
+    """
+    is_scalar = getattr(value, "ndim", None) == 0 and not np.ma.is_masked(value)
+    return value.item() if is_scalar else value
 
 
 def require_finite(part: str, name: str, value: Any) -> float:

@@ -293,6 +293,7 @@ def test_every_value_of_every_argument_is_accepted_or_rejected_with_one_sentence
         *((True, None), (np.bool_(True), None), ("1.0", None), (np.str_("1"), None)),
         *((None, None), (1j, None), ([1.0], None), (np.array([1.0]), None), (b"1", None)),
         *((ca.SX.sym("x"), None), (ca.DM(1.0), None)),
+        *((np.ma.masked, None), (np.ma.array(2.0), 2.0), (np.ma.array(2.0, mask=True), None)),
     ],
 )
 def test_as_real_accepts_numbers_only(value, expected):

@@ -392,7 +392,7 @@ class SlidingOnBeam(Part):
         """Force (Fx, Fy) [N] of the beam on the body of `a`, in inertial axes."""
         columns = (Variable("Fx", "N"), Variable("Fy", "N"))
         values, _ = FormulaExpression.of(_reaction, ())
-        return Quantity(columns, (), values, joint=self.name)
+        return Quantity(columns, (), values, joint=self.name, joint_part=self)
 
     @rebuilt_for_mesh
     def reaction_on(self, place: str = "a", axes: str = "inertial") -> Quantity:
@@ -424,7 +424,7 @@ class SlidingOnBeam(Part):
             _Reaction(sizes, self._nodes, on_beam, axes, self.a.has_angle), self._functions
         )
         columns = load_columns(self.a)[: 2 if on_beam else None]
-        return Quantity(columns, self._pieces, values, data, joint=self.name)
+        return Quantity(columns, self._pieces, values, data, joint=self.name, joint_part=self)
 
     @property
     def events(self) -> tuple[Event, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -13,6 +14,7 @@ from beamdae.beams.sections import Section, SectionLaw, Taper, require_section
 from beamdae.curves.plane_curves import Line, PlaneCurve, Segment, require_curve
 from beamdae.errors import (
     BeamdaeError,
+    BeamdaeWarning,
     require_choice,
     require_count,
     require_name,
@@ -90,7 +92,7 @@ def frame(
     Warns
     -----
     BeamdaeWarning
-        See `Beam`.
+        If no member uses a point. See also `Beam`.
 
     Examples
     --------
@@ -127,6 +129,15 @@ def frame(
         beams[a, b] = beam
         ends[a].append(beam.start)
         ends[b].append(beam.end)
+    unused = [key for key, attachments in ends.items() if not attachments]
+    if unused:
+        # A dictionary of points may be shared by several frames.
+        warnings.warn(
+            f"{name}: no member uses point {', '.join(map(short_repr, unused))}, so the frame has "
+            "no corner there; add a member, or omit the point.",
+            BeamdaeWarning,
+            stacklevel=2,
+        )
     corners = {key: attachments[0] for key, attachments in ends.items() if attachments}
     for key, corner in corners.items():
         for count, other in enumerate(ends[key][1:], start=1):

@@ -39,8 +39,8 @@ def activate(*parts: Part, as_is: bool = False) -> Switch:
     Raises
     ------
     BeamdaeError
-        If an argument is not a part, `as_is` is not a bool, or `as_is` is True and a part has no
-        gap.
+        If there is no argument or an argument is not a part, `as_is` is not a bool, or `as_is` is
+        True and a part has no gap.
     """
     names = _part_names("activate", parts)
     if require_choice("activate", "as_is", as_is, (True, False)):
@@ -50,8 +50,8 @@ def activate(*parts: Part, as_is: bool = False) -> Switch:
                     f"{part.name}: as_is=True requires a joint with a gap of positions "
                     f"or angles, got {short_repr(part)}; omit as_is=True for other parts."
                 )
-        return Switch(on=names, as_is=names)
-    return Switch(on=names)
+        return Switch(on=names, as_is=names, parts=parts)
+    return Switch(on=names, parts=parts)
 
 
 def deactivate(*parts: Part) -> Switch:
@@ -70,9 +70,9 @@ def deactivate(*parts: Part) -> Switch:
     Raises
     ------
     BeamdaeError
-        If an argument is not a part.
+        If there is no argument, or an argument is not a part.
     """
-    return Switch(off=_part_names("deactivate", parts))
+    return Switch(off=_part_names("deactivate", parts), parts=parts)
 
 
 def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
@@ -116,7 +116,8 @@ def change_law(driver: Driver | TranslationalDriver, law: Any) -> Switch:
             f"{short_repr(driver)}."
         )
     law = as_law(f"change_law of {driver.name}", law)
-    return Switch(on=(driver.name,), as_is=(driver.name,), laws=((driver.name, law),))
+    names = (driver.name,)
+    return Switch(on=names, as_is=names, laws=((driver.name, law),), parts=(driver,))
 
 
 def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
@@ -175,6 +176,8 @@ def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
 
 
 def _part_names(call: str, parts: tuple[Any, ...]) -> tuple[str, ...]:
+    if not parts:
+        raise BeamdaeError(f"{call}: expected joints and forces, got none; pass at least one part.")
     for part in parts:
         if not isinstance(part, Part):
             raise BeamdaeError(f"{call}: expected joints and forces, got {short_repr(part)}.")

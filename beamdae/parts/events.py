@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 from beamdae.errors import (
     BeamdaeError,
@@ -15,6 +15,10 @@ from beamdae.errors import (
 )
 from beamdae.parts.laws import Law
 from beamdae.symbolic.statements import Quantity
+
+# Parts list their events, so their module imports this one.
+if TYPE_CHECKING:
+    from beamdae.parts.part import Part
 
 # Sign of the rate of the quantity at the crossing; 0 accepts both signs.
 DIRECTIONS = {"up": 1, "down": -1, "both": 0}
@@ -32,12 +36,15 @@ class Switch:
         Joints in `on` that keep the gaps that they have at the event.
     laws
         Pairs (name of a driver in `on`, new law as a function of the time since the event [s]).
+    parts
+        The parts in `on` and `off`; assembly requires that the mechanism contains these parts.
     """
 
     on: tuple[str, ...] = ()
     off: tuple[str, ...] = ()
     as_is: tuple[str, ...] = ()
     laws: tuple[tuple[str, Law], ...] = ()
+    parts: tuple[Part, ...] = field(default=(), compare=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +66,24 @@ def select_switches(do: Any) -> tuple[Switch, ...]:
 def select_impacts(do: Any) -> tuple[Impact, ...]:
     """Return the impacts among the actions of an event."""
     return tuple(x for x in do if isinstance(x, Impact)) if isinstance(do, tuple) else ()
+
+
+def _require_consistent_switches(event: str, switches: tuple[Switch, ...]) -> None:
+    """Reject actions of one event that contradict each other, because they occur at one instant."""
+    activated = {name for switch in switches for name in switch.on}
+    deactivated = {name for switch in switches for name in switch.off}
+    for name in sorted(activated & deactivated):
+        raise BeamdaeError(
+            f"{event}: the event activates and deactivates {name!r} at the same time; keep one of "
+            "the two actions."
+        )
+    drivers = [name for switch in switches for name, _ in switch.laws]
+    for name in sorted(set(drivers)):
+        if drivers.count(name) > 1:
+            raise BeamdaeError(
+                f"{event}: the event changes the law of {name!r} {drivers.count(name)} times; "
+                "pass one change_law per driver."
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,9 +115,9 @@ class Event:
     ------
     BeamdaeError
         If `what` is neither a string nor a quantity, `crosses` is not finite, `direction` or `do`
-        is unknown, or `name` is invalid or missing. Assembly raises this error if no observed
-        column has the name `what`, a quantity has several columns, or two events have the same
-        name.
+        is unknown, `do` contradicts itself, or `name` is invalid or missing. Assembly raises this
+        error if no observed column has the name `what`, a quantity has several columns, or two
+        events have the same name.
     """
 
     what: Any
@@ -116,6 +141,7 @@ class Event:
         do = (self.do,) if isinstance(self.do, Action) else self.do
         if isinstance(do, (list, tuple)) and do and all(isinstance(x, Action) for x in do):
             set_fields(self, do=tuple(do))
+            _require_consistent_switches(part, select_switches(self.do))
         elif not (isinstance(self.do, str) and self.do in ("stop", "record")):
             raise BeamdaeError(
                 f"{part}: do must be 'stop', 'record', activate(...), deactivate(...), "

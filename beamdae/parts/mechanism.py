@@ -22,7 +22,7 @@ from beamdae.errors import (
 from beamdae.model_functions import HasOrigin
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies.rigid_body import Ground
-from beamdae.parts.events import Event, select_impacts
+from beamdae.parts.events import Event, select_impacts, select_switches
 from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.observables import as_quantity
@@ -194,13 +194,7 @@ class Mechanism(HasOrigin):
                 "another name."
             )
         quantity = as_quantity(name, what)
-        for piece in quantity.pieces:
-            self._require_member(name, piece.owner)
-        if quantity.joint is not None and quantity.joint not in self.parts:
-            raise BeamdaeError(
-                f"{name}: the joint {quantity.joint!r} is not part of this mechanism; add "
-                "the joint first."
-            )
+        self._require_members_of(name, quantity)
         self.observables[name] = quantity
 
     def when(
@@ -226,9 +220,10 @@ class Mechanism(HasOrigin):
         Raises
         ------
         BeamdaeError
-            If an argument is invalid, or a part to which the quantity or an impact refers has not
-            been added. Assembly raises this error for an unknown column and for actions on other
-            parts that have not been added.
+            If an argument is invalid, a part to which the quantity or an impact refers has not been
+            added, or an action refers to a part of another mechanism whose name is in use here.
+            Assembly raises this error for an unknown column and for other actions on parts that
+            have not been added.
 
         Examples
         --------
@@ -243,8 +238,12 @@ class Mechanism(HasOrigin):
             if isinstance(source, Part):
                 self._require_member(str(event.name), source)
             elif isinstance(source, Quantity):
-                for piece in source.pieces:
-                    self._require_member(str(event.name), piece.owner)
+                self._require_members_of(str(event.name), source)
+        for switch in select_switches(event.do):
+            # Other parts may be added later; assembly checks them.
+            for part in switch.parts:
+                if part.name in self.parts:
+                    self._require_member(str(event.name), part)
         self.events.append(event)
         return event
 
@@ -259,8 +258,13 @@ class Mechanism(HasOrigin):
         Raises
         ------
         BeamdaeError
-            If an argument is not a part of this mechanism.
+            If there is no argument, or an argument is not a part of this mechanism.
         """
+        if not parts:
+            raise BeamdaeError(
+                "Mechanism.deactivate: expected joints and forces, got none; pass at least one "
+                "part."
+            )
         for part in parts:
             if not isinstance(part, Part):
                 raise BeamdaeError(
@@ -302,6 +306,26 @@ class Mechanism(HasOrigin):
         """All time laws of the parts and of gravity."""
         part_laws = [law for part in self.parts.values() for law in part.laws]
         return part_laws + list(self.gravity_laws.laws if self.gravity_laws else ())
+
+    def require_switched_members(self) -> None:
+        """Raise BeamdaeError unless this mechanism contains the parts that its events switch."""
+        for event in self.events:
+            for switch in select_switches(event.do):
+                for part in switch.parts:
+                    self._require_member(str(event.name), part)
+
+    def _require_members_of(self, part: str, quantity: Quantity) -> None:
+        for piece in quantity.pieces:
+            self._require_member(part, piece.owner)
+        if quantity.joint is None:
+            return
+        joint = self.parts.get(quantity.joint)
+        # A joint of another mechanism may have the same name.
+        if joint is None or quantity.joint_part not in (None, joint):
+            raise BeamdaeError(
+                f"{part}: the joint {quantity.joint!r} is not part of this mechanism; add "
+                "the joint first."
+            )
 
     def _require_member(self, part: str, body: Part) -> None:
         if body is self.ground or self.parts.get(body.name) is body:

@@ -221,6 +221,8 @@ class Quantity:
         Values of local.data, shape (n_data,).
     joint
         Name of the part whose multipliers are local.lam, or None.
+    joint_part
+        The part `joint`, to reject a part of another mechanism with the same name; None if unknown.
     recipe
         Function call that returned the quantity, see `rebuilt_for_mesh`; None if unknown.
     """
@@ -230,6 +232,7 @@ class Quantity:
     expression: Callable[[Local], SX]
     data: np.ndarray = field(default_factory=lambda: np.zeros(0))
     joint: str | None = None
+    joint_part: Any = field(default=None, repr=False, compare=False)
     recipe: _Recipe | None = field(default=None, repr=False, compare=False)
 
     @property

@@ -48,6 +48,13 @@ def test_sway_of_a_portal_frame():
     assert_allclose([change("B")[0], change("C")[0]], expected, rtol=1e-5)
 
 
+def test_points_without_a_member_are_reported():
+    points = {"A": (0.0, 0.0), "B": (1.0, 0.0), "C": (1.0, 1.0)}
+    with pytest.warns(bd.BeamdaeWarning, match="portal: no member uses point 'C', so the frame"):
+        portal = bd.frame(bd.Mechanism(), "portal", points, ["AB"], SLENDER, elements=1)
+    assert list(portal.corners) == ["A", "B"]
+
+
 def test_star_of_three_members():
     """A star of three clamped arms turns by M / (3 * 4 EI / l), in any order of the arms."""
     turns = np.radians([90.0, 210.0, 330.0])

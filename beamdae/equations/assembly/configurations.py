@@ -219,6 +219,7 @@ def build_configurations(
     BeamdaeError
         If a switched or inactive part is unknown or has coordinates.
     """
+    mechanism.require_switched_members()
     switches = [x for event in mechanism.events for x in select_switches(event.do)]
     names = {name for switch in switches for name in (*switch.on, *switch.off)}
     for name in sorted(names | mechanism.inactive):

@@ -272,7 +272,9 @@ class Friction(Part):
         kind = _FrictionReaction(self._law, self._is_bearing)
         values, data = FormulaExpression.of(kind, self._functions)
         pieces = (self.joint.a.piece, self.joint.b.piece)
-        return Quantity((first, Variable("v", "m/s")), pieces, values, data, self.joint.name)
+        return Quantity(
+            (first, Variable("v", "m/s")), pieces, values, data, self.joint.name, self.joint
+        )
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the friction force as one statement."""

@@ -273,7 +273,7 @@ class KinematicConstraint(Part):
             for name, multiplier in zip(self.reactions, self.multipliers, strict=True)
         )
         values, _ = FormulaExpression.of(_negative_multipliers, ())
-        return Quantity(columns, (), values, joint=self.name)
+        return Quantity(columns, (), values, joint=self.name, joint_part=self)
 
     @rebuilt_for_mesh
     def reaction_on(self, place: str = "b", axes: str = "inertial") -> Quantity:
@@ -352,9 +352,9 @@ class KinematicConstraint(Part):
         if self._reads_self:
             # A function that reads `self` is not cached for other models.
             return Quantity(
-                columns, self.pieces, lambda local: values(local), data, joint=self.name
+                columns, self.pieces, lambda local: values(local), data, self.name, self
             )
-        return Quantity(columns, self.pieces, values, data, joint=self.name)
+        return Quantity(columns, self.pieces, values, data, self.name, self)
 
     def _statement(
         self,
