@@ -283,8 +283,12 @@ def _is_unbalanced(e: EquationsOfMotion, tangent: Tangent, state: State, force: 
     inertia = np.abs(tangent.mass @ state.a)
     reactions = np.abs(tangent.reactions @ state.lam)
     largest_force = max(np.max(reactions, initial=0.0), np.max(np.abs(force), initial=0.0))
-    rounding = STIFFNESS_ROUNDING * (abs(tangent.stiffness) @ e.position_scales)
-    return bool(np.any(inertia > np.maximum(_UNBALANCED_FORCE_RATIO * largest_force, rounding)))
+    # Joints transmit rounding errors of stiff beams to bodies without stiffness, so that the
+    # largest one, as the work of a motion by the natural size, applies to all coordinates.
+    scales = e.position_scales
+    rounding = STIFFNESS_ROUNDING * np.max(scales * (abs(tangent.stiffness) @ scales), initial=0.0)
+    is_large = inertia > _UNBALANCED_FORCE_RATIO * largest_force
+    return bool(np.any(is_large & (scales * inertia > rounding)))
 
 
 def _covariant_stiffness(

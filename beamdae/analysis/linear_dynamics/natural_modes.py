@@ -7,12 +7,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 
 from beamdae.analysis.linear_dynamics.linearization import REFERENCE, Linearization, linearize_about
 from beamdae.analysis.linear_dynamics.quadratic_eigenproblem import QuadraticProblem
 from beamdae.analysis.linear_dynamics.steady_rotation import RotatingCoordinates
-from beamdae.analysis.linear_dynamics.symmetric_eigenproblem import SymmetricProblem
+from beamdae.analysis.linear_dynamics.symmetric_eigenproblem import SymmetricProblem, is_symmetric
 from beamdae.errors import BeamdaeError, require_choice, require_count, require_finite, short_repr
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
@@ -33,10 +32,6 @@ _MIN_NAMED_SHARE = 0.005
 _MASS_ROUNDING = 1e-20
 # Number of frequencies shown in the repr.
 _REPR_FREQUENCIES = 5
-# Asymmetry up to which a matrix is treated as symmetric, relative to its largest entry: of exact
-# matrices, and of matrices with finite differences.
-_EXACT_TOLERANCE = 1e-12
-_DIFFERENCE_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, repr=False)
@@ -306,40 +301,13 @@ def solve_eigenproblem(lin: Linearization, count: int | None, damped: bool = Tru
     If `damped` is False, only the symmetric parts of M and K enter, and damping is ignored.
     """
     undamped = SymmetricProblem(lin).solve(count)
-    if not damped or is_conservative(lin):
+    is_undamped = not lin.tangent.damping.nnz or abs(lin.tangent.damping).max() == 0.0
+    if not damped or (is_undamped and is_symmetric(lin)):
         values = np.where(undamped.squares < 0.0, 0j, 1j) * np.sqrt(np.abs(undamped.squares))
         values += np.sqrt(np.maximum(-undamped.squares, 0.0))
         return _normalize(lin, values, undamped.shapes.astype(complex), count)
-    values, shapes = QuadraticProblem(lin, undamped.squares, count).solve(count)
+    values, shapes = QuadraticProblem(lin, undamped, count).solve(count)
     return _normalize(lin, values, shapes, count)
-
-
-def is_conservative(lin: Linearization) -> bool:
-    """Return True if the eigenproblem is symmetric and undamped.
-
-    That is, K and M are symmetric, C is zero, reactions act along the gradients of the constraints,
-    and constraints on velocities do not depend on positions.
-    """
-    tangent = lin.tangent
-    if tangent.damping.nnz and abs(tangent.damping).max() > 0.0:
-        return False
-    if not (_is_symmetric(tangent.stiffness) and _is_symmetric(tangent.mass)):
-        return False
-    if not lin.equations.m:
-        return True
-    # At rest, constraints on velocities constrain the shapes of vibrations.
-    nonholonomic = lin.nonholonomic
-    if nonholonomic.any() and abs(tangent.position_jacobian[nonholonomic]).max() > 0.0:
-        return False
-    rows = tangent.acceleration_jacobian(lin.equations)
-    difference = abs(tangent.reactions.T - rows)
-    return bool(difference.max() <= _EXACT_TOLERANCE * abs(rows).max())
-
-
-def _is_symmetric(matrix: sp.csc_array) -> bool:
-    if not matrix.nnz:
-        return True
-    return bool(abs(matrix - matrix.T).max() <= _DIFFERENCE_TOLERANCE * abs(matrix).max())
 
 
 def _normalize(

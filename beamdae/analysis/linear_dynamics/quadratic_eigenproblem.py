@@ -9,12 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg as la
+import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, eigs
 
 from beamdae.analysis.linear_dynamics.linearization import Linearization
 from beamdae.analysis.linear_dynamics.symmetric_eigenproblem import (
     MAX_DENSE_COORDINATES,
     ZERO_SQUARE_RATIO,
+    UndampedModes,
+    is_symmetric,
+    is_symmetric_matrix,
     quadratic_form_rounding,
     scaled_null_space,
 )
@@ -42,6 +46,12 @@ _REAL_TOLERANCE = 1e-12
 _IMAGINARY_TOLERANCE = 1e-9
 # Free motions are dependent if their singular value is below this fraction of the largest one.
 _RANK_TOLERANCE = 1e-3
+# The two parts of a split double eigenvalue are closer than this multiple of the square root of
+# rounding errors, and their mean growth rate is at most this fraction of either growth rate.
+_SPLIT_RATIO = 4.0
+_MEAN_GROWTH_RATIO = 1e-2
+# Dampers that slow a free motion down at a rate below this fraction of the shift are rounding.
+_ZERO_RATE_RATIO = 1e-12
 # Prevents division by zero.
 _TINY = 1e-300
 
@@ -56,8 +66,10 @@ class QuadraticProblem:
     ----------
     lin
         Linearized equations with the matrices M, C, K, H, J and V.
-    squares
-        Squared frequencies of the undamped problem [1/s^2], which determine the shift.
+    undamped
+        Modes of the undamped problem. Their frequencies determine the shift. Their free motions are
+        solved apart if dampers do not act on them, because rounding would turn their double zero
+        eigenvalues into slow vibrations of thin beams.
     count
         Number of modes of interest, or None for all modes.
 
@@ -67,12 +79,16 @@ class QuadraticProblem:
         If the equations are singular at the shift.
     """
 
-    def __init__(self, lin: Linearization, squares: Array, count: int | None) -> None:
+    def __init__(self, lin: Linearization, undamped: UndampedModes, count: int | None) -> None:
         self.lin, self.tangent, self.e = lin, lin.tangent, lin.equations
+        squares = undamped.squares
         # The shift is in the middle of the modes of interest, so that low and high modes lose equal
         # accuracy.
         rates = np.sort(np.sqrt(np.abs(squares[squares != 0.0])))[: count or _DEFAULT_MODE_COUNT]
         self.shift = float(_SHIFT_RATIO * np.sqrt(rates[0] * rates[-1])) if len(rates) else 1.0
+        self._is_symmetric = is_symmetric(lin) and is_symmetric_matrix(lin.tangent.damping)
+        self._free = self._find_undamped_free_motions(undamped)
+        self._weighted_free = self.tangent.mass @ self._free
         tangent, s = self.tangent, self.shift
         solve = factorize_saddle_point(
             tangent.stiffness + s * tangent.damping + s**2 * tangent.mass,
@@ -86,6 +102,22 @@ class QuadraticProblem:
             )
         self._solve_shifted = solve
 
+    def _find_undamped_free_motions(self, undamped: UndampedModes) -> Array:
+        """Return the motions (n, k) with K x = 0 and C x = 0, scaled to x^T M x = 1.
+
+        Empty if K or C is not symmetric: follower loads and rotation couple free motions to others.
+        """
+        free = undamped.shapes[:, undamped.squares == 0.0]
+        if not (free.shape[1] and self._is_symmetric):
+            return free[:, :0]
+        mass, damping = self.tangent.mass, self.tangent.damping
+        lower = la.cholesky(free.T @ (mass @ free), lower=True)
+        free = la.solve_triangular(lower, free.T, lower=True).T
+        rates, vectors = la.eigh(free.T @ (damping @ free))
+        free = free @ vectors
+        zero_rates = quadratic_form_rounding(damping, free) + _ZERO_RATE_RATIO * self.shift
+        return free[:, rates <= zero_rates]
+
     def solve(self, count: int | None) -> tuple[Array, Array]:
         """Return the eigenvalues nearest to the shift, (k,) [1/s], and their mode shapes, (n, k).
 
@@ -94,16 +126,18 @@ class QuadraticProblem:
         eigenvalue with positive imaginary part.
         """
         e, n = self.e, self.e.n
-        available = 2 * (n - e.m) + len(e.nonholonomic_rows)
+        available = 2 * (n - e.m - self._free.shape[1]) + len(e.nonholonomic_rows)
         if not available:
-            return np.zeros(0, complex), np.zeros((n, 0), complex)
+            return np.zeros(self._free.shape[1], complex), self._free.astype(complex)
         # Twice the number, for conjugate pairs, and six more because ordering by 1 / (l - s)
         # differs from ordering by l.
         number = available if count is None else min(available, 2 * count + 6)
         scales = np.tile(e.position_scales, 2)
         scales[n:] *= self.shift
         if n <= MAX_DENSE_COORDINATES or number >= n:
-            basis = scaled_null_space(self.tangent.acceleration_jacobian(e), e.position_scales)
+            rows = self.tangent.acceleration_jacobian(e)
+            rows = sp.csc_array(sp.vstack([rows, sp.csc_array(self._weighted_free.T)]))
+            basis = scaled_null_space(rows, e.position_scales)
             if len(e.nonholonomic_rows):
                 basis = np.diag(e.position_scales)
             state_basis = la.block_diag(basis, self.shift * basis)
@@ -137,12 +171,16 @@ class QuadraticProblem:
         right = -(tangent.mass @ (w + s * x) + tangent.damping @ x)
         constraints = -(tangent.velocity_jacobian @ x)
         solution = self._solve_shifted(np.concatenate([right, constraints]))[:n]
-        return np.concatenate([solution, x + s * solution])
+        image = np.stack([solution, x + s * solution], axis=1)
+        # Rounding must not bring back the free motions, whose eigenvalues are the largest.
+        image -= self._free @ (self._weighted_free.T @ image)
+        return image.T.ravel()
 
     def _select(self, values: Array, shapes: Array) -> tuple[Array, Array]:
         """Remove rounding errors; keep one eigenvalue of each conjugate pair.
 
-        Nearly zero eigenvalues are replaced by one zero for each independent free motion.
+        Nearly zero eigenvalues are replaced by one zero for each independent free motion. The free
+        motions that were solved apart are added.
         """
         tangent = self.tangent
         stiffness, mass, damping = tangent.stiffness, tangent.mass, tangent.damping
@@ -153,20 +191,44 @@ class QuadraticProblem:
         zero_energy = np.maximum(rounding, ZERO_SQUARE_RATIO * self.shift**2)
         is_zero = size <= _ZERO_RATIO * self.shift
         is_zero &= energy <= _ZERO_ENERGY_FACTOR * zero_energy
-        is_zero |= size**2 <= self.lin.zero_square
+        is_zero |= size**2 <= np.maximum(rounding, self.lin.zero_square)
         is_upper = ~is_zero & (values.imag > -_IMAGINARY_TOLERANCE * size)
+        if self._is_symmetric:
+            values = self._refine_values(values, shapes)
         # Rounding of the stiffness moves an undamped eigenvalue off the imaginary axis. The real
         # part is removed unless dampers dissipate more energy than rounding.
         power = np.abs(np.real(np.einsum("ij,ij->j", shapes.conj(), damping @ shapes)))
         is_damped = power > quadratic_form_rounding(damping, shapes)
         off_axis = np.where(is_damped, 0.0, 0.5 * rounding / np.maximum(size, _TINY))
         off_axis = np.maximum(off_axis, _REAL_TOLERANCE * size)
+        off_axis = np.where(_is_split_double(values, np.sqrt(rounding)), np.inf, off_axis)
         real = np.where(np.abs(values.real) <= off_axis, 0.0, values.real)
         is_real = np.abs(values.imag) <= _IMAGINARY_TOLERANCE * size
         values = real + 1j * np.where(is_real, 0.0, values.imag)
-        free = self._independent_free_motions(shapes[:, is_zero])
+        free = np.hstack([self._free, self._independent_free_motions(shapes[:, is_zero])])
         values = np.concatenate([np.zeros(free.shape[1], complex), values[is_upper]])
         return values, np.hstack([free, shapes[:, is_upper]])
+
+    def _refine_values(self, values: Array, shapes: Array) -> Array:
+        """Return, for each mode x, the root nearest to its value of x^H (l^2 M + l C + K) x = 0.
+
+        Its coefficients are real, so that no mode grows by rounding if K and C are not negative.
+        """
+        tangent = self.tangent
+        m, c, k = (
+            np.real(np.einsum("ij,ij->j", shapes.conj(), matrix @ shapes))
+            for matrix in (tangent.mass, tangent.damping, tangent.stiffness)
+        )
+        root = np.sqrt((c**2 - 4.0 * m * k).astype(complex))
+        # The larger sum of equal signs, and its partner from the product of the roots, do not
+        # cancel.
+        larger = -0.5 * (c + np.where(c >= 0.0, root, -root))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            roots = np.stack([larger / m, k / larger])
+        roots = np.concatenate([roots, roots.conj()])
+        distances = np.where(np.isfinite(roots), np.abs(roots - values), np.inf)
+        nearest = roots[np.argmin(distances, axis=0), np.arange(len(values))]
+        return np.where(np.isfinite(nearest), nearest, values)
 
     def _independent_free_motions(self, shapes: Array) -> Array:
         """Return a basis of the motions without stiffness in the span of these shapes."""
@@ -185,3 +247,17 @@ class QuadraticProblem:
         squares, vectors = la.eigh(0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T))
         is_zero = np.abs(squares) <= _ZERO_RATIO * self.shift**2
         return (basis @ vectors[:, is_zero]).astype(complex)
+
+
+def _is_split_double(values: Array, spread: Array) -> Array:
+    """Return a mask of imaginary double eigenvalues that rounding has split.
+
+    Rounding moves double eigenvalues by its square root, `spread`: for example, the eigenvalues of
+    the translations of a free body in the frame that rotates with it.
+    """
+    distances = np.abs(values[:, None] - values)
+    np.fill_diagonal(distances, np.inf)
+    partners = np.argmin(distances, axis=1) if len(values) > 1 else np.zeros(len(values), int)
+    is_close = np.min(distances, axis=1, initial=np.inf) <= _SPLIT_RATIO * spread
+    mean_growth = 0.5 * np.abs(values.real + values.real[partners])
+    return is_close & (mean_growth <= _MEAN_GROWTH_RATIO * np.abs(values.real))

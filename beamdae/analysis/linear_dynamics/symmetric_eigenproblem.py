@@ -47,6 +47,14 @@ _SINGULAR_SHIFT_FACTOR = 1.37
 # frequency; and the smallest number with a finite inverse.
 _DENSE_ZERO_RATIO = 1e-11
 _MIN_INVERTIBLE = 1e-200
+# Asymmetry up to which a matrix is treated as symmetric, relative to its largest entry: of exact
+# matrices, and of matrices with finite differences. The first is small because a follower load is
+# small compared with the axial stiffness of a thin beam.
+_EXACT_TOLERANCE = 1e-13
+_DIFFERENCE_TOLERANCE = 1e-9
+# Deviation of the directions of reactions from the gradients of the constraints, relative to the
+# largest gradient.
+_REACTION_TOLERANCE = 1e-12
 
 
 class MasslessError(BeamdaeError):
@@ -159,6 +167,35 @@ class SymmetricProblem:
                 break
             s = max(highest, min_shift)
         return shapes, s
+
+
+def is_symmetric(lin: Linearization) -> bool:
+    """Return True if the eigenproblem without damping is symmetric.
+
+    That is, K and M are symmetric, reactions act along the gradients of the constraints, and
+    constraints on velocities do not depend on positions.
+    """
+    tangent = lin.tangent
+    has_differences = lin.rotation is not None or lin.zero_square > 0.0
+    tolerance = _DIFFERENCE_TOLERANCE if has_differences else _EXACT_TOLERANCE
+    if not all(is_symmetric_matrix(x, tolerance) for x in (tangent.stiffness, tangent.mass)):
+        return False
+    if not lin.equations.m:
+        return True
+    # At rest, constraints on velocities constrain the shapes of vibrations.
+    nonholonomic = lin.nonholonomic
+    if nonholonomic.any() and abs(tangent.position_jacobian[nonholonomic]).max() > 0.0:
+        return False
+    rows = tangent.acceleration_jacobian(lin.equations)
+    difference = abs(tangent.reactions.T - rows)
+    return bool(difference.max() <= _REACTION_TOLERANCE * abs(rows).max())
+
+
+def is_symmetric_matrix(matrix: sp.csc_array, tolerance: float = _EXACT_TOLERANCE) -> bool:
+    """Return True if the asymmetry is at most `tolerance` times the largest entry."""
+    if not matrix.nnz:
+        return True
+    return bool(abs(matrix - matrix.T).max() <= tolerance * abs(matrix).max())
 
 
 def _symmetric_part(matrix: sp.csc_array) -> sp.csc_array:
