@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
+import warnings
 from collections.abc import Iterable, Sequence
 from decimal import Decimal
 from itertools import islice
@@ -29,6 +30,20 @@ class BeamdaeError(ValueError):
     """
 
 
+class MissingPackageError(BeamdaeError):
+    """Error of a call that needs a package that cannot be imported.
+
+    Attributes
+    ----------
+    reason
+        The package, and why it cannot be imported.
+    """
+
+    def __init__(self, part: str, reason: str, remedy: str) -> None:
+        super().__init__(f"{part}: {reason}; {remedy}.")
+        self.reason = reason
+
+
 class BeamdaeWarning(UserWarning):
     """Warning that a result may be unreliable or incomplete."""
 
@@ -36,8 +51,21 @@ class BeamdaeWarning(UserWarning):
 class KernelWarning(UserWarning):
     """Warning that a kernel cannot be compiled or cached, so that runs are slower.
 
-    This class is not derived from `BeamdaeWarning`: results agree to rounding.
+    It is also issued if a package cannot be imported, so that another integrator or fewer processes
+    are used. This class is not derived from `BeamdaeWarning`: results agree within the tolerances
+    of the runs.
     """
+
+
+# Messages of `warn_once` issued in this process.
+_issued_messages: set[str] = set()
+
+
+def warn_once(message: str) -> None:
+    """Issue a `KernelWarning` unless this process has already issued the same message."""
+    if message not in _issued_messages:
+        _issued_messages.add(message)
+        warnings.warn(message, KernelWarning, stacklevel=3)
 
 
 def short_repr(value: Any) -> str:

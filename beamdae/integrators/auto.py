@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.errors import MissingPackageError, warn_once
 from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import has_stiff_modes
 from beamdae.integrators.ida.ida import Ida
@@ -30,7 +32,8 @@ class Auto(AdaptiveIntegrator):
     phase error grows over free oscillations, whereas Radau IIA is of order 5 and damps them.
     Without such modes, BDF resolves all modes with order 5 in about the same time (tables in
     validation/tolerances). If `Ida` fails, for example near a singular position, `Radau` repeats
-    the run, and the longer run is returned; `time_limit` applies to both together.
+    the run, and the longer run is returned; `time_limit` applies to both together. Without
+    scikit-sundae, `Radau` replaces `Ida`; a `KernelWarning` and the note of the run report this.
 
     Parameters
     ----------
@@ -66,8 +69,13 @@ class Auto(AdaptiveIntegrator):
     ) -> Solution:
         """Integrate over the output times; see `Integrator.integrate`."""
         began = clock.perf_counter()
-        pilot = replace(self, rtol=PILOT_RTOL)
-        first = drive(self, equations, times, self._choose_method, progress, pilot._choose_method)
+        obstacles: list[MissingPackageError] = []
+        choose = self._method_chooser(obstacles)
+        choose_pilot = replace(self, rtol=PILOT_RTOL)._method_chooser([])
+        first = drive(self, equations, times, choose, progress, choose_pilot)
+        if obstacles:
+            note = f"Radau was used instead of Ida because {obstacles[0].reason}"
+            first = replace(first, integrator={**first.integrator, "note": note})
         if not (first.status.kind == "failed" and first.integrator["method"] == "Ida"):
             return first
         limited = self
@@ -78,6 +86,7 @@ class Auto(AdaptiveIntegrator):
             limited = replace(self, time_limit=remaining)
         end = f"t = {first.trajectory.end:.6g} s"
         try:
+            pilot = replace(self, rtol=PILOT_RTOL)
             second = drive(limited, equations, times, self._radau, progress, pilot._radau)
         except KeyboardInterrupt:
             return replace(first, status=Status("interrupted", f"interrupted at {end}"))
@@ -89,10 +98,20 @@ class Auto(AdaptiveIntegrator):
         is_interrupted = second.status.kind == "interrupted"
         return replace(first, status=second.status) if is_interrupted else first
 
-    def _choose_method(self, plan: RunPlan) -> Method:
-        if has_stiff_modes(plan):
-            return self._radau(plan)
-        return Ida(self.rtol, max_step=self.max_step).method_on(plan)
+    def _method_chooser(self, obstacles: list[MissingPackageError]) -> Callable[[RunPlan], Method]:
+        """Return the function that chooses a method; it appends errors of Ida to `obstacles`."""
+
+        def choose(plan: RunPlan) -> Method:
+            if has_stiff_modes(plan):
+                return self._radau(plan)
+            try:
+                return Ida(self.rtol, max_step=self.max_step).method_on(plan)
+            except MissingPackageError as problem:
+                warn_once(f"Auto: {problem.reason}; Radau is used instead of Ida.")
+                obstacles.append(problem)
+                return self._radau(plan)
+
+        return choose
 
     def _radau(self, plan: RunPlan) -> Method:
         return Radau(self.rtol, max_step=self.max_step).method_on(plan)

@@ -48,10 +48,16 @@ def _call_in_thread(function: Callable[[], None]) -> None:
     """Call a function that changes BLAS limits, in a new thread that ends afterwards.
 
     Threadpoolctl accepts changes only from the thread that made the first change, until that thread
-    ends. In addition, no interrupt reaches the new thread.
+    ends. In addition, no interrupt reaches the new thread. If no thread can be started, as in a
+    browser or at the process limit of the user, the function is called in this thread.
     """
     with ThreadPoolExecutor(1) as threads:
-        threads.submit(function).result()
+        try:
+            future = threads.submit(function)
+        except RuntimeError:
+            function()
+        else:
+            future.result()
 
 
 single_threaded = _SingleThreadedBlas()

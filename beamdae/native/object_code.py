@@ -7,18 +7,14 @@ fails, it warns once and compiles in each process.
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from beamdae.errors import KernelWarning
+from beamdae.errors import warn_once
 from beamdae.native import llvm
 from beamdae.native.llvm import LoadedObject, MachineCodeError
 from beamdae.native.object_cache import CacheError, cache_folder, read_object, write_object
-
-# Warnings issued in this process.
-_issued_messages: set[str] = set()
 
 
 def is_native_enabled() -> bool:
@@ -86,8 +82,9 @@ def load_object(
         if not is_correct(code):
             raise MachineCodeError(f"LLVM: {source.name} returns wrong numbers")
     except MachineCodeError as problem:
-        _warn_once(
-            f"{problem}; runs take several times as long, with the same results up to rounding"
+        _warn(
+            f"{problem}; runs take several times as long, with results that agree within the "
+            "tolerance"
         )
         return None
     if folder is not None:
@@ -113,16 +110,8 @@ def _write_cache(folder: Path, source: ObjectSource, content: bytes) -> None:
 
 
 def _warn_of_cache(problem: CacheError) -> None:
-    _warn_once(
-        f"{problem}; each process compiles kernels and loops again, which takes some seconds"
-    )
+    _warn(f"{problem}; each process compiles kernels and loops again, which takes some seconds")
 
 
-def _warn_once(problem: str) -> None:
-    if problem not in _issued_messages:
-        _issued_messages.add(problem)
-        warnings.warn(
-            f"{problem} (BEAMDAE_NATIVE=off switches machine code off).",
-            KernelWarning,
-            stacklevel=3,
-        )
+def _warn(problem: str) -> None:
+    warn_once(f"{problem} (BEAMDAE_NATIVE=off switches machine code off).")

@@ -7,8 +7,9 @@ import math
 import llvmlite.binding
 import pytest
 
+from beamdae import errors
 from beamdae.errors import KernelWarning
-from beamdae.native import llvm, object_code
+from beamdae.native import llvm
 from beamdae.native.llvm import LoadedObject, MachineCodeError, compile_module, library_address
 from beamdae.native.object_code import ObjectSource, load_object
 
@@ -54,7 +55,7 @@ define void @copy(ptr %to, ptr %from, i64 %size) {
 def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
-    monkeypatch.setattr(object_code, "_issued_messages", set())
+    monkeypatch.setattr(errors, "_issued_messages", set())
     return tmp_path / "beamdae"
 
 

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from beamdae.native import llvm, loops, object_code
+from beamdae import errors
+from beamdae.native import llvm, loops
 
 ROOT = Path(__file__).parents[2]
 
@@ -19,7 +20,7 @@ def cache(tmp_path, monkeypatch):
     """A new cache for each test, and a process that has not warned yet."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
-    monkeypatch.setattr(object_code, "_issued_messages", set())
+    monkeypatch.setattr(errors, "_issued_messages", set())
     monkeypatch.setattr(loops, "_loaded_objects", {})
     return tmp_path / "cache" / "beamdae"
 

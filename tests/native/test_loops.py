@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from beamdae import errors
 from beamdae.errors import KernelWarning
-from beamdae.native import loops, object_code
+from beamdae.native import loops
 from beamdae.native.llvm import MachineCodeError
 from beamdae.native.loop_functions import combine
 from beamdae.native.loops import CompiledLoop
@@ -28,7 +29,7 @@ def cache(tmp_path, monkeypatch):
     """A new cache for each test, and a process that has not warned yet."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
-    monkeypatch.setattr(object_code, "_issued_messages", set())
+    monkeypatch.setattr(errors, "_issued_messages", set())
     monkeypatch.setattr(loops, "_loaded_objects", {})
     return tmp_path / "cache" / "beamdae"
 

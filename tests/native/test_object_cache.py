@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from beamdae import errors
 from beamdae.errors import KernelWarning
-from beamdae.native import llvm, object_cache, object_code
+from beamdae.native import llvm, object_cache
 from beamdae.native.lane_kernels import LANE_WIDTH, build_lane_kernel
 
 S, X = ca.SX.sym("s"), ca.SX.sym("x", 3)
@@ -34,7 +35,7 @@ def cache(tmp_path, monkeypatch):
     """A new cache for each test, and a process that has not warned yet."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
-    monkeypatch.setattr(object_code, "_issued_messages", set())
+    monkeypatch.setattr(errors, "_issued_messages", set())
     return tmp_path / "cache" / "beamdae"
 
 
@@ -285,7 +286,7 @@ def test_cache_below_a_folder_that_others_can_write_to_is_rejected(cache, builds
         r"others can write to .*cache; set XDG_CACHE_HOME to a private folder", builds
     )
     assert planted.exists()
-    object_code._issued_messages.clear()
+    errors._issued_messages.clear()
     cache.parent.chmod(0o1777)
     assert_machine_code_is_right()
     assert len(builds) == 3

@@ -38,11 +38,11 @@ class Ida(AdaptiveIntegrator):
     linear systems.
 
     The entry "ida" of `Solution.integrator` is "shared libraries" if the callbacks of IDA are
-    machine code, and "scikit-sundae" if they are called through that package. The latter takes the
-    same steps up to rounding, except with friction, nonholonomic constraints or only prescribed
-    motions, where its error test includes multipliers. Machine code also reports "orders" (number
-    of steps per order), "error_test_failures" and "limited_by": the unknowns that most often had
-    the largest error of a step, with the fraction of such steps.
+    machine code, and "scikit-sundae" if they are called through that package. The results of both
+    agree within the tolerance. Without machine code, the error test includes multipliers in runs
+    with friction, nonholonomic constraints or only prescribed motions. Machine code also reports
+    "orders" (number of steps per order), "error_test_failures" and "limited_by": the unknowns that
+    most often had the largest error of a step, with the fraction of such steps.
 
     Parameters
     ----------
@@ -77,7 +77,8 @@ class Ida(AdaptiveIntegrator):
     ------
     BeamdaeError
         If `rtol` is outside [1e-14, 0.1], `max_step` or `time_limit` is not positive, `max_steps`
-        is not a whole number of at least 1, or another setting is not one of the listed values.
+        is not a whole number of at least 1, another setting is not one of the listed values, or (in
+        a run) scikit-sundae cannot be imported.
     """
 
     rtol: float = 1e-5

@@ -2,9 +2,9 @@
 
 Used with BEAMDAE_NATIVE=off, without numba or llvmlite, and where the functions of SUNDIALS cannot
 be loaded (`sundials.library`): in builds with static libraries, with MPI, with 64-bit indices or
-with another major version. This interface takes the same steps as the C interface up to rounding
-(for exceptions see `Ida`), but in plain Python, which is 15 to 30 times slower than machine code.
-Unlike ctypes callbacks, its callbacks can be interrupted at any time.
+with another major version. Its results agree with those of the C interface within the tolerance,
+but it runs in plain Python, which is 15 to 30 times slower than machine code. Unlike ctypes
+callbacks, its callbacks can be interrupted at any time.
 """
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ from beamdae.equations.formulations.first_order import (
     evaluate_residual,
     formulate_first_order,
 )
+from beamdae.errors import MissingPackageError, format_exception
 from beamdae.integrators.error_control import (
     STIFF_RATIO_BDF,
     motion_scales,
@@ -194,11 +195,24 @@ def _make_solver(
     options: dict[str, Any],
     iteration: dict[str, Any],
 ) -> Any:
-    """Return IDA with compiled callbacks, or through scikit-sundae if they cannot be used."""
+    """Return IDA with compiled callbacks, or through scikit-sundae if they cannot be used.
+
+    Raises
+    ------
+    MissingPackageError
+        If scikit-sundae cannot be imported either.
+    """
     if form.is_native:
         with contextlib.suppress(MachineCodeError, UnavailableError):
             return CompiledIda(form, plan.matrix("Ida", form.pattern), options, iteration)
     # Imported here because it imports SciPy's optimizers, which takes a third of a short run.
-    from beamdae.integrators.ida.python_solver import SksundaeIda
-
+    try:
+        from beamdae.integrators.ida.python_solver import SksundaeIda
+    # OSError: its shared libraries are missing.
+    except (ImportError, OSError) as problem:
+        raise MissingPackageError(
+            "Ida",
+            f"scikit-sundae cannot be imported ({format_exception(problem)})",
+            "install scikit-sundae, or use Radau or GeneralizedAlpha",
+        ) from problem
     return SksundaeIda(form, linear_solver, options, iteration)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 _SCRATCH = re.compile(r"\.(?P<process>\d+)@(?P<node>[^@]*)@[0-9a-f]+\.scratch")
 # Spreadsheets read text that starts with these (half- or full-width) characters as a formula.
 _FORMULA = re.compile("'*[=+\\-@\t\r＝＋－＠]")  # noqa: RUF001
+_NOT_INSTALLED = "not installed"
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)")
 
 
@@ -266,8 +267,16 @@ def _is_running(process: int) -> bool:
 
 @cache
 def versions() -> dict[str, str]:
-    """Return the versions of beamdae and of the packages that affect numerical results."""
-    from importlib.metadata import version
+    """Return the versions of beamdae and of the packages that affect numerical results.
 
-    names = ("beamdae", "casadi", "scikit-sundae", "numpy", "scipy")
-    return {name: version(name) for name in names}
+    Missing packages, which may be scikit-sundae, are listed as "not installed".
+    """
+    from importlib.metadata import PackageNotFoundError, version
+
+    installed = {}
+    for name in ("beamdae", "casadi", "scikit-sundae", "numpy", "scipy"):
+        try:
+            installed[name] = version(name)
+        except PackageNotFoundError:
+            installed[name] = _NOT_INSTALLED
+    return installed

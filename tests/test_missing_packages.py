@@ -1,0 +1,149 @@
+"""Analyses and commands without scikit-sundae, numba, llvmlite, processes or threads."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+
+import beamdae as bd
+from beamdae import errors
+
+HIDING = Path(__file__).with_name("hidden_packages")
+NO_COMPILER = ("numba", "llvmlite")
+NO_IDA = (*NO_COMPILER, "sksundae", "scikit-sundae")
+# A browser (Pyodide) starts neither processes nor threads.
+BROWSER = (*NO_IDA, "_multiprocessing", "resource", "threads")
+
+MODEL = """import beamdae as bd
+
+
+@bd.model(t_end=0.3)
+def swing(mass=1.0):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.RigidBody("bob", mass, 0.1, (1.0, 0.0)))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.observe("bob", bob.at(1.0, 0.0))
+    return mech
+
+
+@bd.model(t_end=0.01)
+def clamped():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    strip = bd.Section.rectangle(bd.Material(E=7e10, nu=0.3, rho=2700.0), 0.02, 0.005)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.observe("tip", beam.end)
+    return mech
+"""
+ANALYSES = """
+import json
+import warnings
+
+import beamdae as bd
+from model import clamped, swing
+
+CALLS = {
+    "simulate": lambda: bd.simulate(swing).integrator,
+    "a beam": lambda: bd.simulate(clamped).integrator,
+    "Ida": lambda: bd.simulate(swing, bd.Ida()).integrator,
+    "GeneralizedAlpha": lambda: bd.simulate(swing, bd.GeneralizedAlpha()).integrator,
+    "error_estimate": lambda: len(bd.error_estimate(bd.simulate(swing))),
+    "verify": lambda: len(bd.verify(bd.simulate(swing))),
+    "certify": lambda: bd.certify(swing, 0.05).status.kind,
+    "modes": lambda: len(bd.modes(clamped).frequencies),
+    "equilibrium": lambda: bd.equilibrium(clamped).status.kind,
+    "linearize": lambda: bd.linearize(clamped) is None,
+    "check": lambda: bd.check(swing) is None,
+    "sweep": lambda: list(bd.sweep(swing, {"mass": [1.0, 2.0]}).table["status"]),
+    "compare": lambda: list(bd.compare([bd.Case(swing, {}, bd.Radau())])["status"]),
+}
+answers = {}
+for name, call in CALLS.items():
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            answer = call()
+        except bd.BeamdaeError as problem:
+            answer = f"BeamdaeError: {problem}"
+    answers[name] = answer, [str(x.message) for x in caught]
+print(json.dumps(answers, default=str))
+"""
+
+
+def run_python(folder, hidden, *arguments):
+    """Run Python without the hidden packages in a folder that contains the model."""
+    (folder / "model.py").write_text(MODEL)
+    paths = (HIDING, folder, Path(bd.__file__).parents[1])
+    env = {"PYTHONPATH": os.pathsep.join(map(str, paths)), "HIDDEN": ",".join(hidden)}
+    return subprocess.run(
+        [sys.executable, *arguments],
+        cwd=folder,
+        env={**os.environ, **env, "XDG_CACHE_HOME": str(folder / "cache")},
+        capture_output=True,
+        text=True,
+        timeout=300.0,
+    )
+
+
+def test_auto_uses_radau_if_ida_cannot_be_imported(monkeypatch):
+    monkeypatch.setenv("BEAMDAE_NATIVE", "off")
+    monkeypatch.setitem(sys.modules, "beamdae.integrators.ida.python_solver", None)
+    monkeypatch.setattr(errors, "_issued_messages", set())
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    mech.observe("ball", ball.point)
+    with warnings.catch_warnings(record=True) as issued:
+        warnings.simplefilter("always")
+        runs = [bd.simulate(mech, t_end=1.0) for _ in range(2)]
+    (warning,) = issued
+    assert warning.category is errors.KernelWarning
+    assert re.match(r"Auto: scikit-sundae cannot .*; Radau is used", str(warning.message))
+    for run in runs:
+        assert run.integrator["method"] == "Radau"
+        assert run.integrator["note"].startswith("Radau was used instead of Ida because scikit-s")
+    with pytest.raises(bd.BeamdaeError, match=r"^Ida: scikit-sundae .*; install scikit-sundae, or"):
+        bd.simulate(mech, bd.Ida(), t_end=1.0)
+
+
+@pytest.mark.slow(reason="new processes without machine code")
+@pytest.mark.parametrize("hidden", [NO_COMPILER, NO_IDA, BROWSER], ids=" ".join)
+def test_all_analyses_work_without_packages(tmp_path, hidden):
+    (tmp_path / "analyses.py").write_text(ANALYSES)
+    result = run_python(tmp_path, hidden, "analyses.py")
+    assert (result.returncode, result.stderr) == (0, "")
+    answers = json.loads(result.stdout)
+    has_ida = "sksundae" not in hidden
+    solution, sentences = answers["simulate"]
+    assert solution["method"] == ("Ida" if has_ida else "Radau")
+    assert sum("Radau is used instead of Ida" in x for x in sentences) == (not has_ida)
+    assert sum("agree within the tolerance" in x for x in sentences) == 1
+    explicit = answers.pop("Ida")[0]
+    if not has_ida:
+        assert explicit.startswith("BeamdaeError: Ida: scikit-sundae cannot be imported")
+    assert not [x for x, _ in answers.values() if "BeamdaeError" in str(x)]
+    assert answers["sweep"][0] == answers["sweep"][0] == ["ok", "ok"]
+    assert answers["compare"][0] == ["ok"]
+
+
+@pytest.mark.slow(reason="commands without machine code")
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("run", "model.py", "--model", "swing"),
+        ("sweep", "model.py", "--model", "swing", "--over", "mass=1,2", "--jobs", "2"),
+        ("modes", "model.py", "--model", "clamped"),
+        ("static", "model.py", "--model", "clamped"),
+        ("check", "model.py", "--model", "swing"),
+    ],
+    ids=lambda command: command[0],
+)
+@pytest.mark.parametrize("hidden", [NO_IDA, BROWSER], ids=["no Ida", "browser"])
+def test_commands_work_without_packages(tmp_path, hidden, command):
+    result = run_python(tmp_path, hidden, "-m", "beamdae", *command)
+    assert result.returncode == 0, result.stderr
+    assert "Traceback" not in result.stderr
