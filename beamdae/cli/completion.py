@@ -37,7 +37,10 @@ def complete_model_files(incomplete: str) -> list[str]:
 
 
 def complete_parameters() -> list[tuple[str, str]]:
-    """Return NAME=DEFAULT and a help text for each parameter of the model on the command line."""
+    """Return NAME=DEFAULT and a help text for each parameter of the models on the command line.
+
+    If the command line names no model, return the parameters of all models of the file.
+    """
     words = _command_line_words()
     models = _outline_of_model_file(words).models
     return [

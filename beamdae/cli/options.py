@@ -198,7 +198,7 @@ def parse_start(options: list[str] | None) -> str | dict[str, float] | None:
     Raises
     ------
     BeamdaeError
-        If a value is not a number, or an entry of several does not have the form NAME=VALUE.
+        If a value is not a number, or one of several entries does not have the form NAME=VALUE.
     """
     if not options:
         return None

@@ -38,8 +38,11 @@ class InterpretedSolver:
 
     Attributes
     ----------
-    singular, factorizations, solves
-        Flag and counters as in `LinearSolver`; step loops may reset the flag.
+    singular
+        Always 0: `try_factorize` returns False instead. Step loops may reset it, as in
+        `LinearSolver`.
+    factorizations, solves
+        Counters as in `LinearSolver`.
     """
 
     def __init__(self, pattern: sp.csc_array, method: str, dtype: type) -> None:

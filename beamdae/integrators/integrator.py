@@ -47,7 +47,7 @@ class Integrator(ABC):
     @property
     @abstractmethod
     def accuracy(self) -> Accuracy:
-        """Step [s] or relative tolerance: ("step", h) or ("rtol", rtol)."""
+        """Step [s] or relative tolerance: Accuracy("step", h) or Accuracy("rtol", rtol)."""
 
     @property
     @abstractmethod
@@ -95,7 +95,7 @@ class AdaptiveIntegrator(Integrator):
 
     @property
     def accuracy(self) -> Accuracy:
-        """Relative tolerance: ("rtol", rtol)."""
+        """Relative tolerance: Accuracy("rtol", rtol)."""
         return Accuracy("rtol", self.rtol)
 
     @property

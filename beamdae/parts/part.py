@@ -22,7 +22,7 @@ Array = np.ndarray
 
 
 class Drawing(NamedTuple):
-    """Line style of a body in drawings, and the attachments on the line."""
+    """Drawing of a body: its kind ("beam", "rigid", "point" or "ground") and its attachments."""
 
     kind: str
     places: list[Attachment]
@@ -186,7 +186,7 @@ class Part:
         """
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing | None:
-        """Return the line of a body in drawings, or None if the part is drawn by its `symbol`.
+        """Return the drawing of a body, or None if the part is drawn by its `symbol`.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Map of each body to its slice of the global coordinates, and positions of attachments."""
+"""Map of each part to its slice of the global coordinates, and positions of attachments."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class CoordinateMap:
-    """Maps each body to its slice of the global coordinates, which is empty for the ground.
+    """Maps the ground and each part to its slice of the global coordinates, which may be empty.
 
     Attributes
     ----------
     sizes
-        Number of coordinates of each body, by `id(body)`, in the order of the coordinates.
+        Number of coordinates of each part, by `id(part)`, in the order of the coordinates.
     """
 
     sizes: dict[int, int]
 
     @cached_property
     def offsets(self) -> dict[int, int]:
-        """Index of the first coordinate of each body, by `id(body)`."""
+        """Index of the first coordinate of each part, by `id(part)`."""
         starts = np.cumsum([0, *self.sizes.values()])[:-1]
         return dict(zip(self.sizes, starts.tolist(), strict=True))
 
     @cached_property
     def n(self) -> int:
-        """Number of coordinates of all bodies."""
+        """Number of coordinates of all parts."""
         return sum(self.sizes.values())
 
     def slice_of(self, body: Any) -> slice:
-        """Return the slice of the global coordinates that belongs to a body."""
+        """Return the slice of the global coordinates that belongs to a body or another part."""
         first = self.offsets[id(body)]
         return slice(first, first + self.sizes[id(body)])
 

@@ -188,7 +188,7 @@ class GeneralizedAlpha(Integrator):
 
     @property
     def accuracy(self) -> Accuracy:
-        """("rtol", rtol) if `rtol` is set, otherwise ("step", step) with the step in seconds."""
+        """Relative tolerance `rtol` if it is set, otherwise the step [s]."""
         return Accuracy("step", self.step) if self.rtol is None else Accuracy("rtol", self.rtol)
 
     @property

@@ -86,9 +86,10 @@ class StepTolerance:
     def from_rtol(cls, rtol: float, scales: MotionScales, tested: Array) -> StepTolerance:
         """Return the tolerance that keeps the error of a run near `rtol`.
 
-        The estimate decreases with the fourth power of the step, the error of a run with the fifth.
-        This suggests an exponent of 4/5, or less if fast modes are undamped. In the cases of
-        validation/tolerances, 0.9 suits both. Errors accumulate over the periods of the motion.
+        The estimate decreases with the fourth power of the step, the error of a run with the fifth,
+        which suggests an exponent of 4/5. An exponent of 0.9 suits both the damped and the undamped
+        cases of validation/tolerances. The tolerance decreases with the number of periods of the
+        motion, because errors accumulate.
         """
         exponent = _PERIOD_EXPONENT_VELOCITIES if tested.all() else _PERIOD_EXPONENT
         factor = _TOLERANCE_FACTOR * scales.periods**-exponent

@@ -39,7 +39,7 @@ class FrozenGap:
     event
         Name of the event whose law the joint follows, or "" if the joint keeps its original law.
     since
-        Time of the event [s].
+        Time of the event [s]; 0 if `event` is "".
     """
 
     offsets: tuple[float, ...]
