@@ -13,10 +13,16 @@ Array = np.ndarray
 
 # Smallest amplitude of a part, relative to the largest amplitude of all parts, ...
 _MIN_PART_SHARE = 1e-3
-# ... of a deformation, relative to the amplitude of its part, ...
-_MIN_DEFORMATION_SHARE = 1e-2
 # ... and of a part with a single coordinate, as in constrained systems.
 _MIN_COORDINATE_SHARE = 1e-5
+# The scale of a deformation is its amplitude. Deformations below this fraction of the amplitude of
+# their part have a larger scale, because ever smaller vibrations are ever faster: ...
+_SMALL_DEFORMATION_SHARE = 1e-2
+# ... this multiple of their amplitude, with which the deflections of undamped stiff strips in
+# validation/tolerances are within 70 rtol (with the limit above as the scale: 4400 rtol), ...
+_SMALL_DEFORMATION_FACTOR = 3.0
+# ... but at least this fraction of the amplitude of the part.
+_MIN_DEFORMATION_SHARE = 1e-5
 # Largest amplitude of an angle [rad]: a quarter turn to either side separates points as far as any
 # rotation can.
 _MAX_ANGLE_AMPLITUDE = 0.5 * np.pi
@@ -43,8 +49,9 @@ class Amplitudes:
         deformation relative to a floating frame, it is the largest amplitude of deformations of the
         same kind (u, v or phi) over all nodes. For a beam in absolute coordinates, it is the
         amplitude of the rotations of its sections relative to the first section. In both of these
-        cases, it is at least 1e-2 of the amplitude of the part. The amplitude of the part would be
-        too large, because deflections are often a hundred times smaller than the motion of a beam.
+        cases, an amplitude below 1e-2 of the amplitude of the part is multiplied by 3, up to this
+        limit, and is at least 1e-5 of the amplitude of the part. The amplitude of the part would be
+        too large, because deflections are often 1e2 to 1e5 times smaller than the motion of a beam.
     rate
         Highest rate of all parts [1/s], 0 if nothing moves. The rate of a part is the root mean
         square of its velocities divided by the standard deviation of its positions. The standard
@@ -85,15 +92,14 @@ class Amplitudes:
             scales[part.rows] *= by_part[part.name]
             if is_at_rest:
                 continue
-            least = _MIN_DEFORMATION_SHARE * by_part[part.name]
             for rows in _group_deformations(equations, part):
-                amplitude = _round_to_two_digits(float(np.max(half_ranges[rows])))
-                scales[rows] = sizes[rows] * max(amplitude, least)
+                amplitude = float(np.max(half_ranges[rows]))
+                scales[rows] = sizes[rows] * _deformation_scale(amplitude, by_part[part.name])
             rotations = q[:, part.rows][:, angles[part.rows]]
             if part.rigid_count == 0 and rotations.shape[1] > 1:
                 bending = 0.5 * float(np.max(np.ptp(rotations - rotations[:, :1], axis=0)))
-                share = max(_round_to_two_digits(bending), least)
-                scales[part.rows] = sizes[part.rows] * min(share, by_part[part.name])
+                scale = min(_deformation_scale(bending, by_part[part.name]), by_part[part.name])
+                scales[part.rows] = sizes[part.rows] * scale
         weights = _step_weights(trajectory)
         variance = np.average((q - np.average(q, axis=0, weights=weights)) ** 2, 0, weights)
         variance[angles] = np.minimum(variance[angles], _MAX_ANGLE_VARIANCE)
@@ -114,6 +120,13 @@ def _group_deformations(equations: EquationsOfMotion, part: PartCoordinates) -> 
     for row in range(part.deformations.start, part.deformations.stop):
         groups.setdefault(equations.coordinates[row].name.rstrip("0123456789"), []).append(row)
     return list(groups.values())
+
+
+def _deformation_scale(amplitude: float, part_amplitude: float) -> float:
+    """Return the scale of a deformation; see `Amplitudes.scales`."""
+    amplitude = _round_to_two_digits(amplitude)
+    enlarged = max(_SMALL_DEFORMATION_FACTOR * amplitude, _MIN_DEFORMATION_SHARE * part_amplitude)
+    return min(enlarged, max(amplitude, _SMALL_DEFORMATION_SHARE * part_amplitude))
 
 
 def _min_share(part: PartCoordinates) -> float:

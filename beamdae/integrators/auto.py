@@ -11,7 +11,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import MissingPackageError, warn_once
 from beamdae.integrators.drive import drive
-from beamdae.integrators.error_control import has_stiff_modes
+from beamdae.integrators.error_control import needs_radau
 from beamdae.integrators.ida.ida import Ida
 from beamdae.integrators.integrator import AdaptiveIntegrator, Progress, require_tolerance
 from beamdae.integrators.method import Method
@@ -26,12 +26,13 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Auto(AdaptiveIntegrator):
-    """Choose `Radau` if natural modes are over 300 times faster than the motion, otherwise `Ida`.
+    """Choose `Radau` for stiff or long motion, otherwise `Ida`.
 
-    Such modes cannot be resolved. If they are lightly damped, they limit BDF to order 2, whose
+    `Radau` is chosen if natural modes are over 300 times faster than the motion, or if the run has
+    more than 10 periods. Such modes cannot be resolved. If they are lightly damped, they limit BDF to order 2, whose
     phase error grows over free oscillations, whereas Radau IIA is of order 5 and damps them.
     Without such modes, BDF resolves all modes with order 5 in about the same time (tables in
-    validation/tolerances). If `Ida` fails, for example near a singular position, `Radau` repeats
+    validation/tolerances). Its phase errors are larger, so in long runs it needs more time. If `Ida` fails, for example near a singular position, `Radau` repeats
     the run, and the longer run is returned; `time_limit` applies to both together. Without
     scikit-sundae, `Radau` replaces `Ida`; a `KernelWarning` and the note of the run report this.
 
@@ -102,7 +103,7 @@ class Auto(AdaptiveIntegrator):
         """Return the function that chooses a method; it appends errors of Ida to `obstacles`."""
 
         def choose(plan: RunPlan) -> Method:
-            if has_stiff_modes(plan):
+            if needs_radau(plan):
                 return self._radau(plan)
             try:
                 return Ida(self.rtol, max_step=self.max_step).method_on(plan)

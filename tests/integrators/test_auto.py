@@ -1,9 +1,12 @@
 """Choice between Ida and Radau by Auto."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hub_beam import hub_beam
 from numpy.testing import assert_allclose
+from tolerances.cases import ALL
 
 import beamdae as bd
 from beamdae.integrators.drive import drive
@@ -27,6 +30,18 @@ def test_auto_chooses_ida_if_all_modes_are_resolved(rtol):
     auto = bd.simulate(swing(), bd.Auto(rtol, max_steps=20), t_end=0.5)
     assert auto.integrator["method"] == "Ida"
     assert auto.integrator["max_order"] == 5
+
+
+@pytest.mark.parametrize("integrator", [bd.Auto, bd.Ida])
+def test_regression_long_runs_keep_the_bound(integrator):
+    """A pendulum was wrong by 273 rtol after 80 periods."""
+    periods, rtol = 80, 1e-4
+    (pendulum,) = (case for case in ALL if case.name == "period_two")
+    case = replace(pendulum, t_end=2.0 * periods, rows=4001)
+    solution = case.run(integrator(rtol))
+    if integrator is bd.Auto:
+        assert solution.integrator["method"] == "Radau"
+    assert case.errors(solution, reference=case.exact(case.times)).max() < 30.0 * rtol
 
 
 def test_auto_repeats_the_run_of_the_chosen_integrator():

@@ -10,6 +10,8 @@ from hub_beam import hub_beam
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
 from tolerance_cases import every_case, every_case_by_duration
+from tolerances.cases import ALL
+from tolerances.flexible_mechanisms import exact_pendulum
 
 import beamdae as bd
 
@@ -96,6 +98,43 @@ def test_regression_tolerances_follow_the_amplitudes(integrator):
     expected = large.observed[columns].to_numpy()
     error = np.max(np.abs(1e2 * small.observed[columns].to_numpy() - expected), axis=0)
     assert np.all(error < 30.0 * 1e-4 * 0.5 * np.ptp(expected, axis=0))
+
+
+@pytest.mark.parametrize(
+    ("name", "rtol"),
+    [
+        ("thick_strip_damped", 1e-6),
+        *(
+            pytest.param(*run, marks=pytest.mark.slow(reason="0.3 s and more"))
+            for run in (
+                ("mixed_damping", 1e-3),
+                ("mixed_damping", 1e-5),
+                ("watt_six_bar", 1e-3),
+                ("watt_six_bar_undamped", 1e-5),
+            )
+        ),
+    ],
+)
+def test_regression_small_deflections_keep_the_bound(name, rtol):
+    """Deflections 1e4 times smaller than the motion were wrong by 30 to 4400 rtol, in silence."""
+    (case,) = (case for case in ALL if case.name == name)
+    errors = case.errors(case.run(bd.Auto(rtol)), columns=case.deflections)
+    assert np.all(errors < case.bound * rtol)
+
+
+@pytest.mark.parametrize("damping", [1e-4, pytest.param(0.0, marks=pytest.mark.slow)])
+def test_stiff_beams_in_absolute_coordinates_keep_the_bound_of_deflections(damping):
+    """A strip of 30 mm bends 1e-5 of its motion; its deflection was wrong by 710 to 25 000 rtol."""
+
+    def run(rtol):
+        mech = exact_pendulum(height=0.03, damping=damping, elements=2)
+        return bd.simulate(mech, bd.Auto(rtol), t_end=0.5)["strip bend.v"]
+
+    # The tighter run is a hundred times as accurate.
+    reference, deflection = run(1e-6), run(1e-4)
+    bound = 30.0 if damping else 100.0
+    error = np.max(np.abs(deflection - reference)) / (0.5 * np.ptp(reference))
+    assert error < bound * 1e-4
 
 
 def cantilever(force):
