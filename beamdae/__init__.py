@@ -9,14 +9,22 @@ from typing import Any
 import lazy_loader
 
 from beamdae.catalog import attributes_by_module
+from beamdae.interrupts import interruptible
 
 _load, __dir__, __all__ = lazy_loader.attach(__name__, submod_attrs=attributes_by_module())
 __version__ = "0.1.0"
+# Interrupts are raised after the import.
+_import = interruptible(_load)
+_imported: set[str] = set()
 
 
 def __getattr__(name: str) -> Any:
     if name in __all__:
-        return _load(name)
+        if name in _imported:
+            return _load(name)
+        value = _import(name)
+        _imported.add(name)
+        return value
     # Python uses these two arguments to suggest the nearest public name.
     module = sys.modules[__name__]
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=module)

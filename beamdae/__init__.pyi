@@ -43,6 +43,7 @@ from .integrators import GeneralizedAlpha as GeneralizedAlpha
 from .integrators import Ida as Ida
 from .integrators import Integrator as Integrator
 from .integrators import Radau as Radau
+from .interrupts import Interrupted as Interrupted
 from .model_functions import Model as Model
 from .model_functions import model as model
 from .parts.attachments import Attachment as Attachment

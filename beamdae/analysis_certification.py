@@ -17,6 +17,7 @@ from beamdae.analysis.statics.static_equilibrium import equilibrium
 from beamdae.beams.beam import EXACT_FORMULATION
 from beamdae.beams.remeshing import BaseMesh, choose_base_meshes, with_meshes
 from beamdae.errors import BeamdaeError, require_count, require_positive, short_repr
+from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.analysis_certificate import AnalysisCertificate
@@ -54,6 +55,7 @@ class _Values(NamedTuple):
     scales: Array
 
 
+@interruptible
 def certify_equilibrium(
     model: Any, accuracy: float = 0.01, columns: Sequence[str] | str | None = None, **settings: Any
 ) -> AnalysisCertificate:
@@ -102,6 +104,7 @@ def certify_equilibrium(
     return _certify("certify_equilibrium", model, accuracy, columns, evaluate, start)
 
 
+@interruptible
 def certify_modes(
     model: Any, accuracy: float = 0.01, n: int = 6, **settings: Any
 ) -> AnalysisCertificate:
@@ -155,6 +158,7 @@ def certify_modes(
     return _certify("certify_modes", model, accuracy, None, evaluate, about)
 
 
+@interruptible
 def certify_periodic(
     model: Any,
     period: float,
@@ -193,14 +197,12 @@ def certify_periodic(
     ------
     BeamdaeError
         If the model or a setting is invalid, no periodic motion is found, or nothing is observed.
-    KeyboardInterrupt
-        If the call is interrupted.
+    Interrupted
+        If Ctrl-C ends the call.
     """
 
     def evaluate(mechanism: Mechanism) -> _Values:
         motion = periodic(mechanism, period, **settings)
-        if motion.solution.status.kind == "interrupted":
-            raise KeyboardInterrupt
         if not motion.status.success:
             raise BeamdaeError(f"certify_periodic: {motion.status.sentence}.")
         observed = motion.solution.columns

@@ -674,6 +674,7 @@ GROUPS = (
         (
             Public("BeamdaeError", "beamdae.errors"),
             Public("BeamdaeWarning", "beamdae.errors"),
+            Public("Interrupted", "beamdae.interrupts"),
         ),
     ),
 )

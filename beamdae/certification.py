@@ -23,12 +23,20 @@ from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
     format_exception,
+    require_choice,
     require_finite,
     require_positive,
     short_repr,
 )
 from beamdae.integrators import Radau
 from beamdae.integrators.integrator import Progress
+from beamdae.interrupts import (
+    PARTIAL_RESULTS,
+    Interrupted,
+    PartialResult,
+    acknowledge,
+    interruptible,
+)
 from beamdae.parts.forces.contact import Contact
 from beamdae.parts.forces.friction import Friction
 from beamdae.parts.mechanism import Mechanism, require_start
@@ -104,6 +112,7 @@ _SATURATION = 0.3
 _AS_WRITTEN = "as written"
 
 
+@interruptible
 def certify(
     model: Any,
     accuracy: float = 0.01,
@@ -113,6 +122,8 @@ def certify(
     start: Any = None,
     time_limit: float | None = None,
     progress: Progress | None = None,
+    *,
+    partial: PartialResult = "raise",
 ) -> Certificate:
     """Simulate a model to a required accuracy and return the solution with its error budget.
 
@@ -148,6 +159,9 @@ def certify(
         Maximum total wall time of all runs [s]. Defaults to no limit.
     progress
         Function called repeatedly during each run with the time reached [s]; see `simulate`.
+    partial
+        "return" to return the certificate so far if the call is interrupted, with the status
+        "interrupted", instead of raising `Interrupted`.
 
     Returns
     -------
@@ -160,9 +174,9 @@ def certify(
     BeamdaeError
         If the model or a setting is invalid, nothing is observed, `progress` raises an exception,
         or the time limit is reached before the first run.
-    KeyboardInterrupt
-        If the call is interrupted before the end of the first run. Later interrupts end the
-        refinement, with the status "interrupted".
+    Interrupted
+        If Ctrl-C ends the call; `Interrupted.partial` is the certificate of the runs so far, or
+        None before the end of the first run.
 
     Warns
     -----
@@ -180,6 +194,7 @@ def certify(
     >>> certificate.success
     True
     """
+    require_choice("certify", "partial", partial, PARTIAL_RESULTS)
     accuracy = require_finite("certify", "accuracy", accuracy)
     if not _MIN_ACCURACY <= accuracy <= MAX_ACCURACY:
         raise BeamdaeError(
@@ -201,9 +216,11 @@ def certify(
         certificate = _Certification(task).result()
     except _ProgressError as problem:
         raise BeamdaeError(f"certify: progress failed: {problem}.") from problem.__cause__
+    if certificate.status.kind == "interrupted" and partial == "raise":
+        raise Interrupted(certificate.status.sentence, certificate, "certify")
     if not certificate.success:
         name = description.get("name", "certify")
-        warnings.warn(f"{name}: not certified; {certificate.reason}.", BeamdaeWarning, stacklevel=2)
+        warnings.warn(f"{name}: not certified; {certificate.reason}.", BeamdaeWarning, stacklevel=3)
     return certificate
 
 
@@ -270,7 +287,13 @@ class _Task:
         # Wrong names are rejected before the run.
         mark_required_columns("certify", self.required, headers)
         progress = None if self.progress is None else self.report_progress
-        solution = Radau(rtol, time_limit=remaining).integrate(equations, self.times, progress)
+        try:
+            solution = Radau(rtol, time_limit=remaining).integrate(equations, self.times, progress)
+        except Interrupted as problem:
+            if problem.partial is None:
+                raise
+            acknowledge()
+            solution = problem.partial
         solution = replace(solution, model=self.description)
         run = _Run(solution, halvings, rtol, exact, clock.process_time() - begin)
         if not solution.status.success:
@@ -479,6 +502,7 @@ class _Certification:
             sentence = f"a run was not completed: {status.sentence}"
             status = Status(status.kind, sentence)
         except KeyboardInterrupt:
+            acknowledge()
             # Runs return their status; this interrupt came while equations were assembled or runs
             # were compared.
             if not self._runs:

@@ -30,6 +30,7 @@ from beamdae.equations.starts.reduced_equations import drop_dependent_constraint
 from beamdae.errors import BeamdaeError, BeamdaeWarning, require_choice, require_positive
 from beamdae.integrators.auto import Auto
 from beamdae.integrators.run_plan import plan_run
+from beamdae.interrupts import interruptible
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.terminal.check_report import describe_check
@@ -190,6 +191,7 @@ class Check:
         return not self.problem
 
 
+@interruptible
 def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check:
     """Check a model without a complete run.
 
@@ -217,6 +219,8 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
     ------
     BeamdaeError
         If an argument is invalid or the equations cannot be assembled.
+    Interrupted
+        If Ctrl-C ends the call.
 
     Examples
     --------

@@ -26,6 +26,14 @@ from beamdae.errors import (
 )
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import Progress, require_integrator
+from beamdae.interrupts import (
+    PARTIAL_RESULTS,
+    Interrupted,
+    PartialResult,
+    acknowledge,
+    attach_partial,
+    interruptible,
+)
 from beamdae.memory import require_memory
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism, require_start
@@ -42,6 +50,7 @@ _DEFAULT_ROWS = 1000
 _ROUNDING_OF_ROWS = 1e-9  # tolerance of the number of output steps
 
 
+@interruptible
 def simulate(
     model: Model | Mechanism | ConstrainedSystem | EquationsOfMotion,
     integrator: Integrator | None = None,
@@ -50,6 +59,8 @@ def simulate(
     progress: Progress | None = None,
     start: Solution | Equilibrium | Path | str | Mapping[str, float] | None = None,
     accept_changes: bool = False,
+    *,
+    partial: PartialResult = "raise",
 ) -> Solution:
     """Integrate a model from t = 0, or from the end of an earlier run.
 
@@ -79,6 +90,9 @@ def simulate(
     accept_changes
         True to resume from a run of a model with the same coordinates but different parameters,
         numbers or formulas; the differences are reported as a warning.
+    partial
+        "return" to return the solution so far if the run is interrupted, with the status
+        "interrupted", instead of raising `Interrupted`.
 
     Returns
     -------
@@ -92,6 +106,11 @@ def simulate(
         If the model or a setting is invalid, the run cannot begin, for example because the joints
         cannot be closed, a checkpoint does not fit the model, or the run needs more memory than is
         available.
+    Interrupted
+        If Ctrl-C ends the run; `Interrupted.solution` is the solution so far. It is None if the run
+        had not started.
+    Exception
+        Exceptions of `progress`. Their attribute `solution` is the solution so far.
 
     Warns
     -----
@@ -111,6 +130,7 @@ def simulate(
     >>> print(f"{solution['ball.x'].iloc[-1]:.6f}")
     1.200000
     """
+    require_choice("simulate", "partial", partial, PARTIAL_RESULTS)
     model, t_end, description = unpack_model("simulate", model, t_end)
     name = description.get("name", "simulate")
     checkpoint = _read_checkpoint(start)
@@ -123,6 +143,11 @@ def simulate(
     if progress is not None and not callable(progress):
         raise BeamdaeError(f"simulate: progress must be a function, got {short_repr(progress)}.")
     resume_warnings: list[str] = []
+    description["t_end"] = float(times[-1])
+
+    def describe(solution: Solution) -> Solution:
+        return replace(solution, model=description, resume_warnings=tuple(resume_warnings))
+
     try:
         if checkpoint is None:
             equations = as_equations("simulate", model, start)
@@ -138,7 +163,17 @@ def simulate(
             bytes_per_row * len(times),
             "use a longer output_step",
         )
-        solution = method.integrate(equations, times, progress=progress)
+        try:
+            solution = method.integrate(equations, times, progress=progress)
+        except Interrupted as problem:
+            if not isinstance(problem.partial, Solution):
+                raise
+            acknowledge()
+            solution = problem.partial
+        except Exception as problem:
+            if isinstance(so_far := getattr(problem, "partial", None), Solution):
+                attach_partial(problem, describe(so_far))
+            raise
     except (MemoryError, RuntimeError) as problem:
         if not _is_out_of_memory(problem):
             raise
@@ -150,11 +185,11 @@ def simulate(
             f"simulate: {method.method}.integrate must return a Solution, got "
             f"{short_repr(solution)}."
         )
-    description["t_end"] = float(times[-1])
-    solution = replace(solution, model=description, resume_warnings=tuple(resume_warnings))
-    solution, sentences = _collect_warnings(name, solution)
+    solution, sentences = _collect_warnings(name, describe(solution))
+    if solution.status.kind == "interrupted" and partial == "raise":
+        raise Interrupted(solution.status.sentence, solution, "simulate")
     for sentence in sentences:
-        warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
+        warnings.warn(sentence, BeamdaeWarning, stacklevel=3)
     return solution
 
 
@@ -344,6 +379,7 @@ def _collect_warnings(name: str, solution: Solution) -> tuple[Solution, tuple[st
         if solution.status.kind != "interrupted":
             sentences = solution.warnings
     except KeyboardInterrupt:
+        acknowledge()
         reason = f"interrupted at t = {solution.trajectory.end:.6g} s, while the run was checked"
         solution = replace(solution, status=Status("interrupted", reason))
     except (MemoryError, RuntimeError) as problem:

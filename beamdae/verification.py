@@ -12,6 +12,7 @@ from beamdae.beams.beam import Beam
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.integrators import GeneralizedAlpha, Ida, Integrator, Radau
 from beamdae.integrators.integrator import Progress, require_integrator
+from beamdae.interrupts import Interrupted, interruptible
 from beamdae.results.columns import Header, largest_of_kind, mark_resting_columns
 from beamdae.results.solution import Solution
 
@@ -104,6 +105,7 @@ class _SecondRun:
         return float(min(self.factor * correction, max(self.factor, _MAX_DIFFERENCE_FACTOR)))
 
 
+@interruptible
 def error_estimate(solution: Solution) -> pd.DataFrame:
     """Estimate the error of each observed column, including forces and reactions.
 
@@ -141,7 +143,7 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     ------
     BeamdaeError
         If `solution` is not a solution or does not contain its integrator.
-    KeyboardInterrupt
+    Interrupted
         If the second run is interrupted.
 
     Examples
@@ -170,7 +172,7 @@ def estimate_errors(solution: Solution, progress: Progress | None = None) -> Err
 
     Raises
     ------
-    BeamdaeError, KeyboardInterrupt
+    BeamdaeError, Interrupted
         See `error_estimate`.
     """
     columns = _estimate(solution, progress)
@@ -297,6 +299,7 @@ def _guaranteed_ratio(solution: Solution) -> float:
     return _ALLOWED_ERROR
 
 
+@interruptible
 def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
     """Verify a run by a second run with a different method and a tighter tolerance.
 
@@ -325,7 +328,7 @@ def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
     BeamdaeError
         If `solution` is not a solution or does not contain its integrator, or `by` is not an
         integrator.
-    KeyboardInterrupt
+    Interrupted
         If the second run is interrupted.
     """
     return _tabulate(solution, compare_methods(solution, by))
@@ -345,7 +348,7 @@ def compare_methods(
 
     Raises
     ------
-    BeamdaeError, KeyboardInterrupt
+    BeamdaeError, Interrupted
         See `verify`.
     """
     name, value = _require_own_integrator("verify", solution).accuracy
@@ -415,7 +418,7 @@ def _run_again(
         return None
     other = integrator.integrate(solution.equations, solution.t, progress)
     if other.status.kind == "interrupted":
-        raise KeyboardInterrupt
+        raise Interrupted(other.status.sentence)
     return other if other.status.success else None
 
 

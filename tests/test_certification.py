@@ -272,7 +272,7 @@ def test_an_interrupt_between_runs_returns_a_certificate(monkeypatch, name):
     # The second assembly precedes the second run, the first comparison follows it.
     _interrupt_call(monkeypatch, certification, name, 2 if name == "as_equations" else 1)
     with pytest.warns(bd.BeamdaeWarning, match="not certified; interrupted between two runs"):
-        result = bd.certify(double_pendulum(0.3), t_end=0.1)
+        result = bd.certify(double_pendulum(0.3), t_end=0.1, partial="return")
     assert result.status.kind == "interrupted"
     assert result.solution.status.success
     assert len(result.runs) == (1 if name == "as_equations" else 2)
@@ -293,9 +293,15 @@ def test_an_interrupted_run_returns_a_certificate_or_raises(monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         bd.certify(double_pendulum(0.3), t_end=0.1, progress=interrupt_run(1))
     with pytest.warns(bd.BeamdaeWarning, match="a run was not completed: interrupted"):
-        result = bd.certify(double_pendulum(0.3), t_end=0.1, progress=interrupt_run(2))
+        result = bd.certify(
+            double_pendulum(0.3), t_end=0.1, progress=interrupt_run(2), partial="return"
+        )
     assert result.status.kind == "interrupted"
     assert result.solution.t[-1] == 0.1
+    with pytest.raises(bd.Interrupted) as caught:
+        bd.certify(double_pendulum(0.3), t_end=0.1, progress=interrupt_run(2))
+    assert caught.value.partial.status == result.status
+    assert caught.value.solution.t[-1] == 0.1
 
 
 def test_repr_and_html_name_the_result(certificate):

@@ -2,18 +2,27 @@
 
 import doctest
 import importlib
+import inspect
 import pkgutil
 
 import pytest
 
 import beamdae
 
+
+class Finder(doctest.DocTestFinder):
+    """Finder that also searches decorated functions, whose globals are those of the decorator."""
+
+    def _from_module(self, module, object):
+        return super()._from_module(module, inspect.unwrap(object))
+
+
 MODULES = [m.name for m in pkgutil.walk_packages(beamdae.__path__, "beamdae.")]
 WITH_EXAMPLES = [
     name
     for name in MODULES
     if name != "beamdae.__main__"
-    and any(t.examples for t in doctest.DocTestFinder().find(importlib.import_module(name)))
+    and any(t.examples for t in Finder().find(importlib.import_module(name)))
 ]
 
 
@@ -24,6 +33,9 @@ def test_some_docstrings_have_examples():
 @pytest.mark.parametrize("name", WITH_EXAMPLES)
 def test_examples_of_module_return_what_they_print(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    results = doctest.testmod(importlib.import_module(name))
+    runner = doctest.DocTestRunner()
+    for test in Finder().find(importlib.import_module(name)):
+        runner.run(test)
+    results = runner.summarize()
     assert results.attempted
     assert results.failed == 0

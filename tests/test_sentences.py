@@ -174,6 +174,7 @@ TESTED_ELSEWHERE = {
     "BeamRange",
     "BeamdaeError",
     "BeamdaeWarning",
+    "Interrupted",
     "Campbell",
     "Case",
     "AnalysisCertificate",

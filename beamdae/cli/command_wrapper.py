@@ -16,6 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 from beamdae.cli import signals, streams
 from beamdae.cli.output import CommandOutput, print_error, use_output
 from beamdae.errors import BeamdaeError, short_repr
+from beamdae.interrupts import Interrupted, interruptible
 
 # Exit code of a usage or model error; a failed run ends with 1.
 USAGE_ERROR = 2
@@ -52,7 +53,7 @@ def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]
                 stack.enter_context(streams.redirect_output_to_stderr())
             if quiet:
                 stack.enter_context(warnings.catch_warnings(action="ignore"))
-            code = _run_to_exit_code(lambda: command(**options))
+            code = _run_to_exit_code(lambda: interruptible(command)(**options))
         if as_json:
             typer.echo(output.to_json(name, code))
         raise typer.Exit(code)
@@ -78,7 +79,7 @@ def _run_to_exit_code(command: Callable[[], None]) -> int:
     try:
         command()
     except KeyboardInterrupt as problem:
-        return _report_interrupt(str(problem))
+        return _report_interrupt(problem.reason if isinstance(problem, Interrupted) else "")
     except typer.Exit as problem:
         return problem.exit_code
     except Exception as problem:
@@ -97,8 +98,8 @@ def _run_to_exit_code(command: Callable[[], None]) -> int:
     return 0
 
 
-def _report_interrupt(place: str) -> int:
-    print_error(f"interrupted {place}".strip())
+def _report_interrupt(reason: str) -> int:
+    print_error(reason or "interrupted")
     return signals.exit_code()
 
 

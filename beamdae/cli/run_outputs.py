@@ -16,6 +16,7 @@ from beamdae.cli import signals
 from beamdae.cli.output import WrittenFiles, create_console, print_warnings, record_results
 from beamdae.cli.progress import show_run_progress
 from beamdae.errors import BeamdaeWarning
+from beamdae.interrupts import Interrupted, acknowledge
 
 if TYPE_CHECKING:
     from beamdae.model_functions import Model
@@ -85,6 +86,7 @@ class Run:
         except KeyboardInterrupt:
             if not self.files.paths:
                 raise
+            acknowledge()
             self.interrupted = True
 
 
@@ -118,10 +120,18 @@ def integrate_run(
                 raise KeyboardInterrupt
 
         try:
-            progress = partial(update, run.integrator.label)
-            return simulate(run.model, run.integrator, t_end, output_step, progress, *start)
+            return simulate(
+                run.model,
+                run.integrator,
+                t_end,
+                output_step,
+                partial(update, run.integrator.label),
+                *start,
+                partial="return",
+            )
         except KeyboardInterrupt:
-            raise KeyboardInterrupt("before the run started; nothing was written") from None
+            reason = "interrupted before the run started; nothing was written"
+            raise Interrupted(reason) from None
 
 
 def certify_run(
@@ -154,10 +164,19 @@ def certify_run(
 
         try:
             certificate = certify(
-                run.model, accuracy, None, t_end, output_step, start, time_limit, update
+                run.model,
+                accuracy,
+                None,
+                t_end,
+                output_step,
+                start,
+                time_limit,
+                update,
+                partial="return",
             )
         except KeyboardInterrupt:
-            raise KeyboardInterrupt("before a run was completed; nothing was written") from None
+            reason = "interrupted before a run was completed; nothing was written"
+            raise Interrupted(reason) from None
     run.certificate = certificate
     run.integrator = certificate.solution.made_by
     budget = certificate.budget_columns()
@@ -201,7 +220,7 @@ def estimate_errors(run: Run, solution: Solution, verify: bool, table: Path) -> 
             errors = verification.compare_methods(solution, progress=progress)
         else:
             errors = verification.estimate_errors(solution, progress)
-    # An interrupt ends the second run without an exception, as a limit does.
+    # The exception may have been swallowed, for example by a callback of other code.
     if signals.is_interrupted():
         return
     run.errors = errors

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import Any, NoReturn
 
+from beamdae.interrupts import Interrupted
+
 # From this number on, signals also interrupt blocks that defer interrupts.
 _FORCING_COUNT = 4
 # A signal within this time after an interrupt is ignored: the command is already ending.
@@ -18,14 +20,6 @@ _received_signals: list[int] = []
 _raise_times: list[float] = []
 # Argument `immediate` of each active `defer_interrupts`.
 _immediate_counts: list[int] = []
-
-
-class Interrupted(KeyboardInterrupt):
-    """Raised by Ctrl-C and SIGTERM instead of a plain KeyboardInterrupt.
-
-    If a plain KeyboardInterrupt passes through `exec`, as in a dataclass, Python ends the process
-    with a different exit code, even if the exception is caught.
-    """
 
 
 def install_handlers() -> None:

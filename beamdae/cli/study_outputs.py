@@ -16,6 +16,7 @@ from beamdae.cli.options import require_writable
 from beamdae.cli.output import WrittenFiles, create_console, print_error, print_written_files
 from beamdae.cli.progress import show_study_progress
 from beamdae.errors import BeamdaeError, require_positive
+from beamdae.interrupts import Interrupted, acknowledge
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
@@ -120,7 +121,9 @@ def run_and_write(
         _run_study(outputs, create_executor)
     except KeyboardInterrupt:
         if outputs.results is None:
-            raise KeyboardInterrupt(f"before any table was written; {_RESUME_HINT}") from None
+            reason = f"interrupted before any table was written; {_RESUME_HINT}"
+            raise Interrupted(reason) from None
+        acknowledge()
     results = outputs.results
     assert results is not None
     print_results(results)

@@ -18,6 +18,7 @@ from beamdae.integrators.method import Method
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.radau import Radau
 from beamdae.integrators.run_plan import RunPlan
+from beamdae.interrupts import Interrupted, acknowledge
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 
@@ -89,15 +90,22 @@ class Auto(AdaptiveIntegrator):
         try:
             pilot = replace(self, rtol=PILOT_RTOL)
             second = drive(limited, equations, times, self._radau, progress, pilot._radau)
-        except KeyboardInterrupt:
-            return replace(first, status=Status("interrupted", f"interrupted at {end}"))
-        if second.trajectory.end > first.trajectory.end:
-            note = f"Ida failed at {end}; the run was repeated by Radau"
-            settings = {**second.integrator, "time_limit": self.time_limit, "note": note}
-            return replace(second, made_by=self, integrator=settings)
-        # An interrupt ends the call, whichever run is longer.
-        is_interrupted = second.status.kind == "interrupted"
-        return replace(first, status=second.status) if is_interrupted else first
+        except KeyboardInterrupt as problem:
+            acknowledge()
+            longer, status = first, Status("interrupted", f"interrupted at {end}")
+            if isinstance(problem, Interrupted) and problem.partial is not None:
+                # An interrupt ends the call, whichever run is longer.
+                longer, status = self._longer_run(first, problem.partial), problem.partial.status
+            raise Interrupted(status.sentence, replace(longer, status=status)) from problem
+        return self._longer_run(first, second)
+
+    def _longer_run(self, first: Solution, second: Solution) -> Solution:
+        if second.trajectory.end <= first.trajectory.end:
+            return first
+        end = f"t = {first.trajectory.end:.6g} s"
+        note = f"Ida failed at {end}; the run was repeated by Radau"
+        settings = {**second.integrator, "time_limit": self.time_limit, "note": note}
+        return replace(second, made_by=self, integrator=settings)
 
     def _method_chooser(self, obstacles: list[MissingPackageError]) -> Callable[[RunPlan], Method]:
         """Return the function that chooses a method; it appends errors of Ida to `obstacles`."""

@@ -22,7 +22,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.integrators.events.event_detection import STEPS_PER_EVENT_CHECK, EventDetector
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
-from beamdae.integrators.limits import RunLimits, StallDetector
+from beamdae.integrators.limits import ProgressError, RunLimits, StallDetector
 from beamdae.integrators.method import (
     PROBE_SHARE,
     STEP_TOO_SMALL,
@@ -35,6 +35,7 @@ from beamdae.integrators.pilot_run import PILOT_LABEL, run_pilot
 from beamdae.integrators.redundant_constraints import remove_redundant, restore_reactions
 from beamdae.integrators.run_plan import RunPlan, plan_run
 from beamdae.integrators.step_history import OutOfMemoryError, RunSegment, StepHistory
+from beamdae.interrupts import Interrupted, acknowledge, attach_partial
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import REACHED_END, Status
@@ -86,6 +87,10 @@ def drive(
     ------
     BeamdaeError
         If the run cannot begin, for example because the model has no consistent start.
+    Interrupted
+        If the run is interrupted; with the solution as partial result.
+    Exception
+        Any exception of `progress`, with the solution as the attribute `partial`.
     """
     solution = None
     try:
@@ -99,8 +104,11 @@ def drive(
     except KeyboardInterrupt:
         if solution is None:
             raise
+        acknowledge()
         sentence = f"interrupted at t = {solution.trajectory.end:.6g} s, after the last step"
         solution = replace(solution, status=Status("interrupted", sentence))
+    if solution.status.kind == "interrupted":
+        raise Interrupted(solution.status.sentence, solution)
     return solution
 
 
@@ -139,7 +147,7 @@ def _drive(
         if pilot_on is not None and equations.scales is None:
             prepare_pilot = partial(prepare_run, method_on=pilot_on, label=PILOT_LABEL)
             plan, run, trajectory, status = run_pilot(plan, prepare_pilot, limits)
-        if status.kind != "interrupted":
+        if status.kind != "interrupted" and (run is None or run.progress_error is None):
             run = prepare_run(plan, limits, method_on)
             trajectory, status = run.execute()
     except KeyboardInterrupt:
@@ -149,7 +157,7 @@ def _drive(
     assert run is not None
     wall_time = clock.perf_counter() - run_began - compile_time
     amplitudes = {} if plan.amplitudes is None else {"amplitudes": plan.amplitudes.by_part}
-    return Solution(
+    solution = Solution(
         equations,
         trajectory,
         _output_times(times, trajectory.end, status),
@@ -170,6 +178,10 @@ def _drive(
         event_records=run.event_records,
         event_signs=run.event_signs,
     )
+    if run.progress_error is not None:
+        attach_partial(run.progress_error, solution)
+        raise run.progress_error
+    return solution
 
 
 class _RunInProgress:
@@ -196,6 +208,8 @@ class _RunInProgress:
         stops = self._detector is not None and self._detector.may_stop
         self._max_batch = STEPS_PER_EVENT_CHECK if stops else None
         self.steps = 0
+        # Exception that the user's function `progress` has raised.
+        self.progress_error: Exception | None = None
         # Ends of the unfinished intervals; events may add more.
         self._interval_ends = tuple(end for _, end in plan.intervals)
         self._segments: list[RunSegment] = []
@@ -223,9 +237,13 @@ class _RunInProgress:
             status = self._integrate_intervals()
         except KeyboardInterrupt:
             return self.report_interrupt()
+        except ProgressError as error:
+            self.progress_error = error.problem
+            status = self._failure(error)
         return self._collect(status)
 
     def report_interrupt(self) -> tuple[Trajectory, Status]:
+        acknowledge()
         sentence = f"interrupted at t = {self._history.end:.6g} s{self._label}"
         return self._collect(Status("interrupted", sentence))
 

@@ -85,6 +85,9 @@ class Integrator(ABC):
         ------
         BeamdaeError
             If the run cannot begin, for example because the model has no consistent start.
+        Interrupted
+            If Ctrl-C ends the run; with the solution as partial result. Integrators that do not use
+            `drive` may return a solution with the status "interrupted" instead.
         """
 
 

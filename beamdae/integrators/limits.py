@@ -5,7 +5,7 @@ from __future__ import annotations
 import time as clock
 from dataclasses import dataclass, field
 
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, format_exception
 from beamdae.integrators.integrator import Progress
 
 # Runs that would need more steps are rejected.
@@ -15,6 +15,14 @@ MAX_PLANNED_STEPS = 1e8
 # or 1e7 at the pace of the last 1e5 steps. These windows are longer than impacts and other short
 # stiff phases. Methods with expensive steps are checked more often.
 _STALL_WINDOWS = ((160, 1.6e6), (1600, 1.6e5))
+
+
+class ProgressError(Exception):
+    """Raised if the user's function `progress` raises an exception, `problem`."""
+
+    def __init__(self, problem: Exception) -> None:
+        super().__init__(f"progress failed: {format_exception(problem)}")
+        self.problem = problem
 
 
 @dataclass
@@ -84,7 +92,13 @@ class RunLimits:
         return count if self.max_steps is None else max(min(count, self.max_steps - steps), 1)
 
     def stop_reason(self, t: float, steps: int, steps_per_check: int) -> str | None:
-        """Return the reason to stop at time `t` [s] after `steps` steps, or None."""
+        """Return the reason to stop at time `t` [s] after `steps` steps, or None.
+
+        Raises
+        ------
+        ProgressError
+            If `progress` raises an exception.
+        """
         if self.max_steps is not None and steps >= self.max_steps:
             return f"reached max_steps = {self.max_steps}"
         if self.time_limit is not None and clock.perf_counter() - self.begin > self.time_limit:
@@ -95,8 +109,11 @@ class RunLimits:
                 return stall
         if self.progress is None or steps % steps_per_check:
             return None
+        try:
+            answer = self.progress(t)
+        except Exception as problem:
+            raise ProgressError(problem) from problem
         # Functions that update progress bars may return other objects.
-        answer = self.progress(t)
         return answer if isinstance(answer, str) else None
 
 

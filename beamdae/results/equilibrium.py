@@ -12,6 +12,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import require_count
+from beamdae.interrupts import interruptible
 from beamdae.results.columns import Header, merge_columns, select_columns
 from beamdae.results.diagnostics.beam_ranges import BeamRange, measure_beam_ranges
 from beamdae.results.displays import Plot, load_views
@@ -246,6 +247,7 @@ class Equilibrium:
         names += [f"lam.{multiplier.header}" for multiplier in e.multipliers]
         return pd.DataFrame(np.hstack([self.q, self.lam]), columns=names)
 
+    @interruptible
     def section_forces(self, beam: Any, s: Any = None) -> SectionForces:
         """Return the section forces of a beam at the end of the path.
 
@@ -260,6 +262,8 @@ class Equilibrium:
         ------
         BeamdaeError
             If the mechanism does not contain the beam, or an arc length is out of range.
+        Interrupted
+            If Ctrl-C ends the call.
         """
         at_rest = np.zeros_like(self.q[-1:])
         state = State(self.q[-1:], at_rest, at_rest, self.lam[-1:])

@@ -15,6 +15,7 @@ from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.building import add_observable
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError, require_finite, require_sequence, short_repr
+from beamdae.interrupts import interruptible
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.results.displays import Animation, Plot, load_views
@@ -200,6 +201,7 @@ class Solution(RunData, TimeSeries):
         """Animate the motion in a notebook or in a file, see `beamdae.animate`."""
         return load_views().animate(self, path, speed, frames, color, trail)
 
+    @interruptible
     def section_forces(self, beam: Any, t: Any = None, s: Any = None) -> SectionForces:
         """Return axial force, shear force and bending moment along a beam.
 
@@ -218,6 +220,8 @@ class Solution(RunData, TimeSeries):
         BeamdaeError
             If the mechanism does not contain the beam, the times do not ascend, or a time or an arc
             length is out of range.
+        Interrupted
+            If Ctrl-C ends the call.
         """
         return recover_section_forces(self, beam, t, s)
 

@@ -12,6 +12,7 @@ from typing import Any
 from beamdae.errors import BeamdaeError, require_iterable, short_repr
 from beamdae.integrators import GeneralizedAlpha, Ida, Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
+from beamdae.interrupts import PartialResult
 from beamdae.model_functions import Model
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import versions
@@ -107,10 +108,16 @@ class Case:
         return replace(self.model, parameters=self.model.complete(dict(self.parameters)))
 
     def solve(
-        self, t_end: float | None = None, output_step: float | None = None, progress: Any = None
+        self,
+        t_end: float | None = None,
+        output_step: float | None = None,
+        progress: Any = None,
+        *,
+        partial: PartialResult = "raise",
     ) -> Solution:
         """Run the case and return its solution; see `simulate` for parameters and errors."""
-        return simulate(self.configured(), self.integrator, t_end, output_step, progress)
+        model = self.configured()
+        return simulate(model, self.integrator, t_end, output_step, progress, partial=partial)
 
     def mechanism_fingerprint(self, digests: DigestCache | None = None) -> str:
         """Return a hash of what the equations depend on, except files that the model reads.

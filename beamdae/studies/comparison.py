@@ -9,7 +9,20 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from beamdae.errors import BeamdaeError, require_iterable, require_positive, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    require_choice,
+    require_iterable,
+    require_positive,
+    short_repr,
+)
+from beamdae.interrupts import (
+    PARTIAL_RESULTS,
+    Interrupted,
+    PartialResult,
+    acknowledge,
+    interruptible,
+)
 from beamdae.results.columns import require_column_names
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
@@ -23,6 +36,7 @@ from beamdae.studies.tasks import NOT_RUN, Outcome, describe_exception
 CaseProgress = Callable[[str, float], None]
 
 
+@interruptible
 def compare(
     cases: Iterable[Case],
     reference: Case | Solution | None = None,
@@ -30,6 +44,8 @@ def compare(
     t_end: float | None = None,
     output_step: float | None = None,
     progress: CaseProgress | None = None,
+    *,
+    partial: PartialResult = "raise",
 ) -> pd.DataFrame:
     """Run cases sequentially and tabulate their cost and quality, including failed runs.
 
@@ -50,6 +66,9 @@ def compare(
     progress
         Function that is called repeatedly with the label of the running case or reference and the
         simulated time [s].
+    partial
+        "return" to return the table so far if the call is interrupted, with rows of the status
+        "interrupted", instead of raising `Interrupted`.
 
     Returns
     -------
@@ -62,6 +81,9 @@ def compare(
     ------
     BeamdaeError
         If the reference fails, a column is unknown or constant, or an argument is invalid.
+    Interrupted
+        If Ctrl-C ends the call; `Interrupted.partial` is the table so far, or None before
+        the first case.
 
     Warns
     -----
@@ -91,6 +113,7 @@ def compare(
         raise BeamdaeError(
             f"compare: reference must be a Case or a Solution, got {short_repr(reference)}."
         )
+    require_choice("compare", "partial", partial, PARTIAL_RESULTS)
     columns = require_column_names("compare", columns)
     for name, value in (("t_end", t_end), ("output_step", output_step)):
         if value is not None:
@@ -110,20 +133,28 @@ def compare(
             end = case.model.t_end if t_end is None else t_end
             sampled = _sample_reference(reference, outcome, columns, end)
         rows.append(tabulate_case(case, case.group, outcome, sampled))
-    return assemble_case_table(rows)
+    table = assemble_case_table(rows)
+    if interrupted and partial == "raise":
+        raise Interrupted("interrupted", table, "compare")
+    return table
 
 
 def _run_case(
     case: Case, t_end: float | None, output_step: float | None, progress: CaseProgress | None
 ) -> Outcome:
     try:
-        solution = case.solve(t_end, output_step, _label_progress(progress, case.label))
+        solution = case.solve(
+            t_end, output_step, _label_progress(progress, case.label), partial="return"
+        )
     except KeyboardInterrupt:
+        acknowledge()
         return Outcome(Status("interrupted", "interrupted before the start"))
-    except BeamdaeError as problem:
-        return Outcome.failed(str(problem))
     except BaseException as problem:  # SystemExit included.
-        return Outcome.failed(describe_exception(problem))
+        if hasattr(problem, "partial"):
+            # Raised by `progress`, not by the model.
+            raise
+        is_described = isinstance(problem, BeamdaeError)
+        return Outcome.failed(str(problem) if is_described else describe_exception(problem))
     return Outcome(solution.status, collect_run_values(solution), tabulate_trajectory(solution))
 
 

@@ -119,8 +119,9 @@ def test_an_interrupt_of_the_repeated_run_is_reported(monkeypatch):
     for place in ("RadauStepper.advance", "RadauStepper.__init__"):
         with monkeypatch.context() as patch:
             patch.setattr(f"beamdae.integrators.radau.stepper.{place}", interrupt)
-            solution = bd.Auto(1e-4).integrate(as_equations("test", swing()), np.array([0.0, 0.5]))
-        assert solution.status.kind == "interrupted"
+            with pytest.raises(bd.Interrupted) as caught:
+                bd.Auto(1e-4).integrate(as_equations("test", swing()), np.array([0.0, 0.5]))
+        assert caught.value.solution.status.kind == "interrupted"
 
 
 def test_auto_is_the_default_integrator():

@@ -402,7 +402,9 @@ def test_interrupted_pilot_run_is_named_in_the_status():
     def interrupt(t):
         raise KeyboardInterrupt
 
-    solution = bd.simulate(hub_beam(elements=2), bd.Ida(1e-4), t_end=0.2, progress=interrupt)
+    with pytest.raises(bd.Interrupted) as caught:
+        bd.simulate(hub_beam(elements=2), bd.Ida(1e-4), t_end=0.2, progress=interrupt)
+    solution = caught.value.solution
     assert solution.status.kind == "interrupted"
     # The rows have the tolerance of the pilot run.
     assert "of the pilot run with rtol = 0.01" in solution.status.sentence

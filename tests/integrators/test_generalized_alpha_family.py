@@ -728,7 +728,9 @@ def test_interrupted_run_keeps_its_steps():
             raise KeyboardInterrupt
 
     integrator = replace(ADAPTIVE, rtol=1e-6)
-    solution = bd.simulate(PENDULUM.equations, integrator, 4.0, 0.01, progress=interrupt)
+    with pytest.raises(bd.Interrupted) as caught:
+        bd.simulate(PENDULUM.equations, integrator, 4.0, 0.01, progress=interrupt)
+    solution = caught.value.solution
     assert not solution.status.success
     assert "interrupted at t = " in solution.status.sentence
     assert 0.3 < solution.trajectory.end < 4.0

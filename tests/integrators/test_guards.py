@@ -311,7 +311,7 @@ class Once:
 @pytest.mark.parametrize("n", [1, 10])
 def test_interrupt_in_a_method_keeps_the_steps(integrator, owner, name, n, monkeypatch):
     monkeypatch.setattr(owner, name, Once(getattr(owner, name), n))
-    solution = bd.simulate(equations(law=SWITCHED), integrator, 1.0)
+    solution = bd.simulate(equations(law=SWITCHED), integrator, 1.0, partial="return")
     assert solution.status.kind == "interrupted"
     assert np.isfinite(solution.table().to_numpy()).all()
 
@@ -322,7 +322,7 @@ def test_interrupt_in_a_sksundae_callback_keeps_the_steps(name, n, monkeypatch):
     use_scikit_sundae(monkeypatch)
     method = getattr(SksundaeCallbacks, name)
     monkeypatch.setattr(SksundaeCallbacks, name, Once(method, n))
-    solution = bd.simulate(equations(law=SWITCHED), bd.Ida(), 1.0)
+    solution = bd.simulate(equations(law=SWITCHED), bd.Ida(), 1.0, partial="return")
     assert solution.status.kind == "interrupted"
     assert np.isfinite(solution.table().to_numpy()).all()
 
@@ -349,7 +349,9 @@ def test_interrupt_before_the_first_step_is_raised():
 
 
 def test_interrupt_during_compilation_keeps_the_pilot_run():
-    solution = run_interrupted_while_prepared(ball(), np.linspace(0.0, 1.0, 11), method=True)
+    with pytest.raises(bd.Interrupted) as caught:
+        run_interrupted_while_prepared(ball(), np.linspace(0.0, 1.0, 11), method=True)
+    solution = caught.value.solution
     assert solution.status.kind == "interrupted"
     assert "at t = 1 s of the pilot run" in solution.status.sentence
     assert len(solution.t) == 11
@@ -358,13 +360,17 @@ def test_interrupt_during_compilation_keeps_the_pilot_run():
 def test_interrupt_between_intervals_keeps_the_first_one(monkeypatch):
     whole = ConsistencySolver.require_continuous
     monkeypatch.setattr(ConsistencySolver, "require_continuous", Once(whole, 1))
-    solution = bd.simulate(equations(law=SWITCHED), bd.GeneralizedAlpha(step=0.01), 1.0)
+    with pytest.raises(bd.Interrupted) as caught:
+        bd.simulate(equations(law=SWITCHED), bd.GeneralizedAlpha(step=0.01), 1.0)
+    solution = caught.value.solution
     assert solution.status.sentence == "interrupted at t = 0.1 s"
 
 
 def test_interrupt_while_the_trajectory_is_built_keeps_the_rows(monkeypatch):
     monkeypatch.setattr(Trajectory, "__init__", Once(Trajectory.__init__, 1))
-    solution = bd.simulate(ball(), PrescribedSteps(lambda k: 0.01), 1.0)
+    with pytest.raises(bd.Interrupted) as caught:
+        bd.simulate(ball(), PrescribedSteps(lambda k: 0.01), 1.0)
+    solution = caught.value.solution
     assert solution.status.sentence == "interrupted at t = 1 s"
     assert len(solution.t) == 1001
 
@@ -375,7 +381,7 @@ def test_interrupt_while_a_run_is_checked_keeps_it(monkeypatch):
 
     monkeypatch.setattr(Solution, "warnings", property(interrupt))
     with pytest.warns(bd.BeamdaeWarning, match="not finished"):
-        solution = bd.simulate(ball(), PrescribedSteps(lambda k: 0.01), 1.0)
+        solution = bd.simulate(ball(), PrescribedSteps(lambda k: 0.01), 1.0, partial="return")
     assert solution.status.kind == "interrupted"
     assert solution.status.sentence == "interrupted at t = 1 s, while the run was checked"
 

@@ -337,7 +337,7 @@ def test_exception_in_the_jacobian_is_raised_by_the_run(problem, monkeypatch, ca
         raise problem
 
     monkeypatch.setattr(compiled_run, "propose_plans", raising)
-    solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.1)
+    solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.1, partial="return")
     kinds = {KeyboardInterrupt: "interrupted", MemoryError: "limited"}
     assert solution.status.kind == kinds[problem]
     assert capfd.readouterr() == ("", "")

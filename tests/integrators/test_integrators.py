@@ -271,7 +271,9 @@ def test_interrupted_run_keeps_its_steps(integrator):
     # Enough steps for several calls of progress.
     if integrator.accuracy.name == "rtol":
         integrator = replace(integrator, rtol=1e-7)
-    solution = bd.simulate(PENDULUM.equations, integrator, 4.0, 0.01, progress=interrupt)
+    with pytest.raises(bd.Interrupted) as caught:
+        bd.simulate(PENDULUM.equations, integrator, 4.0, 0.01, progress=interrupt)
+    solution = caught.value.solution
     assert not solution.status.success
     assert solution.status.kind == "interrupted"
     assert f"interrupted at t = {solution.trajectory.end:.6g} s" in solution.status.sentence

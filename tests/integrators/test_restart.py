@@ -57,7 +57,7 @@ def test_interrupted_run_continues():
             raise KeyboardInterrupt
 
     with pytest.warns(bd.BeamdaeWarning, match="interrupted"):
-        first = bd.simulate(pendulum(), bd.Ida(1e-7), 2.0, progress=stop)
+        first = bd.simulate(pendulum(), bd.Ida(1e-7), 2.0, progress=stop, partial="return")
     assert 0.5 < first.trajectory.end < 2.0
     later = bd.simulate(pendulum(), bd.Ida(1e-7), 2.0, start=first)
     assert later.status.sentence == "reached the end"
@@ -222,7 +222,7 @@ def test_end_of_a_failed_or_pilot_run_causes_a_warning(tmp_path):
     mech.add(bd.ForceLaw("pull", ends, pull))
     failed_run = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-3), 2.0)
     assert failed_run.status.kind == "failed"
-    stopped_pilot = bd.simulate(pendulum(), bd.Radau(), 2.0, progress=halted)
+    stopped_pilot = bd.simulate(pendulum(), bd.Radau(), 2.0, progress=halted, partial="return")
     for first, model in ((failed_run, mech), (stopped_pilot, pendulum())):
         path = first.checkpoint(tmp_path / "end.json")
         for start in (first, path):

@@ -238,7 +238,7 @@ def test_regression_unfinished_runs_warn_and_mark_their_files(run, progress, kin
     if kind == "interrupted":
         integrator = bd.Ida(1e-8)
     with pytest.warns(bd.BeamdaeWarning, match=rf"^simulate: the run was not finished \({kind}\)"):
-        solution = bd.simulate(model, integrator, 1.0, progress=progress)
+        solution = bd.simulate(model, integrator, 1.0, progress=progress, partial="return")
     assert solution.status.kind == kind
     path = solution.to_csv(tmp_path / "run.csv")
     assert path == tmp_path / "run.csv"

@@ -231,7 +231,7 @@ def test_an_interrupted_comparison_returns_all_rows():
         raise KeyboardInterrupt
 
     cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=1e-3))] * 2
-    table = bd.compare(cases, progress=interrupt)
+    table = bd.compare(cases, progress=interrupt, partial="return")
     assert list(table["status"]) == ["interrupted"] * 2
     first, second = table["reason"]
     assert first.startswith("interrupted at t = ")

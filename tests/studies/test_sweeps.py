@@ -243,7 +243,7 @@ def test_interrupted_sweep_resumes(tmp_path):
         if report.done == 2:
             raise KeyboardInterrupt
 
-    first = speeds(tmp_path, progress=stop)
+    first = speeds(tmp_path, progress=stop, partial="return")
     assert first.interrupted
     assert list(first.table["status"]) == ["ok", "ok", "interrupted"]
     resumed = []

@@ -13,6 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from beamdae.analysis.linear_dynamics.natural_modes import DECAY, Modes, modes
 from beamdae.analysis.linear_dynamics.steady_rotation import rotation
 from beamdae.errors import BeamdaeError, require_count, require_finite, require_sequence
+from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
 
 if TYPE_CHECKING:
@@ -78,6 +79,7 @@ class Campbell:
         return pd.DataFrame(columns)
 
 
+@interruptible
 def campbell(
     model: Any,
     speeds: Sequence[float],
@@ -113,6 +115,8 @@ def campbell(
     BeamdaeError
         If an argument is invalid, there is no steady rotation at one of the speeds, or the modes
         cannot be computed (see `modes`).
+    Interrupted
+        If Ctrl-C ends the call.
 
     Examples
     --------

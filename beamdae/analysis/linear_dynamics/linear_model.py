@@ -23,6 +23,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.starts.rank import RANK_TOLERANCE
 from beamdae.errors import BeamdaeError, require_finite, require_sequence, short_repr, suggest
+from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.model_functions import Model
@@ -137,6 +138,7 @@ class LinearModel:
 
 
 @single_threaded
+@interruptible
 def linearize(
     model: Any,
     about: Any = REFERENCE,
@@ -172,6 +174,8 @@ def linearize(
         If an argument is invalid, the state, an input or an output does not exist, an input is
         inactive or redundant, an output is a reaction while redundant constraints are removed, a
         coordinate has no inertia, or the model has more than 2000 coordinates.
+    Interrupted
+        If Ctrl-C ends the call.
 
     Examples
     --------

@@ -13,6 +13,7 @@ from beamdae.analysis.linear_dynamics.quadratic_eigenproblem import QuadraticPro
 from beamdae.analysis.linear_dynamics.steady_rotation import RotatingCoordinates
 from beamdae.analysis.linear_dynamics.symmetric_eigenproblem import SymmetricProblem, is_symmetric
 from beamdae.errors import BeamdaeError, require_choice, require_count, require_finite, short_repr
+from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
@@ -183,6 +184,7 @@ class Modes:
 
 
 @single_threaded
+@interruptible
 def modes(
     model: Any, about: Any = REFERENCE, n: int | None = 10, damping: bool = True, t: float = 0.0
 ) -> Modes:
@@ -226,6 +228,8 @@ def modes(
     BeamdaeError
         If an argument is invalid, the state does not exist, a coordinate has no inertia, or
         constraints are dependent and the model does not set `redundant="minimum norm"`.
+    Interrupted
+        If Ctrl-C ends the call.
 
     Examples
     --------

@@ -33,6 +33,13 @@ from beamdae.errors import (
 )
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
+from beamdae.interrupts import (
+    PARTIAL_RESULTS,
+    Interrupted,
+    PartialResult,
+    acknowledge,
+    interruptible,
+)
 from beamdae.model_functions import Model
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
@@ -61,6 +68,7 @@ _NOT_CONVERGED = "Newton's method does not converge; reduce step="
 _SHARP_TURN = "the curve turns too sharply for the steps; reduce step="
 
 
+@interruptible
 def frequency_response(
     model: Model,
     parameter: str,
@@ -73,6 +81,8 @@ def frequency_response(
     tolerance: float = DEFAULT_TOLERANCE,
     most_points: int = 400,
     begin: float = 0.0,
+    *,
+    partial: PartialResult = "raise",
 ) -> FrequencyResponse:
     """Follow a periodic motion of a model over the frequency of its loads or another parameter.
 
@@ -105,6 +115,9 @@ def frequency_response(
         Maximum number of points on the curve, at least 2.
     begin
         Time [s] at which periods begin.
+    partial
+        "return" to return the curve so far if the call is interrupted, with the status
+        "interrupted", instead of raising `Interrupted`.
 
     Returns
     -------
@@ -117,6 +130,9 @@ def frequency_response(
     BeamdaeError
         If an argument is invalid, `period` fails, loads or drivers are not periodic, parts are
         inactive, or events stop the run, switch parts or cause impacts.
+    Interrupted
+        If Ctrl-C ends the call; `Interrupted.partial` is the curve so far, which may be
+        empty.
 
     Warns
     -----
@@ -148,34 +164,50 @@ def frequency_response(
     max_step = require_positive(_NAME, "longest_step", longest_step)
     settle = require_count(_NAME, "settle", settle, 0, MAX_SETTLING_PERIODS)
     max_points = require_count(_NAME, "most_points", most_points, least=2)
-    points, status = _follow_curve(curve, settle, first_step, max_step, max_points)
+    require_choice(_NAME, "partial", partial, PARTIAL_RESULTS)
+    points: list[ResponsePoint] = []
+    try:
+        status = _follow_curve(curve, points, settle, first_step, max_step, max_points)
+    except KeyboardInterrupt:
+        acknowledge()
+        place = f"at {curve.describe(points[-1].parameter)}" if points else "before the first point"
+        status = Status("interrupted", f"interrupted {place}")
+    response = FrequencyResponse(parameter, tuple(points), status)
+    if status.kind == "interrupted" and partial == "raise":
+        raise Interrupted(status.sentence, response, _NAME)
     if not status.success:
-        warnings.warn(f"{_NAME}: {status.sentence}.", BeamdaeWarning, stacklevel=2)
-    return FrequencyResponse(parameter, points, status)
+        warnings.warn(f"{_NAME}: {status.sentence}.", BeamdaeWarning, stacklevel=3)
+    return response
 
 
 def _follow_curve(
-    curve: ResponseCurve, settle: int, first_step: float, max_step: float, max_points: int
-) -> tuple[tuple[ResponsePoint, ...], Status]:
+    curve: ResponseCurve,
+    points: list[ResponsePoint],
+    settle: int,
+    first_step: float,
+    max_step: float,
+    max_points: int,
+) -> Status:
+    """Append the points of the curve to `points`, and return the reason for its end."""
     step, (first, last) = first_step, curve.ends
     sign = 1.0 if last > first else -1.0
     point, reason = curve.first_point(settle)
     if point is None:
-        return (), Status("failed", reason)
-    points = [point.as_response_point(sign)]
+        return Status("failed", reason)
+    points.append(point.as_response_point(sign))
     while len(points) < max_points:
         next_point, reason = curve.next_point(point, step)
         if next_point is None:
             step *= _CUT_FACTOR
             if step < _MIN_STEP_RATIO * first_step:
-                return tuple(points), Status("failed", f"{curve.describe(point.value)}: {reason}")
+                return Status("failed", f"{curve.describe(point.value)}: {reason}")
             continue
         point = next_point
         points.append(point.as_response_point(sign))
         if sign * (point.value - last) >= 0.0:
-            return tuple(points), Status("ok", "reached the end of the range")
+            return Status("ok", "reached the end of the range")
         if sign * (point.value - first) < 0.0:
-            return tuple(points), Status("ok", "returned to the start of the range")
+            return Status("ok", "returned to the start of the range")
         if point.iterations <= _MAX_ITERATIONS_TO_GROW:
             step = min(step * _GROWTH_FACTOR, max_step)
         elif point.iterations >= _MIN_ITERATIONS_TO_SHRINK:
@@ -184,7 +216,7 @@ def _follow_curve(
         f"stopped at the maximum of {max_points} points at {curve.describe(point.value)}; "
         "increase most_points"
     )
-    return tuple(points), Status("limited", sentence)
+    return Status("limited", sentence)
 
 
 @dataclass(frozen=True, eq=False)

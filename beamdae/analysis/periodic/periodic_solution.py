@@ -21,6 +21,7 @@ from beamdae.analysis.periodic.shooting import (
 from beamdae.errors import BeamdaeWarning, require_count, require_finite, require_positive
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
+from beamdae.interrupts import interruptible
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import PeriodicMotion, floquet_multipliers, largest_modulus
 
@@ -35,6 +36,7 @@ _MAX_REFINEMENTS = 6
 _INTEGRATOR_LIMITED_DEVIATION = 1e-4
 
 
+@interruptible
 def periodic(
     model: Any,
     period: float,
@@ -83,6 +85,8 @@ def periodic(
     BeamdaeError
         If an argument is invalid, loads or drivers are not periodic, parts are inactive, or events
         stop the run, switch parts or cause impacts.
+    Interrupted
+        If Ctrl-C ends the call.
 
     Warns
     -----
@@ -133,7 +137,7 @@ def periodic(
             result.solution, period, multipliers, error_estimate, deviation, iterations, status
         )
     if not motion.status.success:
-        warnings.warn(f"periodic: {motion.status.sentence}.", BeamdaeWarning, stacklevel=2)
+        warnings.warn(f"periodic: {motion.status.sentence}.", BeamdaeWarning, stacklevel=3)
     return motion
 
 

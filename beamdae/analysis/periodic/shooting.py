@@ -15,6 +15,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.integrators import Integrator
 from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.redundant_constraints import remove_redundant
+from beamdae.interrupts import Interrupted
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations
 
@@ -114,6 +115,8 @@ class PeriodMap:
         count = periods * (_OUTPUT_TIMES - 1) + 1
         times = self.begin + self.period * np.linspace(0.0, periods, count)
         solution = self.integrator.integrate(equations, times)
+        if solution.status.kind == "interrupted":
+            raise Interrupted(solution.status.sentence)
         if not solution.status.success or solution.trajectory.end < times[-1]:
             run = "the run over a period" if periods == 1 else "the run to settle"
             raise IncompleteRunError(run, solution)

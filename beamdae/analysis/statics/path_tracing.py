@@ -34,6 +34,7 @@ from beamdae.errors import (
     require_sequence,
     short_repr,
 )
+from beamdae.interrupts import acknowledge
 from beamdae.results.equilibrium import CriticalPoint
 from beamdae.results.outcome import Status
 
@@ -208,10 +209,14 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             else EquilibriumPoint(system, points[-1].x, 0.0)
         )
         path = StagePath([begin])
-        if system.has_scaled_loads and is_last:
-            _follow_stage(corrector, path, settings, last_control)
-        elif system.has_scaled_loads:
-            _follow_stage(corrector, path, settings.for_earlier_stage(), LoadControl())
+        try:
+            if system.has_scaled_loads and is_last:
+                _follow_stage(corrector, path, settings, last_control)
+            elif system.has_scaled_loads:
+                _follow_stage(corrector, path, settings.for_earlier_stage(), LoadControl())
+        except KeyboardInterrupt:
+            acknowledge()
+            path.status = Status("interrupted", "interrupted")
         # A stage begins at the last point of the previous stage, which its first point replaces.
         first = len(points) - (k > 0)
         del points[first:], factors[first:]

@@ -10,7 +10,8 @@ import numpy as np
 from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.path_tracing import PathSettings, free_coordinate, trace_path
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeWarning, require_finite
+from beamdae.errors import BeamdaeWarning, require_choice, require_finite
+from beamdae.interrupts import PARTIAL_RESULTS, Interrupted, PartialResult, interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
@@ -26,6 +27,7 @@ _FRICTION_WARNING = (
 )
 
 
+@interruptible
 def equilibrium(
     model: Any,
     loads: Any = None,
@@ -36,6 +38,8 @@ def equilibrium(
     most_points: int = 500,
     t: float = 0.0,
     start: Any = None,
+    *,
+    partial: PartialResult = "raise",
 ) -> Equilibrium:
     """Compute static equilibria of a mechanism along a path of increasing loads.
 
@@ -83,6 +87,9 @@ def equilibrium(
     start
         Positions near which the path begins, by name as in `simulate`, or an `Equilibrium`, whose
         end is used. Defaults to the start of the model.
+    partial
+        "return" to return the path so far if the call is interrupted, with the status
+        "interrupted", instead of raising `Interrupted`.
 
     Returns
     -------
@@ -93,6 +100,9 @@ def equilibrium(
     ------
     BeamdaeError
         If the model or an argument is invalid, or no equilibrium is found at which the path begins.
+    Interrupted
+        If Ctrl-C ends the call; `Interrupted.partial` is the path so far, or None before
+        its first point.
 
     Warns
     -----
@@ -113,6 +123,7 @@ def equilibrium(
     >>> [(point.kind, round(point.factor, 6)) for point in path.critical]
     [('limit point', 3.019147)]
     """
+    require_choice(_NAME, "partial", partial, PARTIAL_RESULTS)
     information: dict[str, Any] = {}
     if isinstance(model, Model):
         information = {"name": model.name, "parameters": model.parameters}
@@ -141,11 +152,13 @@ def equilibrium(
             (_FRICTION_WARNING,) if has_friction else (),
             free_coordinate(equations, path.points[-1]),
         )
+    if result.status.kind == "interrupted" and partial == "raise":
+        raise Interrupted(result.status.sentence, result, _NAME)
     messages = list(result.warnings)
     if not result.status.success:
         messages.insert(0, f"{information.get('name', _NAME)}: {result.status.sentence}.")
     for message in messages:
-        warnings.warn(message, BeamdaeWarning, stacklevel=2)
+        warnings.warn(message, BeamdaeWarning, stacklevel=3)
     return result
 
 

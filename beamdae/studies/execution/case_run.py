@@ -79,7 +79,12 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
         for _ in range(task.repetitions):
             monitor = _LimitMonitor(task.limits, task.t_end)
             solution = simulate(
-                built.equations, task.case.integrator, task.t_end, task.output_step, monitor
+                built.equations,
+                task.case.integrator,
+                task.t_end,
+                task.output_step,
+                monitor,
+                partial="return",
             )
             solutions.append(solution)
             if not solution.status.success:

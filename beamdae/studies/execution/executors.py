@@ -10,10 +10,10 @@ from concurrent.futures import CancelledError
 from typing import Any, NamedTuple, Protocol
 
 from beamdae.errors import BeamdaeError, format_message, require_count, short_repr
+from beamdae.interrupts import DeferredInterrupts
 from beamdae.report.text import shorten_text
 from beamdae.results.outcome import Status
 from beamdae.studies.execution.case_run import run_task
-from beamdae.studies.execution.deferred_interrupts import DeferredInterrupts
 from beamdae.studies.execution.worker_processes import WorkerError, WorkerProcess, wait_for_workers
 from beamdae.studies.store.file_reads import clear_module_reads
 from beamdae.studies.tasks import Outcome, SerializedModels, Task, describe_exception

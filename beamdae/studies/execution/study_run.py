@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 
 from beamdae.errors import BeamdaeError, BeamdaeWarning
+from beamdae.interrupts import DeferredInterrupts, acknowledge
 from beamdae.results.columns import observed_columns, select_observed_columns
 from beamdae.results.outcome import Status
 from beamdae.results.storage.files import escape_table, write_bytes, write_text
@@ -19,7 +20,6 @@ from beamdae.studies.case import Case, DigestCache
 from beamdae.studies.case_summaries import summarize_cases, summarize_mesh_study
 from beamdae.studies.case_table import assemble_case_table, tabulate_case
 from beamdae.studies.definition import Study
-from beamdae.studies.execution.deferred_interrupts import DeferredInterrupts
 from beamdae.studies.execution.executors import Executor
 from beamdae.studies.execution.study_progress import ProgressCounter, StudyProgress
 from beamdae.studies.references import (
@@ -274,6 +274,7 @@ def _run_missing_tasks(
                 counter.report(f"{task.case.group}, {task.case.label}")
         interrupts.immediate = False
     except KeyboardInterrupt:
+        acknowledge()
         return True
     finally:
         interrupts.immediate = False

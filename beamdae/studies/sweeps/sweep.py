@@ -16,11 +16,13 @@ from beamdae.errors import (
     as_real,
     format_exception,
     is_valid_path,
+    require_choice,
     require_positive,
     short_repr,
 )
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import require_integrator
+from beamdae.interrupts import PARTIAL_RESULTS, Interrupted, PartialResult, interruptible
 from beamdae.model_functions import Model
 from beamdae.model_functions import model as create_model
 from beamdae.results.columns import require_column_names
@@ -62,30 +64,36 @@ class Sweep(ParameterStudy):
         other types.
     """
 
+    @interruptible
     def run(
         self,
         folder: str | Path | None = None,
         jobs: int | None = 1,
         scheduler: str | None = None,
         progress: Callable[[StudyProgress], None] | None = None,
+        *,
+        partial: PartialResult = "raise",
     ) -> SweepResults:
         """Run all cases that are not yet stored in `folder`.
 
         Parameters
         ----------
-        folder, jobs, scheduler, progress
+        folder, jobs, scheduler, progress, partial
             See `bd.sweep`.
 
         Raises
         ------
         BeamdaeError
             If an argument is invalid, a column does not exist, or `folder` cannot be written.
+        Interrupted
+            If Ctrl-C ends the sweep; `Interrupted.partial` contains the results so far.
 
         Warns
         -----
         BeamdaeWarning
             If runs were not successful or have warnings, or stored results are damaged.
         """
+        require_choice(self.name, "partial", partial, PARTIAL_RESULTS)
         serial = scheduler is None and as_real(jobs) == 1.0
         report_progress = _guard_progress(self.name, progress)
         path = None if folder is None else _require_folder(self.name, folder)
@@ -99,8 +107,10 @@ class Sweep(ParameterStudy):
         else:
             swept = create_sweep_results(run_study(self, path, executor, report_progress))
             swept.to_csv(path / TABLE_FILE)
+        if swept.interrupted and partial == "raise":
+            raise Interrupted("interrupted", swept, "run")
         for sentence in list_warnings(swept):
-            warnings.warn(sentence, BeamdaeWarning, stacklevel=3)
+            warnings.warn(sentence, BeamdaeWarning, stacklevel=4)
         return swept
 
     __call__ = run
@@ -196,6 +206,7 @@ def sweep(
     jobs: int | None = 1,
     scheduler: str | None = None,
     progress: Callable[[StudyProgress], None] | None = None,
+    partial: PartialResult = "raise",
 ) -> SweepResults: ...
 
 
@@ -213,6 +224,7 @@ def sweep(
     jobs: int | None = 1,
     scheduler: str | None = None,
     progress: Callable[[StudyProgress], None] | None = None,
+    partial: PartialResult = "raise",
 ) -> Any:
     """Run a model over values of its parameters; without `over`, return a decorator.
 
@@ -255,6 +267,9 @@ def sweep(
     progress
         Function that is called with a `StudyProgress` (`done`, `total`, `failed`, ...) at the start
         and after each run.
+    partial
+        "return" to return the results so far if the sweep is interrupted, with
+        `SweepResults.interrupted` set to True, instead of raising `Interrupted`.
 
     Returns
     -------
@@ -267,6 +282,9 @@ def sweep(
         If an argument is invalid, a parameter is unknown, has no values or values of the wrong
         type, a column does not exist, or `folder` cannot be written. If the model rejects a value,
         no error is raised; the row of the run contains the reason.
+    Interrupted
+        If Ctrl-C ends the sweep; `Interrupted.partial` contains the results so far. Call the sweep
+        again with the same `folder` to resume.
 
     Warns
     -----
@@ -303,11 +321,11 @@ def sweep(
     }
     if over is not None:
         definition = create_sweep(study_model, over, f"{study_model.name}_sweep", **options)
-        return definition.run(folder, jobs, scheduler, progress)
-    if (folder, jobs, scheduler, progress) != (None, 1, None, None):
+        return definition.run(folder, jobs, scheduler, progress, partial=partial)
+    if (folder, jobs, scheduler, progress, partial) != (None, 1, None, None, "raise"):
         raise BeamdaeError(
-            "sweep: folder, jobs, scheduler and progress are not arguments of the decorator; "
-            "pass them to the decorated sweep, or call sweep(model, over=...)."
+            "sweep: folder, jobs, scheduler, progress and partial are not arguments of the "
+            "decorator; pass them to the decorated sweep, or call sweep(model, over=...)."
         )
 
     def decorate(function: Callable[[], Over]) -> Sweep:

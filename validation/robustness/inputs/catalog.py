@@ -66,6 +66,7 @@ NOT_CALLABLE = {
     "BeamRange": "row of Solution.validity",
     "BeamdaeError": "exception",
     "BeamdaeWarning": "warning category",
+    "Interrupted": "raised by interrupts",
     "Campbell": "result of campbell",
     "Certificate": "result of certify",
     "Check": "result of check",

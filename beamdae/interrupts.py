@@ -1,0 +1,327 @@
+"""Interrupts of calls: Ctrl-C is always raised, with the partial result attached.
+
+Python raises KeyboardInterrupt between any two instructions of the main thread. If these belong to
+a function that C code calls (a callback of ctypes, a conversion of SWIG, a finalizer), the
+exception is discarded and the computation would continue. Public functions that may take long are
+therefore decorated by `interruptible`: while one of them runs, an interrupt is raised again until
+it ends the call, or until code that keeps partial results calls `acknowledge`.
+
+Interrupts during imports are raised after the import, because modules such as NumPy cannot be used
+in the same process after an incomplete import.
+"""
+
+from __future__ import annotations
+
+import _thread
+import functools
+import signal
+import sys
+import threading
+import time as clock
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from types import CodeType, FrameType, FunctionType
+from typing import Any, Literal, ParamSpec, Self, TypeVar, cast
+
+Parameters = ParamSpec("Parameters")
+Result = TypeVar("Result")
+
+# Treatment of the partial result of an interrupted call: raise `Interrupted` with it, or return it.
+PartialResult = Literal["raise", "return"]
+PARTIAL_RESULTS = ("raise", "return")
+
+# Time after which an interrupt that was discarded is raised again [s]; cleaning up takes less.
+_REPEAT_INTERVAL = 0.25
+# An import delays an interrupt by at most this time [s], because modules may be endless scripts.
+_MAX_IMPORT_TIME = 5.0
+_AFTER_LAST_STEP = "interrupted after the last step"
+_IMPORT_FILES = ("<frozen importlib._bootstrap>", "<frozen importlib._bootstrap_external>")
+# SIGTERM only if a handler raises KeyboardInterrupt, as on the command line.
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Interrupted(KeyboardInterrupt):
+    """Raised if Ctrl-C ends a call; contains the result computed so far.
+
+    Parameters
+    ----------
+    reason
+        Place of the interrupt, for example "interrupted at t = 0.3 s".
+    partial
+        The result computed so far.
+    call
+        Name of the public function that was interrupted.
+
+    Attributes
+    ----------
+    partial
+        Result computed so far: an object of the type that the call returns, or None if there is
+        none or the call has no partial results.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+    >>> ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    >>> try:
+    ...     solution = bd.simulate(mech, t_end=1.0)
+    ... except KeyboardInterrupt as interrupt:
+    ...     solution = interrupt.solution
+    """
+
+    # Unlike a plain KeyboardInterrupt, a subclass may pass through `exec`, as in a dataclass;
+    # otherwise, Python ends the process with a different exit code, even if it is caught.
+
+    def __init__(self, reason: str = "interrupted", partial: Any = None, call: str = "") -> None:
+        super().__init__(reason)
+        self.reason, self.partial, self.call = reason, partial, call
+        # True once it has been raised by the public function `call`, which another may have called.
+        self.has_ended_call = False
+
+    @property
+    def solution(self) -> Any:
+        """The partial result of a run; for a certificate, its solution. None if there is none."""
+        return getattr(self.partial, "solution", self.partial)
+
+    def __str__(self) -> str:
+        call = f"{self.call}: " if self.call else ""
+        hint = "" if self.partial is None else "; the result so far is the attribute `partial`"
+        return f"{call}{self.reason}{hint}"
+
+
+class _State:
+    """State of this process; only the main thread changes it, except `is_repetition`.
+
+    Attributes
+    ----------
+    pending
+        Unique object of an interrupt that has not ended its call yet, otherwise None.
+    is_repetition
+        True if the next signal repeats the pending interrupt.
+    import_deadline
+        Value of `time.monotonic` [s] after which imports are interrupted.
+    """
+
+    def __init__(self) -> None:
+        self.pending: object | None = None
+        self.is_repetition = False
+        self.import_deadline = 0.0
+
+
+_state = _State()
+
+
+def acknowledge() -> bool:
+    """Stop raising the pending interrupt, because the caller ends the call itself.
+
+    Call this function first where KeyboardInterrupt is caught to keep results. Return True if an
+    interrupt was pending; this tells a call whose interrupt was discarded that it was interrupted.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return False
+    was_pending, _state.pending = _state.pending is not None, None
+    return was_pending
+
+
+def attach_partial(problem: BaseException, partial: Any) -> None:
+    """Add the result computed so far to an exception, as the attributes of `Interrupted`."""
+    # Exceptions with `__slots__` may have no further attributes.
+    with suppress(AttributeError, TypeError):
+        vars(problem).update(partial=partial, solution=getattr(partial, "solution", partial))
+
+
+def interruptible(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
+    """Return the function such that no interrupt of a call is lost.
+
+    An interrupted call raises `Interrupted`. The function may raise it itself, with a partial
+    result and its name as `call`; partial results of other functions that it calls are removed.
+    """
+    name = function.__name__
+
+    @functools.wraps(function)
+    def call(*arguments: Parameters.args, **options: Parameters.kwargs) -> Result:
+        handlers = _replace_handlers()
+        try:
+            result = function(*arguments, **options)
+        except KeyboardInterrupt as problem:
+            acknowledge()
+            if (
+                isinstance(problem, Interrupted)
+                and problem.call == name
+                and not problem.has_ended_call
+            ):
+                problem.has_ended_call = True
+                raise
+            reason = problem.reason if isinstance(problem, Interrupted) else str(problem)
+            raise _end_call(name, reason) from problem
+        except Exception as problem:
+            if not acknowledge():
+                raise
+            # Other code converted the interrupt to a different exception.
+            raise _end_call(name) from problem
+        else:
+            if not acknowledge():
+                return result
+            if options.get("partial") == "return" and hasattr(result, "status"):
+                interrupted: Any = result
+                status = replace(interrupted.status, kind="interrupted", sentence=_AFTER_LAST_STEP)
+                return cast(Result, replace(interrupted, status=status))
+            raise _end_call(name, _AFTER_LAST_STEP, result)
+        finally:
+            _restore_handlers(handlers)
+
+    return call
+
+
+def _end_call(name: str, reason: str = "", partial: Any = None) -> Interrupted:
+    interrupt = Interrupted(reason or "interrupted", partial, name)
+    interrupt.has_ended_call = True
+    return interrupt
+
+
+def _call_code() -> CodeType:
+    """Return the code that all functions returned by `interruptible` share."""
+
+    def sample() -> None:
+        """Do nothing."""
+
+    return cast(FunctionType, interruptible(sample)).__code__
+
+
+def _replace_handlers() -> dict[int, Any]:
+    """Install the handler of this module, and return the handlers that it replaces."""
+    replaced: dict[int, Any] = {}
+    if threading.current_thread() is threading.main_thread():
+        if _state.pending is not None and not _is_in_call(sys._getframe(2)):
+            # An earlier call was interrupted while it returned.
+            _state.pending = None
+        for number in _SIGNALS:
+            previous = signal.getsignal(number)
+            # Signals that are ignored, or that end the process by default, are left unchanged.
+            if callable(previous) and not isinstance(previous, _SignalHandler):
+                replaced[number] = previous
+                signal.signal(number, _SignalHandler(previous))
+    return replaced
+
+
+def _restore_handlers(handlers: dict[int, Any]) -> None:
+    for number, handler in handlers.items():
+        # The call may have installed another handler.
+        if isinstance(signal.getsignal(number), _SignalHandler):
+            signal.signal(number, handler)
+
+
+@dataclass(frozen=True)
+class _SignalHandler:
+    """Handler that calls the previous one, and records the KeyboardInterrupt that it raises."""
+
+    previous: Callable[[int, FrameType | None], Any]
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Handle a signal, or the repetition of an interrupt."""
+        if _state.is_repetition:
+            _state.is_repetition = False
+            _repeat_interrupt(frame)
+            return
+        try:
+            self.previous(number, frame)
+        except KeyboardInterrupt:
+            is_first = _state.pending is None
+            _state.pending = token = object()
+            # Without a lock of `threading`, which the interrupted code may hold.
+            _thread.start_new_thread(_send_repetitions, (number, token))
+            if is_first and _is_importing(frame):
+                _state.import_deadline = clock.monotonic() + _MAX_IMPORT_TIME
+                return
+            raise
+
+
+def _repeat_interrupt(frame: FrameType | None) -> None:
+    """Raise the pending interrupt again, unless its call has ended."""
+    if _state.pending is None:
+        return
+    if not _is_in_call(frame):
+        _state.pending = None
+        return
+    if _is_importing(frame) and clock.monotonic() < _state.import_deadline:
+        return
+    raise Interrupted
+
+
+def _send_repetitions(number: int, token: object) -> None:
+    """Send the signal to the main thread until the interrupt is not pending any more."""
+    while True:
+        clock.sleep(_REPEAT_INTERVAL)
+        if _state.pending is not token:
+            return
+        # Another handler, which the call has installed, decides about its interrupts.
+        if isinstance(signal.getsignal(number), _SignalHandler):
+            _state.is_repetition = True
+            _send_to_main_thread(number)
+
+
+def _send_to_main_thread(number: int) -> None:
+    main = threading.main_thread().ident
+    if hasattr(signal, "pthread_kill") and main is not None:
+        # Also ends system calls that wait.
+        signal.pthread_kill(main, number)
+    else:
+        _thread.interrupt_main(signal.Signals(number))
+
+
+def _is_in_call(frame: FrameType | None) -> bool:
+    while frame is not None and frame.f_code is not _CALL_CODE:
+        frame = frame.f_back
+    return frame is not None
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    """Return True if the interrupted call, or the code outside of calls, imports a module."""
+    while frame is not None and frame.f_code is not _CALL_CODE:
+        if frame.f_code.co_filename in _IMPORT_FILES:
+            return True
+        frame = frame.f_back
+    return False
+
+
+_CALL_CODE = _call_code()
+
+
+class DeferredInterrupts:
+    """Record interrupts inside a `with` block of the main thread instead of raising them.
+
+    Attributes
+    ----------
+    received
+        True once an interrupt has arrived.
+    immediate
+        If True, the next interrupt is raised immediately and resets this flag. Set the flag
+        while no results can be lost.
+    """
+
+    def __init__(self) -> None:
+        self.received = self.immediate = False
+        self._previous_handlers: dict[int, Any] = {}
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            for number in _SIGNALS:
+                # Signals that are ignored, or that end the process by default, are left unchanged.
+                if callable(signal.getsignal(number)):
+                    self._previous_handlers[number] = signal.signal(number, self._receive)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._previous_handlers.items():
+            signal.signal(number, handler)
+
+    def _receive(self, number: int, frame: FrameType | None) -> None:
+        self.received = True
+        try:
+            self._previous_handlers[number](number, frame)
+        except KeyboardInterrupt:
+            if self.immediate:
+                self.immediate = False
+                raise
+            acknowledge()

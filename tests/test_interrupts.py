@@ -1,0 +1,355 @@
+"""Interrupts of calls: none is lost, and partial results are attached."""
+
+import ast
+import ctypes
+import importlib
+import signal
+import sys
+import textwrap
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae import interrupts
+from beamdae.integrators.integrator import AdaptiveIntegrator
+from beamdae.interrupts import Interrupted, interruptible
+
+# Discarded interrupts are raised again after a quarter of a second; a lost one needs a limit.
+_MAX_WAIT = 60.0  # s
+
+
+def pendulum(frequency=0.3, length=1.0):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.PointMass("bob", 1.0, at=(length, 0.0)))
+    mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
+    mech.add(bd.SpringDamper("air", mech.ground.at(0.0, -9.0), bob.point, 0.1, 0.5))
+    mech.add(bd.Force("load", bob.point, (bd.sine(1.0, frequency=frequency), 0.0)))
+    mech.observe("bob", bob.point)
+    return mech
+
+
+def send_interrupt():
+    signal.raise_signal(signal.SIGINT)
+
+
+@ctypes.CFUNCTYPE(ctypes.c_int)
+def discard_interrupt():
+    """Receive an interrupt where its exception is discarded."""
+    try:
+        send_interrupt()
+    except KeyboardInterrupt:
+        return 0
+    return 1
+
+
+class InterruptAt:
+    """Progress function that receives an interrupt in its call number `n`."""
+
+    def __init__(self, n, receive=send_interrupt):
+        self.calls, self.n, self.receive = 0, n, receive
+
+    def __call__(self, *_):
+        self.calls += 1
+        if self.calls == self.n:
+            self.receive()
+
+
+@pytest.mark.parametrize("integrator", [None, bd.Ida(), bd.Radau(), bd.GeneralizedAlpha(1e-3)])
+def test_an_interrupted_run_is_raised_with_its_solution(integrator):
+    """The run returned a solution, so that loops of the caller went on."""
+    with pytest.raises(Interrupted, match=r"^simulate: interrupted at t = ") as caught:
+        bd.simulate(pendulum(), integrator, 50.0, progress=InterruptAt(8))
+    solution = caught.value.solution
+    assert solution is caught.value.partial
+    assert solution.status.kind == "interrupted"
+    assert 0.0 < solution.trajectory.end < 50.0
+    assert solution.model["t_end"] == 50.0
+    assert np.isfinite(solution.table().to_numpy()).all()
+
+
+def test_an_interrupted_run_may_be_returned():
+    with pytest.warns(bd.BeamdaeWarning, match="interrupted"):
+        solution = bd.simulate(pendulum(), t_end=50.0, progress=InterruptAt(8), partial="return")
+    assert solution.status.kind == "interrupted"
+
+
+@pytest.mark.parametrize("value", ["both", True, None, 1])
+def test_other_treatments_of_partial_results_are_rejected(value):
+    with pytest.raises(bd.BeamdaeError, match=r"^simulate: partial must be .*raise"):
+        bd.simulate(pendulum(), t_end=1.0, partial=value)
+
+
+def test_a_loop_of_runs_ends():
+    """A fit ran on with truncated runs as data."""
+    runs = []
+
+    def run_all():
+        for length in (1.0, 2.0, 3.0):
+            progress = InterruptAt(8)
+            runs.append(bd.simulate(pendulum(length=length), t_end=20.0, progress=progress))
+
+    with pytest.raises(KeyboardInterrupt):
+        run_all()
+    assert runs == []
+
+
+def test_integrators_raise_interrupts():
+    equations = bd.equations_of_motion(pendulum())
+    with pytest.raises(Interrupted) as caught:
+        bd.Radau().integrate(equations, np.linspace(0.0, 50.0, 11), InterruptAt(8))
+    assert caught.value.solution.status.kind == "interrupted"
+
+
+@dataclass(frozen=True)
+class Truncating(AdaptiveIntegrator):
+    """Integrator of a user that returns interrupted runs."""
+
+    rtol: float = 1e-5
+    max_steps: int | None = None
+    time_limit: float | None = None
+    order = 5
+
+    def integrate(self, equations, times, progress=None):
+        try:
+            return bd.Radau().integrate(equations, times, InterruptAt(8))
+        except Interrupted as interrupt:
+            return interrupt.solution
+
+
+def test_interrupts_of_other_integrators_are_raised():
+    with pytest.raises(Interrupted) as caught:
+        bd.simulate(pendulum(), Truncating(), 50.0)
+    assert caught.value.solution.status.kind == "interrupted"
+    with pytest.raises(Interrupted) as caught:
+        bd.periodic(pendulum(), 1.0 / 0.3, Truncating())
+    assert caught.value.partial is None
+
+
+def test_an_interrupted_comparison_is_raised_with_its_table():
+    model = bd.model(t_end=20.0)(pendulum)
+    cases = [bd.Case(model, {"length": x}, bd.Radau()) for x in (1.0, 2.0)]
+    with pytest.raises(Interrupted, match="compare") as caught:
+        bd.compare(cases, progress=InterruptAt(8))
+    assert list(caught.value.partial["status"]) == ["interrupted"] * 2
+
+
+@pytest.mark.parametrize("partial", ["raise", "return"])
+def test_an_interrupted_sweep_has_its_results(partial, tmp_path):
+    def run():
+        over = {"length": [1.0, 2.0, 3.0]}
+        return bd.sweep(
+            pendulum, over, t_end=0.1, folder=tmp_path, progress=InterruptAt(3), partial=partial
+        )
+
+    if partial == "return":
+        results = run()
+    else:
+        with pytest.raises(Interrupted) as caught:
+            run()
+        results = caught.value.partial
+    assert results.interrupted
+    assert list(results.table["status"]) == ["ok", "ok", "interrupted"]
+    assert (tmp_path / "sweep.csv").exists()
+
+
+def interrupt_call(monkeypatch, owner, name, n):
+    """Send an interrupt in call number `n` of a function."""
+    function, interrupt = getattr(owner, name), InterruptAt(n)
+
+    def call(*arguments, **settings):
+        interrupt()
+        return function(*arguments, **settings)
+
+    monkeypatch.setattr(owner, name, call)
+
+
+@pytest.mark.parametrize("partial", ["raise", "return"])
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_an_interrupted_equilibrium_path_is_kept(monkeypatch, partial):
+    from beamdae.analysis.statics import continuation
+
+    interrupt_call(monkeypatch, continuation, "_take_step", 4)
+    if partial == "return":
+        path = bd.equilibrium(pendulum(), step=0.05, partial=partial)
+    else:
+        with pytest.raises(Interrupted, match=r"^equilibrium: interrupted") as caught:
+            bd.equilibrium(pendulum(), step=0.05)
+        path = caught.value.partial
+    assert path.status.kind == "interrupted"
+    assert len(path.q) > 1
+    assert 0.0 < path.factor < 1.0
+
+
+@pytest.mark.slow(reason="several periodic motions")
+def test_an_interrupted_frequency_response_keeps_its_points(monkeypatch):
+    from beamdae.analysis.periodic.periodic_continuation import ResponseCurve
+
+    model = bd.model(t_end=1.0)(pendulum)
+    interrupt_call(monkeypatch, ResponseCurve, "next_point", 3)
+    with pytest.raises(Interrupted, match=r"^frequency_response: interrupted at ") as caught:
+        bd.frequency_response(model, "frequency", (0.3, 0.35))
+    assert len(caught.value.partial.points) == 3
+
+
+@bd.model(t_end=1.0)
+def discarding(frequency=0.3):
+    """Return a pendulum, after the interrupt has been discarded and raised again."""
+    assert discard_interrupt() == 0
+    end = time.monotonic() + _MAX_WAIT
+    while time.monotonic() < end:
+        pass
+    return pendulum(frequency)
+
+
+ANALYSES = {
+    "simulate": bd.simulate,
+    "equilibrium": bd.equilibrium,
+    "modes": bd.modes,
+    "linearize": bd.linearize,
+    "periodic": lambda model: bd.periodic(model, 1.0 / 0.3, settle=0),
+    "check": bd.check,
+    "certify": bd.certify,
+    "certify_modes": bd.certify_modes,
+    "compare": lambda model: bd.compare([bd.Case(model)]),
+    "sweep": lambda model: bd.sweep(model, {"frequency": [0.3]}),
+}
+
+
+@pytest.mark.parametrize("analysis", ANALYSES.values(), ids=ANALYSES)
+def test_discarded_interrupts_end_every_analysis(analysis):
+    """Interrupts in callbacks of C code were printed and lost."""
+    with pytest.raises(Interrupted):
+        analysis(discarding)
+
+
+def test_an_interrupt_discarded_at_the_end_is_raised():
+    @interruptible
+    def compute():
+        discard_interrupt()
+        return 3
+
+    with pytest.raises(Interrupted, match="after the last step") as caught:
+        compute()
+    assert caught.value.partial == 3
+
+
+def test_an_interrupt_that_becomes_another_exception_is_raised():
+    @interruptible
+    def compute():
+        try:
+            send_interrupt()
+        except KeyboardInterrupt:
+            raise RuntimeError("a library failed") from None
+
+    with pytest.raises(Interrupted) as caught:
+        compute()
+    assert isinstance(caught.value.__cause__, RuntimeError)
+
+
+def test_partial_results_of_inner_calls_are_removed():
+    @interruptible
+    def compute():
+        return bd.simulate(pendulum(), t_end=9.0, progress=InterruptAt(8))
+
+    with pytest.raises(Interrupted, match=r"^compute: interrupted at t = ") as caught:
+        compute()
+    assert caught.value.partial is None
+
+
+def test_interrupts_after_a_call_are_not_repeated():
+    @interruptible
+    def compute():
+        send_interrupt()
+
+    with pytest.raises(Interrupted):
+        compute()
+    time.sleep(2.0 * interrupts._REPEAT_INTERVAL)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_handlers_of_the_user_are_called_and_restored():
+    received = []
+    before = signal.signal(signal.SIGINT, lambda number, _: received.append(number))
+    handler = signal.getsignal(signal.SIGINT)
+    try:
+
+        @interruptible
+        def compute():
+            send_interrupt()
+            return 3
+
+        assert compute() == 3
+        assert received == [signal.SIGINT]
+        assert signal.getsignal(signal.SIGINT) is handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_calls_in_other_threads_are_not_changed():
+    results = []
+    thread = threading.Thread(target=lambda: results.append(bd.simulate(pendulum(), t_end=0.1)))
+    thread.start()
+    thread.join()
+    assert results[0].status.success
+
+
+def test_imports_are_completed(tmp_path, monkeypatch):
+    """NumPy cannot be imported again after an interrupted import."""
+    source = """
+        import signal
+        signal.raise_signal(signal.SIGINT)
+        value = 3
+    """
+    (tmp_path / "interrupted_module.py").write_text(textwrap.dedent(source))
+    monkeypatch.syspath_prepend(tmp_path)
+
+    @interruptible
+    def compute():
+        return importlib.import_module("interrupted_module").value
+
+    with pytest.raises(Interrupted):
+        compute()
+    assert sys.modules.pop("interrupted_module").value == 3
+
+
+# The first call comes from the pilot run.
+@pytest.mark.parametrize("begin", [0.0, 0.5])
+@pytest.mark.parametrize("call", ["simulate", "compare"])
+def test_exceptions_of_progress_have_the_result_so_far(call, begin):
+    def fail(*arguments):
+        if arguments[-1] >= begin:
+            raise bd.BeamdaeError("the user stops")
+
+    model = bd.model(t_end=20.0)(pendulum)
+    calls = {
+        "simulate": lambda: bd.simulate(model, bd.Radau(), progress=fail),
+        "compare": lambda: bd.compare([bd.Case(model, {}, bd.Radau())], progress=fail),
+    }
+    with pytest.raises(bd.BeamdaeError, match=r"^the user stops$") as caught:
+        calls[call]()
+    solution = caught.value.solution
+    assert solution.status.sentence.endswith("progress failed: BeamdaeError: the user stops")
+    assert solution.trajectory.end > begin
+    assert solution.model["t_end"] == 20.0
+
+
+def test_interrupts_that_are_kept_are_acknowledged():
+    """Otherwise they would be raised again while the partial result is returned."""
+    package = Path(bd.__file__).parent
+    exempt = {"interrupts.py", "app.py", "__main__.py", "command_wrapper.py", "worker_processes.py"}
+    for path in package.rglob("*.py"):
+        if path.name in exempt:
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ExceptHandler) and "KeyboardInterrupt" in ast.unparse(
+                node.type or ast.Constant("")
+            ):
+                body = ast.unparse(ast.Module(node.body, []))
+                is_kept = not isinstance(node.body[-1], ast.Raise)
+                has_policy = "acknowledge()" in body or "report_interrupt" in body
+                assert has_policy or not is_kept, f"{path}:{node.lineno}"
