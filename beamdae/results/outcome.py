@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 # See `Status.kind`.
-Kind = Literal["ok", "limited", "interrupted", "failed"]
+Kind = Literal["ok", "limited", "interrupted", "failed", "not run"]
 
 
 @dataclass(frozen=True)
@@ -17,13 +17,17 @@ class Status:
     ----------
     kind
         "ok" if the run was completed, "limited" if a limit stopped it, "interrupted" if the
-        user stopped it, "failed" if the run could not continue.
+        user stopped it, "failed" if the run could not continue, and "not run" if processes or a
+        cluster failed before a result of the case was known.
     sentence
-        The reason why the run ended.
+        The reason why the run ended, in one line: line breaks become spaces.
     """
 
     kind: Kind
     sentence: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sentence", " ".join(str(self.sentence).split()))
 
     @property
     def success(self) -> bool:

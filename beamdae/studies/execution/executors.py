@@ -4,17 +4,29 @@ from __future__ import annotations
 
 import os
 import re
+import warnings
 from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import CancelledError
 from typing import Any, NamedTuple, Protocol
 
-from beamdae.errors import BeamdaeError, format_message, require_count, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    KernelWarning,
+    format_message,
+    require_count,
+    short_repr,
+)
 from beamdae.interrupts import DeferredInterrupts
 from beamdae.report.text import shorten_text
 from beamdae.results.outcome import Status
 from beamdae.studies.execution.case_run import run_task
-from beamdae.studies.execution.worker_processes import WorkerError, WorkerProcess, wait_for_workers
+from beamdae.studies.execution.worker_processes import (
+    WorkerError,
+    WorkerProcess,
+    WorkerStartError,
+    wait_for_workers,
+)
 from beamdae.studies.store.file_reads import clear_module_reads
 from beamdae.studies.tasks import Outcome, SerializedModels, Task, describe_exception
 
@@ -103,31 +115,41 @@ class LocalPool:
     """Runs tasks in local processes, by default one per core.
 
     If a process dies, only its task is affected; the task is run once more in another process.
-    Interrupts are raised between results, after all processes have been killed.
+    Interrupts are raised between results, after all processes have been killed. If the system
+    cannot start all processes, fewer are used; if it can start none, the tasks run in this process.
     """
 
     def __init__(self, workers: int | None = None) -> None:
         self.workers = workers or _count_cores()
+        # Number of processes that the system can run.
+        self._capacity = self.workers
 
     def run_tasks(self, tasks: Sequence[Task]) -> TaskResults:
         """Yield the result of each task in the order of completion."""
+        self._capacity = self.workers
         waiting = deque(_Attempt(task, 1) for task in tasks)
         workers: list[WorkerProcess[_Attempt]] = []
         results: list[TaskResult] = []
         models: SerializedModels = {}
         with DeferredInterrupts() as interrupts:
             try:
-                while waiting or any(worker.current for worker in workers):
+                while (waiting and self._capacity) or any(worker.current for worker in workers):
                     # Start the next tasks first, so that they run while the caller handles results.
                     yield from self._assign_tasks(waiting, workers, models)
                     yield from results
                     if interrupts.received:
                         raise KeyboardInterrupt
-                    results = list(_collect_outcomes(waiting, workers))
+                    results = list(self._collect_outcomes(waiting, workers))
                 yield from results
             finally:
                 for worker in workers:
                     worker.kill()
+        # A task that has ended a process could end this one.
+        for task, number in waiting:
+            if number > 1:
+                outcome = Outcome(Status("not run", "no process can be started for a second try"))
+                yield TaskResult(task, outcome, storable=False)
+        yield from SerialPool().run_tasks([task for task, number in waiting if number == 1])
 
     def _assign_tasks(
         self,
@@ -136,7 +158,7 @@ class LocalPool:
         models: SerializedModels,
     ) -> TaskResults:
         """Assign tasks to idle or new processes; yield results of unserializable tasks."""
-        while waiting and sum(worker.current is not None for worker in workers) < self.workers:
+        while waiting and sum(worker.current is not None for worker in workers) < self._capacity:
             attempt = waiting.popleft()
             task = attempt.task
             serialized = _serialize_task(task, models)
@@ -145,11 +167,61 @@ class LocalPool:
                 continue
             idle = [worker for worker in workers if worker.current is None]
             if not idle:
-                idle = [WorkerProcess()]
+                try:
+                    idle = [WorkerProcess()]
+                except WorkerStartError as problem:
+                    waiting.appendleft(attempt)
+                    self._reduce_capacity(len(workers), problem)
+                    return
                 workers += idle
             limit = task.limits.time
             time_limit = None if limit is None else task.repetitions * limit + _KILL_DELAY
             idle[0].start_task(attempt, serialized, time_limit)
+
+    def _reduce_capacity(self, count: int, problem: WorkerStartError) -> None:
+        """Use at most `count` processes from now on, and warn the first time."""
+        if self._capacity == self.workers:
+            warnings.warn(
+                f"study: not all of the {self.workers} worker processes can be started "
+                f"({problem}); the cases run in fewer processes or in the main process.",
+                KernelWarning,
+                stacklevel=2,
+            )
+        self._capacity = min(self._capacity, count)
+
+    def _collect_outcomes(
+        self, waiting: deque[_Attempt], workers: list[WorkerProcess[_Attempt]]
+    ) -> TaskResults:
+        """Yield the results of one poll interval, and kill processes past their deadline.
+
+        Exhaust this generator before handling the results, so that idle processes get new tasks
+        first.
+        """
+        busy = [worker for worker in workers if worker.current is not None]
+        for worker in wait_for_workers(busy, _POLL_INTERVAL):
+            assert worker.current is not None
+            task, number = worker.current
+            try:
+                outcome = worker.receive_outcome()
+                if outcome is not None:
+                    yield TaskResult(task, outcome, storable=True)
+            except (WorkerError, WorkerStartError) as problem:
+                workers.remove(worker)
+                worker.kill()
+                if isinstance(problem, WorkerStartError):
+                    waiting.appendleft(_Attempt(task, number))
+                    self._reduce_capacity(len(workers), problem)
+                elif number < _MAX_ATTEMPTS:
+                    waiting.appendleft(_Attempt(task, number + 1))
+                else:
+                    reason = f"the process died {number} times; the last process {problem}"
+                    yield TaskResult(task, Outcome.failed(reason), storable=False)
+        for worker in list(workers):
+            if worker.current is not None and worker.is_late:
+                workers.remove(worker)
+                worker.kill()
+                status = Status("limited", "killed because the run did not stop at the time limit")
+                yield TaskResult(worker.current.task, Outcome(status), storable=True)
 
 
 def _serialize_task(task: Task, models: SerializedModels) -> bytes | TaskResult:
@@ -159,35 +231,6 @@ def _serialize_task(task: Task, models: SerializedModels) -> bytes | TaskResult:
     except Exception as problem:  # Pickling objects of a model can raise any error.
         reason = f"the task cannot be serialized: {describe_exception(problem)}"
         return TaskResult(task, Outcome.failed(reason), storable=False)
-
-
-def _collect_outcomes(
-    waiting: deque[_Attempt], workers: list[WorkerProcess[_Attempt]]
-) -> TaskResults:
-    """Yield the results of one poll interval, and kill processes past their deadline.
-
-    Exhaust this generator before handling the results, so that idle processes get new tasks first.
-    """
-    busy = [worker for worker in workers if worker.current is not None]
-    for worker in wait_for_workers(busy, _POLL_INTERVAL):
-        assert worker.current is not None
-        task, number = worker.current
-        try:
-            yield TaskResult(task, worker.receive_outcome(), storable=True)
-        except WorkerError as problem:
-            workers.remove(worker)
-            worker.kill()
-            if number < _MAX_ATTEMPTS:
-                waiting.appendleft(_Attempt(task, number + 1))
-            else:
-                reason = f"the process died {number} times; the last process {problem}"
-                yield TaskResult(task, Outcome.failed(reason), storable=False)
-    for worker in list(workers):
-        if worker.current is not None and worker.is_late:
-            workers.remove(worker)
-            worker.kill()
-            status = Status("limited", "killed because the run did not stop at the time limit")
-            yield TaskResult(worker.current.task, Outcome(status), storable=True)
 
 
 class DaskPool:

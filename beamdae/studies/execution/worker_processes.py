@@ -1,4 +1,7 @@
-"""Worker processes that run one serialized task at a time; a crash ends only the current task."""
+"""Worker processes that run one serialized task at a time; a crash ends only the current task.
+
+A worker process ends as soon as the process that started it has ended, in whatever way.
+"""
 
 from __future__ import annotations
 
@@ -6,25 +9,36 @@ import os
 import pickle
 import signal
 import sys
+import threading
 import time as clock
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing import connection as connections
-from multiprocessing import get_context, resource_tracker
-from multiprocessing.connection import Connection
 from types import ModuleType
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from beamdae.errors import format_message
 from beamdae.studies.execution.case_run import run_task
 from beamdae.studies.tasks import Outcome
 
+# The package multiprocessing is imported inside functions, because browsers do not have it.
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
 _EXIT_CODE_TIMEOUT = 1.0  # maximum time for a process to end after closing its connection [s]
+# File descriptors that must be free before a process is started, in which about as many files are
+# open. Starting a process takes 6, and the rest is left to imports and result files.
+_FREE_DESCRIPTORS = 16
+_READY = b""  # first message of a process; any other message is the reason why it cannot start
 
 Label = TypeVar("Label")
 
 
 class WorkerError(Exception):
     """Raised if a worker process ends before its task; the message states how it ended."""
+
+
+class WorkerStartError(Exception):
+    """Raised if a worker process cannot be started; the message gives the reason."""
 
 
 class WorkerProcess(Generic[Label]):
@@ -36,16 +50,22 @@ class WorkerProcess(Generic[Label]):
         Label of the running task; None if the process is idle.
     deadline
         Value of `time.monotonic` [s] by which the task must end; None means no limit.
+
+    Raises
+    ------
+    WorkerStartError
+        If the system has no multiprocessing, or a limit on processes or open files is reached.
     """
 
     def __init__(self) -> None:
-        context = get_context("spawn")
-        self._connection, worker_connection = context.Pipe()
-        self._process = context.Process(
-            target=_serve_tasks, args=(worker_connection,), name="beamdae worker"
-        )
-        with _block_interrupts(), _hide_main_module(), worker_connection:
-            self._process.start()
+        try:
+            _require_descriptors()
+            self._connection, self._process = _start_process()
+        except OSError as problem:
+            raise WorkerStartError(problem.strerror or format_message(problem)) from problem
+        except (ImportError, RuntimeError) as problem:
+            raise WorkerStartError(format_message(problem)) from problem
+        self._is_ready = False
         self.current: Label | None = None
         self.deadline: float | None = None
 
@@ -62,11 +82,15 @@ class WorkerProcess(Generic[Label]):
         """True if the task has exceeded its deadline."""
         return self.deadline is not None and clock.monotonic() > self.deadline
 
-    def receive_outcome(self) -> Outcome:
-        """Return the outcome of the task; the process is idle afterwards.
+    def receive_outcome(self) -> Outcome | None:
+        """Return the outcome of the task, after which the process is idle.
+
+        The first message of a process reports its start; the result is then None.
 
         Raises
         ------
+        WorkerStartError
+            If the process ended before it could run tasks.
         WorkerError
             If the process ended without an outcome.
         """
@@ -74,10 +98,17 @@ class WorkerProcess(Generic[Label]):
             # Child processes may keep the other end of the connection open.
             self._kill_group()
         try:
-            outcome = pickle.loads(self._connection.recv_bytes())
+            message = self._connection.recv_bytes()
         except (EOFError, OSError):
             self._process.join(timeout=_EXIT_CODE_TIMEOUT)
-            raise WorkerError(_describe_exit(self._process.exitcode)) from None
+            error = WorkerError if self._is_ready else WorkerStartError
+            raise error(_describe_exit(self._process.exitcode)) from None
+        if not self._is_ready:
+            if message != _READY:
+                raise WorkerStartError(message.decode())
+            self._is_ready = True
+            return None
+        outcome = pickle.loads(message)
         self.current = self.deadline = None
         assert isinstance(outcome, Outcome)
         return outcome
@@ -105,10 +136,53 @@ class WorkerProcess(Generic[Label]):
 def wait_for_workers(
     workers: list[WorkerProcess[Label]], timeout: float
 ) -> list[WorkerProcess[Label]]:
-    """Return the workers that send an outcome or die within `timeout` [s]."""
+    """Return the workers that send a message or die within `timeout` [s]."""
+    if not workers:
+        return []
+    from multiprocessing import connection as connections
+
     handles = [handle for worker in workers for handle in worker.handles]
     ready = connections.wait(handles, timeout=timeout)
     return [worker for worker in workers if any(handle in ready for handle in worker.handles)]
+
+
+def _start_process() -> tuple[Connection, Any]:
+    """Start a process that serves tasks; return the connection to it and the process."""
+    from multiprocessing import get_context
+
+    context = get_context("spawn")
+    connection, worker_connection = context.Pipe()
+    process = context.Process(target=_serve_tasks, args=(worker_connection,), name="beamdae worker")
+    try:
+        with _block_interrupts(), _hide_main_module(), _one_blas_thread(), worker_connection:
+            process.start()
+    except BaseException:
+        connection.close()
+        raise
+    return connection, process
+
+
+def _require_descriptors() -> None:
+    """Raise OSError unless enough file descriptors are free to start and use a process."""
+    descriptors: list[int] = []
+    try:
+        while len(descriptors) < _FREE_DESCRIPTORS:
+            descriptors.append(os.open(os.devnull, os.O_RDONLY))
+    finally:
+        for descriptor in descriptors:
+            os.close(descriptor)
+
+
+@contextmanager
+def _one_blas_thread() -> Iterator[None]:
+    """Start processes in this block with one BLAS thread: runs use no more."""
+    is_set = "OPENBLAS_NUM_THREADS" in os.environ
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    try:
+        yield
+    finally:
+        if not is_set:
+            del os.environ["OPENBLAS_NUM_THREADS"]
 
 
 @contextmanager
@@ -117,6 +191,8 @@ def _block_interrupts() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    from multiprocessing import resource_tracker
+
     # Otherwise, Python starts the tracker with the first process and unblocks the signal.
     resource_tracker.ensure_running()
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -152,6 +228,15 @@ def _serve_tasks(connection: Connection) -> None:
     """Main function of a worker process: run tasks from the connection until it is closed."""
     _isolate_process()
     pid = os.getpid()
+    try:
+        threading.Thread(target=_exit_with_parent, daemon=True).start()
+        connection.send_bytes(_READY)
+    except RuntimeError as problem:
+        # No task may run without the thread: it could outlive its study by hours.
+        connection.send_bytes(format_message(problem).encode())
+        _exit_group()
+    except OSError:
+        _exit_group()
     while True:
         try:
             serialized = connection.recv_bytes()
@@ -190,6 +275,19 @@ def _isolate_process() -> None:
         # A character that cannot be encoded must not end a run.
         if stream is not None and hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
+
+
+def _exit_with_parent() -> None:
+    """Wait for the end of the process that started this one, then end this process group.
+
+    The parent holds the write end of a pipe that is open until it ends, even if it is killed.
+    """
+    from multiprocessing import parent_process
+
+    parent = parent_process()
+    assert parent is not None
+    parent.join()
+    _exit_group()
 
 
 def _exit_group() -> None:
