@@ -13,6 +13,7 @@ from tolerances.tolerance_case import relative_deviations
 
 import beamdae as bd
 from beamdae.verification import accuracy_warning
+from robustness.trial_class import TrialClass
 
 RTOL = 1e-4
 RUN_TIME_LIMIT = 20.0  # s
@@ -20,6 +21,7 @@ RUN_TIME_LIMIT = 20.0  # s
 MECHANISM_TIME_LIMIT = 300.0  # s
 SEED_COUNT = 200
 SAMPLE_SIZE = 10
+QUICK_SEED_COUNT = 3
 MAX_DEVIATION = 100.0  # over rtol; bd.verify allows two methods this difference
 MAX_ENERGY_IMBALANCE = 0.1  # relative to the energy exchanged
 # Seeds for which one method deviates more: undamped beams under a sudden load (see the README), and
@@ -45,7 +47,7 @@ class MechanismRow:
 
     seed: int
     integrator: str
-    status: str
+    ended: str
     reason: str
     imbalance: float
     apart: float
@@ -157,7 +159,10 @@ def find_run_complaint(
     return ""
 
 
-def row_of_lost_process(name: str, has_died: bool) -> MechanismRow:
-    """Return the row of a seed whose process died or exceeded its time limit."""
-    complaint = "it crashed" if has_died else "it hung"
-    return MechanismRow(int(name), "", "", "", np.nan, np.nan, "", np.nan, complaint)
+TRIALS = TrialClass(
+    "mechanisms",
+    collect=lambda: [str(seed) for seed in range(SEED_COUNT)],
+    attempt=try_seed,
+    time_limit=MECHANISM_TIME_LIMIT,
+    quick_size=QUICK_SEED_COUNT,
+)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from robustness.faults import (
@@ -17,6 +17,7 @@ from robustness.faults import (
 )
 from robustness.faults.bench import Bench, UnsupportedMachineError, WrongBehaviorError
 from robustness.isolation import ScratchFolder
+from robustness.trial_class import TrialClass, draw_sample
 
 THEMES = {
     "cache": cache,
@@ -27,6 +28,7 @@ THEMES = {
     "damaged studies": damaged_studies,
 }
 FAULT_TIME_LIMIT = 600.0  # s
+QUICK_FAULT_COUNT = 6
 
 
 @dataclass(frozen=True)
@@ -66,3 +68,18 @@ def try_fault(name: str) -> FaultRow:
             ended, complaint = "not right", f"{type(error).__name__}: {error}"
     right = " ".join((fault.__doc__ or "").split())
     return FaultRow(name, right, ended, complaint, round(time.perf_counter() - begin, 1))
+
+
+def _draw_faults(names: Sequence[str], size: int, seed: int) -> list[str]:
+    """Return a sample without the slow faults."""
+    return draw_sample([name for name in names if name in collect_faults(slow=False)], size, seed)
+
+
+TRIALS = TrialClass(
+    "faults",
+    collect=lambda: list(collect_faults()),
+    attempt=try_fault,
+    time_limit=FAULT_TIME_LIMIT,
+    quick_size=QUICK_FAULT_COUNT,
+    draw=_draw_faults,
+)

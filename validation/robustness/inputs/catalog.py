@@ -6,10 +6,13 @@ import inspect
 import random
 import re
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 import beamdae as bd
 from robustness.inputs.analysis_calls import (
@@ -38,7 +41,8 @@ from robustness.inputs.run_calls import (
 )
 from robustness.inputs.sandbox import Sandbox, WorkingCall
 from robustness.inputs.situations import situation_inputs
-from robustness.judge import TrialOutcome
+from robustness.judge import ACCEPTED_ENDS, TrialOutcome, escape_unprintable
+from robustness.trial_class import HOPELESS, TrialClass, draw_sample
 
 WORKING_CALLS: dict[str, WorkingCall] = (
     PART_CALLS
@@ -95,6 +99,9 @@ RESULT_CLASSES = frozenset(
 # Base classes for users; the arguments of their calls are members that a subclass overrides.
 USER_BASE_CLASSES = frozenset({"Integrator", "Part"})
 INPUT_TIME_LIMIT = 20.0  # s
+INPUT_COUNT = 10_000  # of a normal run
+QUICK_INPUT_COUNT = 300
+_MAX_CELL_LENGTH = 200  # characters
 _MAX_REPLACED_ENTRIES = 4  # bad values replace each entry of tuples and lists up to this length
 
 
@@ -190,3 +197,69 @@ def try_input_by_name(name: str) -> tuple[TrialOutcome, str]:
     if not _inputs_by_name:
         _inputs_by_name.update(collect_inputs())
     return try_input(_inputs_by_name[name])
+
+
+@dataclass(frozen=True)
+class InputRow:
+    """Row of a bad input; `seen` are its messages and output."""
+
+    place: str
+    value: str
+    ended: str
+    complaint: str
+    seen: str
+
+
+def attempt_input(name: str) -> InputRow:
+    """Try an input and return its row."""
+    outcome, complaint = try_input_by_name(name)
+    bad_input = _inputs_by_name[name]
+    seen = escape_unprintable(f"{outcome.text} {outcome.output}".strip()[:_MAX_CELL_LENGTH])
+    return InputRow(bad_input.place, bad_input.value, outcome.ended, complaint, seen)
+
+
+def _draw_inputs(names: Sequence[str], size: int, seed: int) -> list[str]:
+    """Return a sample that contains each value of each group if it is large enough."""
+    inputs = collect_inputs()
+    first = sample_inputs({name: inputs[name] for name in names}, seed)
+    if size <= len(first):
+        return draw_sample(first, size, seed)
+    rest = sorted(set(names) - set(first))
+    return first + draw_sample(rest, size - len(first), seed)
+
+
+def count_by_place(rows: pd.DataFrame) -> pd.DataFrame:
+    """Count rows of each place by outcome; each complaint gets a row with an example."""
+    table: list[dict[str, Any]] = []
+    ends = (*ACCEPTED_ENDS, HOPELESS)
+    for place, group in rows.groupby("place", sort=False):
+        ended = group["ended"].str.partition(":")[0].where(group["complaint"] == "", "not right")
+        counts = {kind: int((ended == kind).sum()) for kind in ends}
+        wrong = group[group["complaint"] != ""]
+        table.append({"place": place, "inputs": len(group), **counts, "not right": len(wrong)})
+        for complaint, same in wrong.groupby("complaint", sort=False):
+            values = ", ".join(same["value"])[:_MAX_CELL_LENGTH]
+            example = {"value": values, "complaint": complaint, "seen": same["seen"].iloc[0]}
+            table.append({"place": place, "not right": len(same), **example})
+    columns = ["place", "inputs", *ends, "not right"]
+    counted = pd.DataFrame(table, columns=[*columns, "value", "complaint", "seen"])
+    return counted.astype(dict.fromkeys(columns[1:], "Int64"))
+
+
+def _hopeless_reason(name: str) -> str:
+    if not _inputs_by_name:
+        _inputs_by_name.update(collect_inputs())
+    return _inputs_by_name[name].hopeless
+
+
+TRIALS = TrialClass(
+    "inputs",
+    collect=lambda: list(collect_inputs()),
+    attempt=attempt_input,
+    time_limit=INPUT_TIME_LIMIT,
+    quick_size=QUICK_INPUT_COUNT,
+    size=INPUT_COUNT,
+    draw=_draw_inputs,
+    tabulate=count_by_place,
+    hopeless=_hopeless_reason,
+)
