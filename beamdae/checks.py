@@ -14,6 +14,12 @@ from beamdae.analysis.linear_dynamics.symmetric_eigenproblem import (
 )
 from beamdae.beams.beam import Beam
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.part_warnings import (
+    idle_part_warnings,
+    sample_velocities,
+    start_inside_warnings,
+    supplied_energy_warnings,
+)
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.dependent_constraints import (
@@ -149,6 +155,9 @@ class Check:
         mechanism cannot be run, or the pilot run failed.
     problem
         Reason why the mechanism cannot be run, or "".
+    warnings
+        Sentences about parts that do nothing or never act, contacts that start inside a surface,
+        and laws that supply energy although they count as damping.
     """
 
     name: str
@@ -165,9 +174,12 @@ class Check:
     meshes: tuple[MeshAssessment, ...]
     prediction: RunPrediction | None
     problem: str
+    warnings: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         verdict = self.problem or "ready to run"
+        if self.warnings:
+            verdict += f"; {len(self.warnings)} warning{'s' * (len(self.warnings) > 1)}"
         return f"<Check of {self.name}: mobility {self.mobility}; {verdict}>"
 
     def _repr_html_(self) -> str:
@@ -258,6 +270,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         meshes=_assess_meshes(equations.mechanism),
         prediction=None,
         problem=problem,
+        warnings=_collect_warnings(equations, starter, time, end, state),
     )
     if equations.m <= _MAX_CONSTRAINTS:
         joints = analyze_constraint_rank(solver, time, q)
@@ -301,6 +314,23 @@ def _plan_start(equations: EquationsOfMotion, end: float) -> tuple[ConsistencySo
     except BeamdaeError as error:
         return ConsistencySolver(independent), None, problem or str(error)
     return run_plan.starter, run_plan.state, problem
+
+
+def _collect_warnings(
+    equations: EquationsOfMotion,
+    starter: ConsistencySolver,
+    time: Array,
+    end: float | None,
+    state: Any,
+) -> tuple[str, ...]:
+    """Return the warnings about single parts; `state` is the consistent start or None."""
+    sentences = [*idle_part_warnings(equations, 0.0, end)]
+    if state is not None:
+        sentences += start_inside_warnings(equations, starter.equations, time, state)
+        v = sample_velocities(equations, state.v)
+        times, q = (np.broadcast_to(x, (len(v), len(x))) for x in (time, state.q))
+        sentences += supplied_energy_warnings(equations, times, q, v)
+    return tuple(sentences)
 
 
 def _constraint_residuals(

@@ -14,6 +14,7 @@ from beamdae.parts.laws import Law
 from beamdae.symbolic.statements import (
     ConstraintStatement,
     ForceStatement,
+    Quantity,
     RangeStatement,
     Variable,
 )
@@ -33,6 +34,21 @@ class AttachedPart(NamedTuple):
 
     part: Part
     attachment: Attachment
+
+
+class SurfaceGap(NamedTuple):
+    """Distance from a surface that is negative inside the surface.
+
+    Attributes
+    ----------
+    quantity
+        Quantity with one column, the gap [m].
+    remedy
+        Clause of a message that tells how to start outside the surface.
+    """
+
+    quantity: Quantity
+    remedy: str
 
 
 class Part:
@@ -57,6 +73,10 @@ class Part:
     is_load: ClassVar[bool] = False
     # One of the keys of the table in `beamdae.report.scene.symbols`.
     symbol: ClassVar[str] = "marker"
+
+    # True if the forces depend only on the motion of the attachments relative to each other, so
+    # that a part between two points of one rigid body does nothing.
+    acts_between_attachments: ClassVar[bool] = False
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:
@@ -167,6 +187,11 @@ class Part:
     def facts(self) -> Mapping[str, float]:
         """Values that `beamdae check` reports for the part before a run, by name."""
         return {}
+
+    @property
+    def gaps(self) -> Sequence[SurfaceGap]:
+        """Gaps of penalty forces; a start deep inside a surface is reported."""
+        return ()
 
     @property
     def exerts_moments(self) -> bool:

@@ -5,7 +5,7 @@ This module does not import pandas, because importing pandas takes as long as a 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -14,6 +14,11 @@ import numpy as np
 
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.part_warnings import (
+    idle_part_warnings,
+    start_inside_warnings,
+    supplied_energy_warnings,
+)
 from beamdae.results.diagnostics.beam_ranges import BeamRange, measure_beam_ranges_of_run
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
 from beamdae.results.diagnostics.quality_warnings import quality_warnings
@@ -33,6 +38,7 @@ Array = np.ndarray
 
 # The columns of longer runs are thinned out before they are checked.
 _MAX_CHECKED_ROWS = 10_000
+_POWER_SAMPLES = 201  # times at which the power of user-written damping is evaluated
 
 
 @dataclass(frozen=True, repr=False)
@@ -156,8 +162,28 @@ class RunData:
             *self.resume_warnings,
             *filter(None, (self.start.warning, *beams)),
             *singularity_warnings(self.singular_positions),
+            *self._part_warnings(),
             *quality_warnings(self.equations, self._energy_ledger, checked.columns, checked.t),
         )
+
+    def _part_warnings(self) -> Iterator[str]:
+        """Yield warnings about parts that do nothing, start inside a surface or supply energy."""
+        first, equations = self.trajectory.intervals[0], self.equations
+        start, end = self.trajectory.start, self.trajectory.end
+        # A run that was stopped early does not show which parts act later.
+        yield from idle_part_warnings(equations, start, self.model.get("t_end", end))
+        if start == 0.0:
+            # A resumed run may start in the middle of an impact.
+            active, state = equations, State(*(x[0] for x in first.rows))
+            if first.configuration is not None:
+                active = first.configuration.equations
+            time = np.array([first.t[0], first.branch])
+            yield from start_inside_warnings(equations, active, time, state)
+        if end > start:
+            times, states = self.trajectory.at(np.linspace(start, end, _POWER_SAMPLES))
+            yield from supplied_energy_warnings(
+                equations, times, states.q, states.v, self._energy_ledger.energy.scale
+            )
 
     def summary(self) -> dict[str, Any]:
         """Return status, last time [s], statistics and quality as a flat dictionary."""

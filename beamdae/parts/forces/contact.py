@@ -23,7 +23,7 @@ from beamdae.parts.attachments import Attachment, require_angle, require_attachm
 from beamdae.parts.forces.smooth import positive_part, smooth_sign
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface, perpendicular
 from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE, Law, as_law
-from beamdae.parts.part import Part
+from beamdae.parts.part import Part, SurfaceGap
 from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import (
     SX,
@@ -185,6 +185,7 @@ class Contact(Part):
     """
 
     symbol = "contact"
+    acts_between_attachments = True
     name: str
     point: Attachment
     surface: LineSurface | CircleSurface
@@ -305,6 +306,11 @@ class Contact(Part):
         kind = _ContactForces(*self._law_arguments)
         values, data = FormulaExpression.of(kind, self._functions)
         return Quantity((Variable("N", "N"), Variable("T", "N")), self._pieces, values, data)
+
+    @property
+    def gaps(self) -> tuple[SurfaceGap, ...]:
+        """Gap of the contact, with the change that moves the point out of the surface."""
+        return (SurfaceGap(self.gap, self.surface.remedy),)
 
     @property
     def gap(self) -> Quantity:

@@ -259,6 +259,7 @@ class ForceElement(Part):
         If `name` is invalid, `a` or `b` is not an attachment, or neither can move.
     """
 
+    acts_between_attachments = True
     name: str
     a: Attachment
     b: Attachment

@@ -128,6 +128,15 @@ class LineSurface(_Surface):
         require_angle("LineSurface", self.on)
 
     @property
+    def remedy(self) -> str:
+        """Change that moves points inside the surface to its outside, for messages."""
+        x, y = (0.0 - component for component in self.direction)
+        return (
+            f"turn the direction of the line to ({x:g}, {y:g}), or move the point to the left side "
+            "of the line"
+        )
+
+    @property
     def numbers(self) -> tuple[float, ...]:
         """Left unit normal of the line."""
         x, y = self.direction
@@ -166,6 +175,15 @@ class CircleSurface(_Surface):
             self,
             radius=require_positive("CircleSurface", "radius", self.radius),
             side=require_choice("CircleSurface", "side", self.side, ("outside", "inside")),
+        )
+
+    @property
+    def remedy(self) -> str:
+        """Change that moves points inside the surface to its outside, for messages."""
+        other_side = "inside" if self.side == "outside" else "outside"
+        return (
+            f'set side="{other_side}", or move the point to where the distance from the center is '
+            f"{'more' if self.side == 'outside' else 'less'} than {self.radius:g} m"
         )
 
     @property

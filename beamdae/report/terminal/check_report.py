@@ -62,6 +62,8 @@ def describe_check(check: Any) -> Mapping[str, str]:
         facts["predicted cost"] = (
             f"about {p.steps:.1g} steps, {p.seconds:.1g} s ({p.method}), measured by {source}"
         )
+    for k, warning in enumerate(check.warnings, start=1):
+        facts["warning" if len(check.warnings) == 1 else f"warning {k}"] = warning
     facts["verdict"] = check.problem or "ready to run"
     return facts
 

@@ -1,0 +1,414 @@
+"""Warnings about parts that do nothing, never act, start inside a surface or supply energy.
+
+`check` reports them before a run, `Solution.warnings` after a run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from beamdae.equations.assembly.coordinate_map import (
+    CoordinateMap,
+    locate_attachments,
+    map_coordinates,
+)
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.rigid_motions import compute_rigid_motions
+from beamdae.errors import BeamdaeError
+from beamdae.linear.factorizations import SingularMatrixError
+from beamdae.parts.events import select_impacts, select_switches
+from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.part import Part, SurfaceGap
+from beamdae.symbolic.statements import ForceStatement, Local, Quantity, QuantityKernel
+
+Array = np.ndarray
+
+# Penetration that is rounding noise of the drawing, relative to the length of the mechanism.
+_MAX_ROUNDING_DEPTH = 1e-9
+# Static forces explain a penetration if the energy stored in the contact is at most this multiple
+# of their work over the penetration. In equilibrium, the ratio is 1 / (1 + exponent); levers and
+# wedges multiply forces.
+_MAX_STATIC_RATIO = 10.0
+# A contact also is explained if its force is balanced, up to this fraction of the acceleration that
+# it would cause alone, ...
+_MAX_IMBALANCE = 0.1
+# ... and the penetration is at most this fraction of the length of the mechanism: a point between
+# two reversed surfaces is balanced, too.
+_MAX_BALANCED_DEPTH = 0.05
+# Stored energies below this fraction of the kinetic energy change velocities by less than 0.1 %.
+_NEGLIGIBLE_ENERGY = 1e-6
+# At the center of a circle, the direction of the contact force is not defined: the force is smaller
+# than this fraction of stored energy / penetration.
+_MIN_DIRECTED_FORCE = 1e-3
+
+# Random positions of a body, at which the distances of attachments are compared.
+_RIGIDITY_SAMPLES = 4
+_RIGIDITY_TOLERANCE = 1e-9  # relative to the coordinates
+# Random velocities at which damping is evaluated before a run, relative to length / (1 s).
+_VELOCITY_SAMPLES = 16
+# Energy supplied by damping, relative to all energy that it or the run exchanges; less does not
+# change the motion noticeably.
+_MAX_SUPPLIED_SHARE = 1e-3
+_POWER_ROUNDING = 1e-9  # rounding errors of the damping, relative to the work of the whole law
+_SEED = 1
+
+
+def idle_part_warnings(
+    equations: EquationsOfMotion, start: float = 0.0, end: float | None = None
+) -> Iterator[str]:
+    """Yield one warning per part that exerts no force, or that no event can make act.
+
+    Parameters
+    ----------
+    equations
+        Equations of motion of a mechanism; those of a constrained system have no parts.
+    start, end
+        Time span of the run [s]. If `end` is None, only parts are reported that do nothing at any
+        time.
+    """
+    mechanism = equations.mechanism
+    if mechanism is None:
+        return
+    coordinates = map_coordinates(mechanism)
+    for part in mechanism.parts.values():
+        if coordinates.sizes[id(part)]:
+            continue
+        if _is_within_rigid_body(part, coordinates):
+            body = part.attachments[0].body.name
+            yield (
+                f"{part.name}: both ends are fixed to {body}, so the part does nothing; attach one "
+                "end to another body or to the ground."
+            )
+        else:
+            yield from _zero_force_warnings(part, mechanism, start, end)
+    yield from _switch_warnings(mechanism)
+
+
+def _zero_force_warnings(
+    part: Part, mechanism: Mechanism, start: float, end: float | None
+) -> Iterator[str]:
+    """Yield a warning if all forces of a part without coordinates and constraints are zero."""
+    statements = part.forces(mechanism.gravity)
+    if not statements or part.constraints():
+        return
+    breakpoints = sorted({b for law in part.laws for b in law.breakpoints})
+    if end is not None:
+        inside = [b for b in breakpoints if start < b < end]
+        branches = [0.5 * (a + b) for a, b in pairwise((start, *inside, end))]
+        if not all(_is_zero(statement, branches) for statement in statements):
+            return
+    later = [start, *(b for b in breakpoints if b > start)]
+    always = [*(0.5 * (a + b) for a, b in pairwise(later)), np.nextafter(later[-1], np.inf)]
+    if all(_is_zero(statement, always) for statement in statements):
+        # Loads that are always zero are inputs of linear models.
+        if not part.inputs:
+            yield (
+                f"{part.name}: the part exerts no force at any time; change its coefficients, "
+                "start or law, or remove the part."
+            )
+    elif end is not None:
+        yield (
+            f"{part.name}: the part exerts no force from t = {start:g} to {end:g} s; change its "
+            "start, speed or time law, or the end of the run."
+        )
+
+
+def _is_zero(statement: ForceStatement, branches: Sequence[float]) -> bool:
+    """Return True if the force of all copies is identically zero on these branches of its laws.
+
+    A force that happens to be zero at a random state is examined symbolically.
+    """
+    kernel = statement.kernel
+    x, evaluate = kernel.local, kernel.force_kernel.function
+    state = np.random.default_rng(_SEED).standard_normal(3 * x.size + x.n_multipliers)
+    for numbers in np.unique(statement.data, axis=1).T if x.data.numel() else [np.zeros(0)]:
+        for branch in branches if kernel.has_branches else branches[:1]:
+            time = np.array([branch, branch])
+            if np.any(evaluate(time, np.concatenate([state, numbers])).full()):
+                return False
+            symbols, values = [x.data, x.time[1]], [ca.DM(numbers), ca.DM(branch)]
+            (force,) = ca.substitute([kernel.force], symbols, values)
+            if not force.is_zero():
+                return False
+    return True
+
+
+def _is_within_rigid_body(part: Part, coordinates: CoordinateMap) -> bool:
+    """Return True if a part acts between points of one body whose distance cannot change."""
+    attachments = part.attachments
+    if not part.acts_between_attachments or len({id(x.body) for x in attachments}) != 1:
+        return False
+    random = np.random.default_rng(_SEED)
+    rows = coordinates.slice_of(attachments[0].body)
+    distances = []
+    for _ in range(_RIGIDITY_SAMPLES):
+        q = np.zeros(coordinates.n)
+        q[rows] = random.standard_normal(rows.stop - rows.start)
+        positions = locate_attachments(attachments, q, coordinates)
+        distances.append(np.linalg.norm(np.diff(positions, axis=0)))
+    size = 1.0 + max(distances)
+    return bool(np.ptp(distances) <= _RIGIDITY_TOLERANCE * size)
+
+
+def _switch_warnings(mechanism: Mechanism) -> Iterator[str]:
+    """Yield warnings about parts that are never activated and actions without effect."""
+    events = [*mechanism.events, *(x for part in mechanism.parts.values() for x in part.events)]
+    switches = [(event, switch) for event in events for switch in select_switches(event.do)]
+    activated = {name for _, switch in switches for name in switch.on}
+    deactivated = {name for _, switch in switches for name in switch.off}
+    for name in sorted(mechanism.inactive - activated):
+        yield (
+            f"{name}: the part is inactive from the start and no event activates it, so it never "
+            "acts; add an event with activate, or do not deactivate the part."
+        )
+    for event, switch in switches:
+        for name in switch.on:
+            if name not in deactivated | mechanism.inactive | {*switch.as_is}:
+                yield (
+                    f"{event.name}: {name} is always active, so its activation does nothing; "
+                    "deactivate the part first."
+                )
+        for name in switch.off:
+            if name in mechanism.inactive - activated:
+                yield (
+                    f"{event.name}: {name} is never active, so its deactivation does nothing; "
+                    "omit it, or do not deactivate the part at the start."
+                )
+    for event in events:
+        for impact in select_impacts(event.do):
+            joint = impact.on
+            if isinstance(joint, Part) and joint.name not in deactivated | mechanism.inactive:
+                yield (
+                    f"{event.name}: {joint.name} is always active, so an impact on it does nothing; "
+                    "deactivate the joint at the start."
+                )
+
+
+class _StatementValues(NamedTuple):
+    """Values of one statement: force on all coordinates (n,), energies (3,) and powers (2,)."""
+
+    force: Array
+    energies: Array
+    powers: Array
+
+
+def _evaluate_statement(
+    statement: ForceStatement, coordinates: CoordinateMap, time: Array, q: Array, v: Array
+) -> _StatementValues:
+    """Evaluate a statement without multipliers, at zero accelerations."""
+    kernel, count = statement.kernel, statement.count
+    operators = [coordinates.global_operator([piece]) for piece in statement.pieces]
+    function = kernel.balance_kernel.function
+    size, n_lam = kernel.local.size, kernel.local.n_multipliers
+    force, energies, powers = np.zeros(coordinates.n), np.zeros(3), np.zeros(2)
+    for copy in range(count):
+        blocks = [np.arange(x.shape[0]).reshape(count, -1)[copy] for x in operators]
+        rows = [x[block] for x, block in zip(operators, blocks, strict=True)]
+        local = [np.concatenate([x @ z for x in rows]) for z in (q, v)]
+        others = np.zeros(size + n_lam), statement.data[:, copy]
+        values = function(time, np.concatenate([*local, *others])).full().ravel()
+        first = 0
+        for x in rows:
+            force += x.T @ values[first : first + x.shape[0]]
+            first += x.shape[0]
+        energies += values[2 * size : 2 * size + 3]
+        powers += values[2 * size + 3 :]
+    return _StatementValues(force, energies, powers)
+
+
+class _Penetration(NamedTuple):
+    """Contact that starts inside its surface.
+
+    Attributes
+    ----------
+    part
+        The contact part.
+    gap
+        Gap that is negative, with its remedy.
+    depth
+        Penetration [m].
+    force
+        Generalized contact force, as a term of F, (n,).
+    energy
+        Energy stored in the contact [J].
+    """
+
+    part: Part
+    gap: SurfaceGap
+    depth: float
+    force: Array
+    energy: float
+
+
+def start_inside_warnings(
+    equations: EquationsOfMotion, active: EquationsOfMotion, time: Array, state: State
+) -> Iterator[str]:
+    """Yield one warning per contact that starts deeper inside a surface than statics explain.
+
+    Parameters
+    ----------
+    equations
+        Equations of all parts of a mechanism.
+    active
+        Equations of the active parts, without redundant constraints.
+    time, state
+        (t, branch), and the consistent state at the start of the run.
+    """
+    mechanism = equations.mechanism
+    if mechanism is None:
+        return
+    coordinates = map_coordinates(mechanism)
+    min_depth = _MAX_ROUNDING_DEPTH * equations.length
+    penetrations = []
+    for part in _active_parts(equations):
+        # `idle_part_warnings` reports parts within a rigid body.
+        for gap in () if _is_within_rigid_body(part, coordinates) else part.gaps:
+            depth = -_evaluate_gap(gap.quantity, coordinates, time, state)
+            if depth > min_depth:
+                terms = [
+                    _evaluate_statement(x, coordinates, time, state.q, state.v)
+                    for x in part.forces(mechanism.gravity)
+                ]
+                force = sum((x.force for x in terms), np.zeros(coordinates.n))
+                energy = float(sum(x.energies.sum() for x in terms))
+                penetrations.append(_Penetration(part, gap, depth, force, energy))
+    if penetrations:
+        solver = ConsistencySolver(active)
+        # F without the contacts that penetrate.
+        others = solver.force(time, state.q, state.v) - sum(x.force for x in penetrations)
+        motions = compute_rigid_motions(equations, state.q) * equations.position_scales[:, None]
+        static_force = float(np.sum(np.abs(motions.T @ others))) / equations.length
+        kinetic_energy = _kinetic_energy(solver, time, state)
+        for x in penetrations:
+            negligible = x.energy <= _NEGLIGIBLE_ENERGY * kinetic_energy
+            static = x.energy <= _MAX_STATIC_RATIO * static_force * x.depth
+            if negligible or static or _is_balanced(x, solver, time, state):
+                continue
+            yield (
+                f"{x.part.name}: {x.part.attachments[0]} starts {x.depth:.3g} m inside the "
+                f"surface, far deeper than at rest, and the contact releases {x.energy:.3g} J; "
+                f"{x.gap.remedy}."
+            )
+    for event in mechanism.events:
+        for impact in select_impacts(event.do):
+            if isinstance(impact.on, Quantity):
+                depth = -_evaluate_gap(impact.on.current, coordinates, time, state)
+                if depth > min_depth:
+                    yield (
+                        f"{event.name}: the gap of the impact starts at {-depth:.3g} m, inside the "
+                        "surface, where no impact occurs; reverse the surface, or move the body."
+                    )
+
+
+def _active_parts(equations: EquationsOfMotion) -> list[Part]:
+    """Return the parts that are active at the start of a run."""
+    assert equations.mechanism is not None
+    configurations = equations.configurations
+    inactive = frozenset() if configurations is None else configurations.initially_inactive
+    return [x for name, x in equations.mechanism.parts.items() if name not in inactive]
+
+
+def _evaluate_gap(
+    quantity: Quantity, coordinates: CoordinateMap, time: Array, state: State
+) -> float:
+    operator = coordinates.global_operator(quantity.pieces)
+    local = Local(operator.shape[0], len(quantity.data))
+    kernel = QuantityKernel(local, quantity.expression(local))
+    q, v = (operator @ x for x in (state.q, state.v))
+    return float(kernel.function(time[None], q, v, quantity.data, np.zeros(0))[0, 0])
+
+
+def _kinetic_energy(solver: ConsistencySolver, time: Array, state: State) -> float:
+    mass = solver.linearize_forces(time, state)[2]
+    return 0.5 * float(state.v @ (mass @ state.v))
+
+
+def _is_balanced(
+    penetration: _Penetration, solver: ConsistencySolver, time: Array, state: State
+) -> bool:
+    """Return True if a shallow contact hardly accelerates the mechanism along its force."""
+    x, equations = penetration, solver.equations
+    moment_free = np.abs(x.force) * equations.position_scales / equations.length
+    if x.depth > _MAX_BALANCED_DEPTH * equations.length:
+        return False
+    if np.max(moment_free) * x.depth < _MIN_DIRECTED_FORCE * x.energy:
+        return False
+    try:
+        alone = solver.mass_solver(time, state)(x.force)
+    except (BeamdaeError, SingularMatrixError):
+        return False
+    return abs(float(x.force @ state.a)) <= _MAX_IMBALANCE * abs(float(x.force @ alone))
+
+
+def supplied_energy_warnings(
+    equations: EquationsOfMotion, times: Array, q: Array, v: Array, exchanged_energy: float = 0.0
+) -> Iterator[str]:
+    """Yield one warning per part whose user-written damping supplies energy.
+
+    Parameters
+    ----------
+    equations
+        Equations of motion of a mechanism.
+    times
+        (t, branch) of states of a run, ascending, (k, 2) [s]; or equal times of arbitrary states.
+    q, v
+        Coordinates and velocities of these states, (k, n).
+    exchanged_energy
+        Energy exchanged in the run, but not less than its rounding noise [J].
+    """
+    mechanism = equations.mechanism
+    if mechanism is None:
+        return
+    coordinates = map_coordinates(mechanism)
+    is_run = bool(times[-1, 0] > times[0, 0])
+    weights = np.gradient(times[:, 0]) if is_run else np.ones(len(times))
+    for part in _active_parts(equations):
+        if coordinates.sizes[id(part)]:
+            continue
+        dissipated, work_rate = np.zeros(len(times)), np.zeros(len(times))
+        for statement in part.forces(mechanism.gravity):
+            if _has_checked_damping(statement):
+                powers = _dissipated_powers(statement, coordinates, times, q, v)
+                dissipated += powers[0]
+                work_rate += powers[1]
+        supplied = float(weights @ np.maximum(-dissipated, 0.0))
+        limits = (
+            _MAX_SUPPLIED_SHARE * float(weights @ np.abs(dissipated)),
+            _MAX_SUPPLIED_SHARE * exchanged_energy,
+            _POWER_ROUNDING * float(weights @ work_rate),
+        )
+        if supplied > max(limits):
+            amount = f"{supplied:.3g} J" if is_run else "energy at some velocities"
+            yield (
+                f"{part.name}: its law supplies {amount} although the law counts as damping; "
+                "check the signs of its rate terms."
+            )
+
+
+def _has_checked_damping(statement: ForceStatement) -> bool:
+    """Return True for user formulas; built-in damping is positive for all valid coefficients."""
+    kernel = statement.kernel
+    return not (kernel.reused or kernel.local.n_multipliers or kernel.powers[1].is_zero())
+
+
+def _dissipated_powers(
+    statement: ForceStatement, coordinates: CoordinateMap, times: Array, q: Array, v: Array
+) -> tuple[Array, Array]:
+    """Return the dissipated power and |force . velocity| of a statement [W], (k,) each."""
+    rows = [
+        _evaluate_statement(statement, coordinates, *row) for row in zip(times, q, v, strict=True)
+    ]
+    forces = np.array([x.force for x in rows])
+    return np.array([x.powers[1] for x in rows]), np.abs(np.sum(forces * v, axis=1))
+
+
+def sample_velocities(equations: EquationsOfMotion, v: Array) -> Array:
+    """Return random velocities around `v` (n,), at which `check` evaluates damping, (k, n)."""
+    random = np.random.default_rng(_SEED).standard_normal((_VELOCITY_SAMPLES, equations.n))
+    return v + random * equations.position_scales
