@@ -83,6 +83,13 @@ class ForceKernel:
         return ca.depends_on(self.force, self.local.time[1])
 
     @cached_property
+    def is_one_sided(self) -> bool:
+        """True if the force contains a maximum or minimum, such as the penetration of a contact."""
+        f = ca.Function("force", self.inputs, [self.force])
+        steps = range(f.n_instructions())
+        return any(f.instruction_id(k) in (ca.OP_FMAX, ca.OP_FMIN) for k in steps)
+
+    @cached_property
     def _stacked(self) -> SX:
         x = self.local
         return ca.vertcat(x.q, x.v, x.a, x.lam, x.data)
