@@ -3,7 +3,7 @@
 from functools import cache
 
 import pytest
-from robustness import mechanisms
+from robustness import mechanisms, starts
 from robustness.faults import catalog as fault_catalog
 from robustness.inputs import catalog as input_catalog
 from robustness.inputs.bad_input import MODEL_GROUPS
@@ -55,6 +55,11 @@ def test_bad_inputs_end_in_a_sentence(processes, group):
 @pytest.mark.parametrize("seed", SAMPLE_SEEDS)
 def test_methods_agree_on_random_mechanisms_or_warn(seed):
     assert not [row for row in mechanisms.try_seed(str(seed)) if row.complaint]
+
+
+@pytest.mark.parametrize("name", starts.TRIALS.sample(starts.QUICK_START_COUNT, SEED))
+def test_starts_inside_a_surface_are_reported_and_no_others(name):
+    assert not starts.try_start(name).complaint
 
 
 @pytest.mark.parametrize("name", list(fault_catalog.collect_faults(slow=False)))

@@ -12,6 +12,7 @@ from robustness.trial_class import TrialClass
 CLASSES = {
     "inputs": "robustness.inputs.catalog:TRIALS",
     "mechanisms": "robustness.mechanisms:TRIALS",
+    "starts": "robustness.starts:TRIALS",
     "faults": "robustness.faults.catalog:TRIALS",
 }
 
