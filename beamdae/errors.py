@@ -44,6 +44,25 @@ class MissingPackageError(BeamdaeError):
         self.reason = reason
 
 
+class FileContentError(BeamdaeError):
+    """Error in a file of results that is damaged, too large or of another kind.
+
+    Attributes
+    ----------
+    path
+        Path of the file.
+    problem
+        The message without the path of the file and without the remedy.
+    """
+
+    def __init__(self, path: Path, problem: str, remedy: str) -> None:
+        super().__init__(path, problem, remedy)
+        self.path, self.problem, self.remedy = path, problem, remedy
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.problem}; {self.remedy}."
+
+
 class BeamdaeWarning(UserWarning):
     """Warning that a result may be unreliable or incomplete."""
 

@@ -42,8 +42,14 @@ from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.results.storage.checkpoint import Checkpoint
 from beamdae.results.storage.files import require_file_path
-from beamdae.results.storage.packed_run import PackedRun
-from beamdae.results.storage.saved_run import SavedRun, read_saved_run, saved_run_from_arrays
+from beamdae.results.storage.reader import translate_field_errors
+from beamdae.results.storage.saved_run import (
+    KIND,
+    SavedRun,
+    packed_run_from_arrays,
+    read_saved_run,
+    saved_run_from_arrays,
+)
 
 _MAX_ROWS = 1e7  # in a result
 _DEFAULT_ROWS = 1000
@@ -252,20 +258,16 @@ def load(path: str | Path, model: Any = None) -> Solution | SavedRun:
     """
     file = require_file_path("load", path)
     arrays, content = read_saved_run(file)
-    equations = None if model is None else as_equations("load", model, AS_DRAWN)
-    if equations is not None and hash_model(equations) != content.get("identity"):
+    if model is None:
+        return saved_run_from_arrays(file, arrays, content)
+    equations = as_equations("load", model, AS_DRAWN)
+    if hash_model(equations) != content["identity"]:
         raise BeamdaeError(
             f"{file}: the file contains a run of a model with other parts or values; "
             "pass the model of this run, or omit the model to load only the tables."
         )
-    try:
-        if equations is None:
-            return saved_run_from_arrays(file, arrays, content)
-        return Solution.from_packed(equations, PackedRun(arrays, content["plain"]))
-    except (KeyError, TypeError, ValueError, IndexError):
-        raise BeamdaeError(
-            f"{file}: the saved run is damaged; simulate and save the run again."
-        ) from None
+    with translate_field_errors(file, KIND):
+        return Solution.from_packed(equations, packed_run_from_arrays(equations, arrays, content))
 
 
 def as_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:

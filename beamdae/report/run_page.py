@@ -14,7 +14,6 @@ from beamdae.report.terminal.responsive_table import ResponsiveTable
 from beamdae.results.columns import observed_columns
 from beamdae.results.event_records import format_event_times
 from beamdae.results.solution import Solution
-from beamdae.results.storage.files import versions
 
 _ID = "run"  # id of the only case and of its group
 _HASH_DIGITS = 12  # displayed digits of the equation hash, enough to distinguish runs
@@ -58,7 +57,7 @@ def build_run_page(
     return {
         "title": title,
         "subtitle": f"{method}: {status.sentence}",
-        "made": versions(),
+        "made": solution.versions,
         "notes": [*warnings, *solution.warnings],
         "groups": [{"id": _ID, "frames": export_run_frames(solution)}],
         "tables": tables,

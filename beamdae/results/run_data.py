@@ -31,6 +31,7 @@ from beamdae.results.diagnostics.start_changes import StartSummary, compare_star
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.provenance import describe_provenance, state_hash
+from beamdae.results.storage.files import versions as installed_versions
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.statements import Variable
 
@@ -56,6 +57,12 @@ class RunData:
     event_records: tuple[EventRecord, ...] = field(default=(), repr=False)
     event_signs: dict[str, int] = field(default_factory=dict, repr=False)
     resume_warnings: tuple[str, ...] = field(default=(), repr=False)
+    loaded_versions: dict[str, str] = field(default_factory=dict, repr=False)
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Versions of beamdae and of other packages that computed the run."""
+        return dict(self.loaded_versions or installed_versions())
 
     @property
     def label(self) -> str:
@@ -102,13 +109,7 @@ class RunData:
 
     def coordinate_table(self) -> tuple[list[str], Array]:
         """Return headers and rows (k, 1 + 2n + m): time, coordinates, velocities, multipliers."""
-        e = self.equations
-        columns = [
-            *e.coordinates,
-            *(coordinate.rate for coordinate in e.coordinates),
-            *(Variable(f"lam.{multiplier.name}", multiplier.unit) for multiplier in e.multipliers),
-        ]
-        headers = [measures.TIME, *(column.header for column in columns)]
+        headers = coordinate_headers(self.equations)
         return headers, np.hstack([self.t[:, None], self.q, self.v, self.lam])
 
     @cached_property
@@ -221,6 +222,7 @@ class RunData:
                 **dict(zip(measures.LEDGER_COLUMNS, ledger, strict=True)),
             },
             "equations": describe_provenance(self.equations),
+            "versions": self.versions,
             **further,
         }
 
@@ -236,3 +238,13 @@ class RunData:
     def _evaluate_rows(self, rows: Callable[..., Array]) -> Array:
         times, state = self._output
         return rows(times, *state)
+
+
+def coordinate_headers(equations: EquationsOfMotion) -> list[str]:
+    """Return the headers of `RunData.coordinate_table`."""
+    columns = [
+        *equations.coordinates,
+        *(coordinate.rate for coordinate in equations.coordinates),
+        *(Variable(f"lam.{x.name}", x.unit) for x in equations.multipliers),
+    ]
+    return [measures.TIME, *(column.header for column in columns)]

@@ -76,6 +76,9 @@ class Solution(RunData, TimeSeries):
         the value to be crossed, -1 if below, 0 if not known.
     resume_warnings
         Warnings about the earlier run that this run resumed.
+    loaded_versions
+        Package versions with which a run from a file or another process was computed. Empty if
+        this process has computed the run; `versions` returns them in any case.
     """
 
     def __repr__(self) -> str:

@@ -77,7 +77,7 @@ def _error_columns(outcome: Outcome, reference: Reference) -> dict[str, Any]:
         columns[f"error of {name}, rms"] = float(np.sqrt(np.mean(error[name] ** 2)))
     columns |= compute_event_errors(outcome.values, reference.events)
     if is_complete and (mismatch := describe_event_mismatch(outcome.values, reference.events)):
-        columns["warnings"] = " ".join(filter(None, [outcome.values["warnings"], mismatch]))
+        columns["warnings"] = " ".join(filter(None, [outcome.values.get("warnings"), mismatch]))
     return columns
 
 

@@ -17,6 +17,10 @@ WALL_TIME_COLUMN = "wall time [s]"
 # Extremes of repeated runs; `WALL_TIME_COLUMN` contains the median.
 MIN_WALL_TIME_COLUMN = "wall time min [s]"
 MAX_WALL_TIME_COLUMN = "wall time max [s]"
+MEASURING_TIME_COLUMN = "measuring time [s]"
+PEAK_MEMORY_COLUMN = "peak memory [GB]"
+REACHED_COLUMN = "reached [s]"
+SETTING_COLUMNS = ("formulation", "error control", "max order")
 # Columns of the case table and their keys in `Solution.summary`.
 COUNT_COLUMNS = {
     "steps": "steps",
@@ -41,11 +45,14 @@ def collect_run_values(solution: Solution) -> dict[str, Any]:
     """Return the cost, quality and events of a run, keyed by column of the case table."""
     summary = solution.summary()
     settings = solution.integrator
+    chosen = (
+        settings.get("formulation", "stabilized-index1"),
+        settings.get("error_control", ""),
+        settings.get("max_order"),
+    )
     return {
-        "reached [s]": summary["last_time"],
-        "formulation": settings.get("formulation", "stabilized-index1"),
-        "error control": settings.get("error_control", ""),
-        "max order": settings.get("max_order"),
+        REACHED_COLUMN: summary["last_time"],
+        **dict(zip(SETTING_COLUMNS, chosen, strict=True)),
         **{column: summary[name] for column, name in (COUNT_COLUMNS | MEASURE_COLUMNS).items()},
         "warnings": " ".join(solution.warnings),
         **collect_event_values(solution),
@@ -148,6 +155,16 @@ def describe_event_mismatch(values: Mapping[str, Any], reference: Mapping[str, A
 def is_event_count(column: str) -> bool:
     """Return True if a column of the case table contains event counts."""
     return column.startswith("event ") and column.endswith(", times")
+
+
+def is_event_time(column: str) -> bool:
+    """Return True if a column of the case table contains first times of an event."""
+    return column.startswith("event ") and column.endswith(", first [s]")
+
+
+def is_output(column: str) -> bool:
+    """Return True if a column of the case table contains values of an output of a sweep."""
+    return column.startswith(format_output_column(""))
 
 
 def _select_event_columns(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -149,13 +149,16 @@ def test_checkpoint_of_another_model_is_rejected(tmp_path):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (lambda record: record | {"version": 1}, "has version 1, but this beamdae reads version"),
-        (lambda record: record | {"version": 7}, "has version 7, but this"),
+        (lambda record: record | {"version": 1}, "version must be 3, got 1; run the model again"),
+        (lambda record: record | {"version": 7}, "version must be 3, got 7"),
         (lambda record: [1], "not a complete checkpoint"),
-        (lambda record: record | {"events": "bounce"}, "damaged"),
-        (lambda record: {k: x for k, x in record.items() if k != "states"}, "damaged"),
-        (lambda record: record | {"t": float("nan")}, "damaged"),
-        (lambda record: record | {"t": 0.05}, r"damaged \(wrong checksum\)"),
+        (lambda record: record | {"events": "bounce"}, "wrong checksum"),
+        (lambda record: {k: x for k, x in record.items() if k != "states"}, "wrong checksum"),
+        (lambda record: record | {"t": float("nan")}, "wrong checksum"),
+        (
+            lambda record: record | {"t": 0.05},
+            r"has changed since it was written \(wrong checksum\)",
+        ),
     ],
 )
 def test_damaged_checkpoint_is_rejected(tmp_path, change, sentence):
@@ -168,7 +171,7 @@ def test_damaged_checkpoint_is_rejected(tmp_path, change, sentence):
 def test_checkpoint_without_end_state_is_rejected(tmp_path):
     end = Checkpoint.of(bd.simulate(slider(), bd.Radau(), 0.1))
     path = replace(end, t=float("nan")).write(tmp_path / "end.json")
-    with pytest.raises(bd.BeamdaeError, match="not finite"):
+    with pytest.raises(bd.BeamdaeError, match=r"end\.json: t must be a finite number, got nan"):
         bd.simulate(slider(), bd.Radau(), 1.0, start=path)
 
 
@@ -193,7 +196,7 @@ def test_checkpoint_with_a_flipped_bit_is_rejected_or_equal(tmp_path):
 def test_truncated_checkpoint_is_rejected(tmp_path):
     path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
     whole = path.read_bytes()
-    for part in (b"", whole[: len(whole) // 2], whole[:-3], b"[" * 100_000, bytes(range(256))):
+    for part in (b"", whole[: len(whole) // 2], whole[:-3], b"[" * 50, bytes(range(256))):
         path.write_bytes(part)
         with pytest.raises(bd.BeamdaeError, match="the file is not a complete checkpoint"):
             bd.simulate(slider(), bd.Radau(), 1.0, start=path)

@@ -52,8 +52,9 @@ def assert_same_solution(loaded, run):
     assert loaded.events.equals(run.events)
     assert loaded.metadata() == run.metadata()
     names = [f.name for f in fields(run) if f.name not in ("equations", "trajectory", "made_by")]
-    for name in {*names} - {"t", "event_records"}:
+    for name in {*names} - {"t", "event_records", "loaded_versions"}:
         assert getattr(loaded, name) == getattr(run, name), name
+    assert loaded.versions == run.versions
 
 
 def test_a_saved_run_has_the_tables_of_the_run(run, tmp_path):
@@ -77,10 +78,13 @@ def test_a_saved_run_has_the_tables_of_the_run(run, tmp_path):
 def test_table_of_a_saved_run_has_the_versions_of_the_run(run, tmp_path, monkeypatch):
     old = {"beamdae": "0.0.1", "numpy": "1.0"}
     with monkeypatch.context() as patch:
-        patch.setattr("beamdae.results.storage.saved_run.versions", lambda: old)
+        patch.setattr("beamdae.results.run_data.installed_versions", lambda: old)
         path = run.save(tmp_path / "ball.run")
-    table = bd.load(path).to_csv(tmp_path / "ball.csv")
-    assert json.loads(table.with_suffix(".json").read_text())["versions"] == old
+    for model in (None, bouncing()):
+        table = bd.load(path, model).to_csv(tmp_path / "ball.csv")
+        assert json.loads(table.with_suffix(".json").read_text())["versions"] == old
+    again = bd.load(bd.load(path, bouncing()).save(tmp_path / "again.run"))
+    assert again.metadata()["versions"] == old
 
 
 def test_with_its_model_a_saved_run_is_the_solution(run, tmp_path):
@@ -141,7 +145,7 @@ def test_damaged_files_and_runs_of_other_models_are_rejected(run, tmp_path):
     for wrong in (content[:2000], b"", b"PK", b"t,x\n1,2\n", b"\x93NUMPY"):
         path.write_bytes(wrong)
         with pytest.raises(
-            bd.BeamdaeError, match=r"a\.run: the file is not a complete saved run of version 1"
+            bd.BeamdaeError, match=r"a\.run: the file is not a complete saved run; simulate"
         ):
             bd.load(path)
     # Damages the directory of the zip archive: compression, encryption, checksum.
@@ -149,17 +153,17 @@ def test_damaged_files_and_runs_of_other_models_are_rejected(run, tmp_path):
     for place in (6, 8, 10, 16):
         path.write_bytes(content[: entry + place] + b"\x63" + content[entry + place + 1 :])
         with pytest.raises(
-            bd.BeamdaeError, match=r"a\.run: the file is not a complete saved run of version 1"
+            bd.BeamdaeError, match=r"a\.run: the file is not a complete saved run; simulate"
         ):
             bd.load(path)
     with open(path, "wb") as file:
         np.savez(file, told=np.frombuffer(b'{"format": "beamdae run"}', np.uint8))
-    with pytest.raises(bd.BeamdaeError, match="not a complete saved run of version 1"):
+    with pytest.raises(bd.BeamdaeError, match=r"a\.run: version is missing; simulate and save"):
         bd.load(path)
     with open(path, "wb") as file:
-        content = b'{"format": "beamdae run", "version": 1}'
+        content = b'{"format": "beamdae run", "version": 3}'
         np.savez(file, told=np.frombuffer(content, np.uint8))
-    with pytest.raises(bd.BeamdaeError, match="the saved run is damaged"):
+    with pytest.raises(bd.BeamdaeError, match="version must be one of 1, 2, got 3; simulate"):
         bd.load(path)
     with pytest.raises(bd.BeamdaeError, match="save: path must be the path of a file, got 3"):
         run.save(3)
@@ -169,7 +173,7 @@ def test_files_with_pickled_objects_are_rejected(tmp_path):
     path = tmp_path / "a.run"
     with open(path, "wb") as file:
         np.savez(file, told=np.array([{"format": "beamdae run"}], dtype=object))
-    with pytest.raises(bd.BeamdaeError, match="not a complete saved run"):
+    with pytest.raises(bd.BeamdaeError, match=r"a\.run: 'told' contains Python objects, not"):
         bd.load(path)
 
 

@@ -78,14 +78,16 @@ def test_regression_a_changed_trajectory_is_reported(filled, damage):
     assert file.read_bytes() != before
     outcome, problem = filled.load(TASK)
     assert outcome is None
-    assert problem == f"{file.name} has changed since it was written"
+    name = filled.rows_path(TASK).name
+    assert problem == f"{name}: the trajectory has changed since it was written"
 
 
 def test_missing_trajectories_are_reported(filled):
     filled.rows_path(TASK).unlink()
     outcome, problem = filled.load(TASK)
     assert outcome is None
-    assert problem == "one.csv cannot be read (No such file or directory)"
+    name = filled.rows_path(TASK).name
+    assert problem == f"{name}: the trajectory cannot be read: No such file or directory"
 
 
 def test_tables_are_parsed_on_first_access(filled):
@@ -95,7 +97,7 @@ def test_tables_are_parsed_on_first_access(filled):
     assert parsed.table is parsed.table
     filled.rows_path(TASK).unlink()
     assert parsed.table is not None
-    with pytest.raises(bd.BeamdaeError, match=r"/trajectories: one.csv cannot be read \(No such"):
+    with pytest.raises(bd.BeamdaeError, match=r"\.csv: the trajectory cannot be read: No such"):
         _ = late.table
 
 
@@ -153,24 +155,33 @@ def test_regression_invalid_records_are_reported(filled, name):
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("change", "words"),
     [
-        {"status": {"kind": "splendid", "sentence": ""}},
-        {"status": {"kind": "ok"}},
-        {"values": {"steps": [1]}},
-        {"rows": {"columns": []}},
-        {"repetitions": None},
-        {"read": []},
+        ({"status": {"kind": "splendid", "sentence": ""}}, "status.kind must be one of 'ok', "),
+        ({"status": {"kind": "ok"}}, "status.sentence is missing"),
+        ({"values": {"steps": [1]}}, "values.steps must be a number, a text, true"),
+        ({"values": {"steps": 1.5}}, "values.steps must be a whole number"),
+        ({"values": {"status": "ok"}}, "values.status is not a value of a run"),
+        ({"rows": {"columns": []}}, "rows.sha256 is missing"),
+        ({"rows": None}, "rows must not be null because the run succeeded"),
+        ({"repetitions": None}, "repetitions must be a whole number of at least 1, got None"),
+        ({"repetitions": True}, "repetitions must be a whole number of at least 1, got True"),
+        ({"repetitions": 10**30}, "repetitions must be a whole number of at least 1, got 1000"),
+        ({"read": []}, "read must be an object, got a list with 0 entries"),
+        ({"limits": {"time": "x"}}, "limits.memory is missing"),
+        ({"more": 1}, "more is not a field of this file"),
     ],
 )
-def test_records_with_unexpected_values_are_reported(filled, change):
+def test_records_with_unexpected_values_are_reported(filled, change, words):
     """Their checksum is right."""
     record = json.loads(filled.record_path(TASK).read_text())
     content = record["outcome"] | change
     filled.record_path(TASK).write_text(
-        format_record(record, outcome=content, sha256=store._checksum(content))
+        format_record(record, outcome=content, sha256=store._compute_checksum(content))
     )
-    assert filled.load(TASK) == (None, f"{filled.record_path(TASK).name} has unexpected values")
+    outcome, problem = filled.load(TASK)
+    assert outcome is None
+    assert problem.startswith(f"{filled.record_path(TASK).name}: {words}")
 
 
 def test_one_changed_digit_of_a_record_is_detected(filled):
@@ -184,13 +195,13 @@ def test_one_changed_digit_of_a_record_is_detected(filled):
 def test_too_large_records_are_not_read(filled):
     with open(filled.record_path(TASK), "wb") as file:
         file.truncate(2_000_000_000)
-    assert filled.load(TASK)[1].endswith("is too large for a record")
+    assert "has 2000000000 bytes, but at most 200000000 bytes" in filled.load(TASK)[1]
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may read all")
 def test_unreadable_records_are_reported(filled):
     filled.record_path(TASK).chmod(0)
-    assert "cannot be read (Permission denied)" in filled.load(TASK)[1]
+    assert "cannot be read: Permission denied" in filled.load(TASK)[1]
 
 
 def test_a_folder_in_the_place_of_a_file_is_refused_before_the_first_run(tmp_path):
@@ -213,7 +224,8 @@ def test_regression_damaged_results_are_run_again_with_a_warning(run):
     file.write_bytes(file.read_bytes()[:-12])
     seen = []
     with pytest.warns(
-        bd.BeamdaeWarning, match=rf"{file.name} has changed since it was written, so .* run"
+        bd.BeamdaeWarning,
+        match=r"\.csv: the trajectory has changed since it was written, so .* run",
     ):
         again = study_run.run_study(STUDY, folder, SerialPool(), seen.append)
     assert (seen[0].stored, seen[0].total) == (3, 4)

@@ -76,7 +76,20 @@ class MechanismConfigurations:
     def configuration_without(
         self, whole: EquationsOfMotion, inactive: frozenset[str], frozen_gaps: FrozenGaps
     ) -> Configuration:
-        """Return the configuration with these parts inactive and these gaps frozen."""
+        """Return the configuration with these parts inactive and these gaps frozen.
+
+        Raises
+        ------
+        BeamdaeError
+            If a name is not the name of a part that can be switched, or the gaps do not fit.
+        """
+        for name in sorted({*inactive, *frozen_gaps}):
+            part = self.mechanism.parts.get(name)
+            if part is None or len(part.coordinates):
+                raise BeamdaeError(
+                    f"{short_repr(name)}: an earlier run switched this part, but the model has no "
+                    "joint or force of this name; use the model of the earlier run."
+                )
         if frozen_gaps:
             # Not cached, because the same offsets do not recur.
             active = self.assemble(self._active_mechanism(inactive, frozen_gaps))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,10 +18,40 @@ from beamdae.results.outcome import PILOT_RUN_SUFFIX
 from beamdae.results.provenance import state_hash
 from beamdae.results.run_data import RunData
 from beamdae.results.storage.files import require_file_path, write_text
+from beamdae.results.storage.packed_run import GAP
+from beamdae.results.storage.reader import FileKind, checksum, read_json, require_content
+from beamdae.results.storage.schema import (
+    choice,
+    integer,
+    mapping,
+    record,
+    sequence,
+    start_value,
+    text,
+)
 
+KIND = FileKind("checkpoint", "run the model again from the start")
 _FORMAT = "beamdae checkpoint"
 _VERSION = 3
 _CHECKSUM = "checksum"
+_CONTENT = record(
+    {
+        "format": text,
+        "version": integer(),
+        _CHECKSUM: text,
+        "t": start_value,
+        "events": sequence(text),
+        "due": mapping(choice(*(name for name, sign in DIRECTIONS.items() if sign))),
+        "inactive": sequence(text),
+        "found": mapping(GAP),
+        "model": text,
+        "parameters": mapping(text),
+        "identity": text,
+        "sides": mapping(choice(-1, 0, 1)),
+        "doubt": text,
+        "states": mapping(sequence(start_value, [2])),
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -137,59 +166,33 @@ class Checkpoint:
         BeamdaeError
             If the file cannot be read or is not a valid checkpoint of the current version.
         """
-        try:
-            content = json.loads(Path(path).read_text(encoding="utf-8"))
-        except OSError as problem:
-            why = problem.strerror or problem
-            raise BeamdaeError(f"{path}: the checkpoint cannot be read: {why}.") from None
-        except (ValueError, RecursionError):
-            content = None
+        path = Path(path)
+        content = read_json(path, KIND)
         if not isinstance(content, dict) or content.get("format") != _FORMAT:
-            raise BeamdaeError(
-                f"{path}: the file is not a complete checkpoint; run the model again "
-                "from the start."
-            )
-        if content.get("version") != _VERSION:
-            raise BeamdaeError(
-                f"{path}: the checkpoint has version "
-                f"{short_repr(content.get('version'))}, but this beamdae reads version "
-                f"{_VERSION}; run the model again from the start."
-            )
-        if content.get(_CHECKSUM) != _compute_checksum(content):
-            raise BeamdaeError(
-                f"{path}: the checkpoint is damaged (wrong checksum); run the model "
-                "again from the start."
-            )
-        try:
-            states = content["states"]
-            checkpoint = cls(
-                t=float(content["t"]),
-                q={str(k): float(x[0]) for k, x in states.items()},
-                v={str(k): float(x[1]) for k, x in states.items()},
-                events=tuple(_require_names(content["events"])),
-                due={str(k): str(x) for k, x in content["due"].items()},
-                inactive=tuple(_require_names(content["inactive"])),
-                frozen_gaps={
-                    str(name): FrozenGap.from_record(record)
-                    for name, record in content["found"].items()
-                },
-                model=str(content["model"]),
-                parameters={str(k): str(x) for k, x in content["parameters"].items()},
-                identity=str(content["identity"]),
-                event_signs={str(k): int(x) for k, x in content["sides"].items()},
-                doubt=str(content["doubt"]),
-            )
-        except (KeyError, TypeError, ValueError, AttributeError, IndexError):
-            raise BeamdaeError(
-                f"{path}: the checkpoint is damaged; run the model again from the start."
-            ) from None
-        values = [checkpoint.t, *checkpoint.q.values(), *checkpoint.v.values()]
-        if not np.isfinite(values).all():
-            raise BeamdaeError(
-                f"{path}: the checkpoint contains values that are not finite; run the "
-                "model again from the start."
-            )
-        return checkpoint
+            raise KIND.incomplete(path)
+        require_content(
+            path, KIND, record({"version": choice(_VERSION), _CHECKSUM: text}, others=True), content
+        )
+        if content[_CHECKSUM] != _compute_checksum(content):
+            raise KIND.error(path, "the content has changed since it was written (wrong checksum)")
+        require_content(path, KIND, _CONTENT, content)
+        states = content["states"]
+        return cls(
+            t=float(content["t"]),
+            q={name: float(x[0]) for name, x in states.items()},
+            v={name: float(x[1]) for name, x in states.items()},
+            events=tuple(content["events"]),
+            due=content["due"],
+            inactive=tuple(content["inactive"]),
+            frozen_gaps={
+                name: FrozenGap.from_record(gap) for name, gap in content["found"].items()
+            },
+            model=content["model"],
+            parameters=content["parameters"],
+            identity=content["identity"],
+            event_signs=content["sides"],
+            doubt=content["doubt"],
+        )
 
     def start_equations(self, equations: EquationsOfMotion) -> EquationsOfMotion:
         """Return the equations that start from this state, with its active parts and events.
@@ -250,11 +253,4 @@ class Checkpoint:
 
 def _compute_checksum(content: dict[str, Any]) -> str:
     """Return a hash of the content without its checksum, independent of the file layout."""
-    text = json.dumps({name: x for name, x in content.items() if name != _CHECKSUM})
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _require_names(names: Any) -> list[str]:
-    if not isinstance(names, list):
-        raise TypeError
-    return [str(name) for name in names]
+    return checksum({name: x for name, x in content.items() if name != _CHECKSUM})

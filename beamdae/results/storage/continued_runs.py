@@ -3,20 +3,40 @@
 from __future__ import annotations
 
 import csv
-import json
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from beamdae.equations.measures import ENERGIES, LEDGER_COLUMNS, TIME
-from beamdae.errors import BeamdaeError
-from beamdae.results.outcome import REACHED_END, Status
+from beamdae.errors import BeamdaeError, is_valid_path
+from beamdae.results.outcome import REACHED_END, Kind, Status
 from beamdae.results.solution import Solution
 from beamdae.results.storage.checkpoint import Checkpoint
 from beamdae.results.storage.files import unescape_cell, write_bytes, write_table
+from beamdae.results.storage.reader import (
+    FileKind,
+    read_bytes,
+    read_json,
+    require_content,
+    translate_field_errors,
+)
+from beamdae.results.storage.saved_run import RESULT
+from beamdae.results.storage.schema import (
+    FieldError,
+    anything,
+    choice,
+    flag,
+    number,
+    record,
+    require_ascending,
+    sequence,
+    text,
+    wrong_value,
+)
 
 Array = np.ndarray
 
@@ -26,6 +46,33 @@ _STATUS = "status"
 # Entries of the result that are combined by their maximum; other numbers except the last time are
 # added.
 _MAXIMA = ("max_residual", "max_position_drift", "max_velocity_drift", "energy_imbalance")
+_METADATA_KIND = FileKind("metadata of a run", "run the model again")
+_TABLE_KIND = FileKind("table of a run", "run the model again")
+
+
+def _file_name(value: Any) -> None:
+    """Require the name of a file in the same folder."""
+    text(value)
+    if not value or Path(value).name != value or not is_valid_path(value):
+        raise wrong_value("the name of a file in the folder of the table", value)
+
+
+_METADATA = record(
+    {
+        "status": choice(*get_args(Kind)),
+        "reason": text,
+        "result": RESULT,
+        "start": anything,
+        "events": sequence(record({}, {"done": flag}, others=True)),
+        "warnings": sequence(text),
+        "end": record(
+            {"state": text, **{name: number(finite=False) for name in CUMULATIVE_COLUMNS}},
+            others=True,
+        ),
+    },
+    {"parts": sequence(record({"file": _file_name}, others=True))},
+    others=True,
+)
 # Metadata that apply to a single run and are omitted from the combined metadata.
 _OF_ONE_RUN = ("versions", "written", "errors")
 
@@ -56,7 +103,7 @@ class RunParts:
         """
         if not table.exists():
             return cls(table)
-        names = [str(part["file"]) for part in _read_metadata(table).get("parts", [])]
+        names = [part["file"] for part in _read_metadata(table).get("parts", [])]
         parts = [table.with_name(name) for name in names] or [table]
         for k, part in enumerate(parts):
             if not part.exists():
@@ -99,7 +146,7 @@ class RunParts:
         if before == [self.table]:
             before = [self._numbered_path(1)]
             for suffix in (self.table.suffix, ".json"):
-                content = self.table.with_suffix(suffix).read_bytes()
+                content = read_bytes(self.table.with_suffix(suffix), _TABLE_KIND)
                 write_bytes(before[0].with_suffix(suffix), content)
         parts = [*before, latest]
         metadata = [_read_metadata(part) for part in parts]
@@ -115,39 +162,31 @@ class RunParts:
 
 def _read_metadata(table: Path) -> dict[str, Any]:
     path = table.with_suffix(".json")
-    try:
-        metadata = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as problem:
-        raise BeamdaeError(
-            f"{path}: the metadata cannot be read: {problem.strerror or problem}."
-        ) from None
-    except ValueError:
-        metadata = None
-    if not isinstance(metadata, dict):
-        raise BeamdaeError(f"{path}: the file is not the metadata of a run; run the model again.")
-    return metadata
+    metadata = read_json(path, _METADATA_KIND)
+    require_content(path, _METADATA_KIND, _METADATA, metadata)
+    return dict(metadata)
 
 
 def _read_columns(table: Path) -> dict[str, Array]:
     """Read the numeric columns of a CSV file, by header."""
+    text = read_bytes(table, _TABLE_KIND)
     try:
-        with open(table, encoding="utf-8", newline="") as file:
-            header, *rows = csv.reader(file)
-        cells = zip(*rows, strict=True)
-        columns = dict(zip(map(unescape_cell, header), cells, strict=True))
+        header, *rows = csv.reader(io.StringIO(text.decode(), newline=""))
+        headers = [unescape_cell(cell) for cell in header]
+        columns = dict(zip(headers, zip(*rows, strict=True), strict=True))
         columns.pop(_STATUS, None)
-        return {
+        numbers = {
             name: np.array([float(x) if x else np.nan for x in column])
             for name, column in columns.items()
         }
-    except OSError as problem:
-        raise BeamdaeError(
-            f"{table}: the table cannot be read: {problem.strerror or problem}."
-        ) from None
-    except ValueError:
-        raise BeamdaeError(
-            f"{table}: the file is not the table of a run; run the model again."
-        ) from None
+    except (ValueError, csv.Error):
+        raise _TABLE_KIND.incomplete(table) from None
+    with translate_field_errors(table, _TABLE_KIND):
+        for name in (TIME, *CUMULATIVE_COLUMNS):
+            if name not in numbers or headers.count(name) > 1:
+                raise FieldError("must be a column of the table", name)
+        require_ascending(TIME, numbers[TIME])
+    return numbers
 
 
 def _join_columns(

@@ -3,21 +3,74 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
 from beamdae.equations.assembly.configurations import Configuration
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Start, State
+from beamdae.equations.smooth_intervals import SAME_TIME
 from beamdae.parts.joints.event_constraints import FrozenGap
-from beamdae.results.event_records import EventRecord
-from beamdae.results.outcome import Statistics, Status
+from beamdae.results.event_records import DOWN, UP, EventRecord
+from beamdae.results.outcome import Kind, Statistics, Status
 from beamdae.results.run_data import RunData
+from beamdae.results.storage.schema import (
+    ArrayRule,
+    FieldError,
+    anything,
+    choice,
+    flag,
+    integer,
+    mapping,
+    number,
+    optional,
+    record,
+    require_ascending,
+    require_equal,
+    sequence,
+    start_value,
+    text,
+)
 from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
+
+_MAX_STAGES = 10  # nodes per step; Radau has 3
+
+# Rule for `FrozenGap.to_record`.
+GAP = record({"found": sequence(start_value), "event": text, "since": start_value})
+_CONFIGURATION = record({"inactive": sequence(text), "found": mapping(GAP)})
+_STATUS = record({"kind": choice(*get_args(Kind)), "sentence": text})
+_STATISTICS = record(
+    {f.name: integer(0) if f.type == "int" else number(0.0) for f in fields(Statistics)}
+)
+_EVENT = record(
+    {
+        "name": text,
+        "direction": choice(UP, DOWN),
+        "energy_lost": number(finite=False),
+        "done": flag,
+        "impulses": mapping(number(finite=False)),
+    }
+)
+# Rule for `PackedRun.plain`, see `pack_run`.
+PLAIN = record(
+    {
+        "status": _STATUS,
+        "statistics": _STATISTICS,
+        "integrator": record({"integrator": text}, others=True),
+        "model": record({}, {"name": text, "parameters": mapping(anything)}, others=True),
+        "per step": sequence(integer(1, _MAX_STAGES)),
+        "active": sequence(optional(_CONFIGURATION)),
+        "events": sequence(_EVENT),
+        "sides": mapping(choice(-1, 0, 1)),
+        "begun": sequence(text),
+        "start": optional(record({"told": text, "moves": flag})),
+        "versions": mapping(text),
+    }
+)
 
 
 class PackedRun(NamedTuple):
@@ -60,6 +113,7 @@ def pack_run(run: RunData) -> PackedRun:
         "events": [_pack_event(record) for record in records],
         "sides": run.event_signs,
         "begun": list(run.resume_warnings),
+        "versions": run.versions,
         "start": None,
     }
     if e.start is not None:
@@ -77,28 +131,25 @@ def unpack_fields(equations: EquationsOfMotion, packed: PackedRun) -> dict[str, 
         The equations of the run; their start may differ.
     packed
         Output of `pack_run`; it contains the start of the run.
+
+    Raises
+    ------
+    FieldError
+        If the numbers of coordinates or multipliers differ from the equations, or parts were
+        switched that the equations cannot switch.
     """
     arrays, plain = packed
+    require_equal("q0", len(arrays["q0"]), "the number of coordinates of the model", equations.n)
+    require_equal("lam", arrays["lam"].shape[1], "the number of multipliers", equations.m)
+    for k, active in enumerate(plain["active"]):
+        if active and equations.configurations is None and any(active.values()):
+            raise FieldError(
+                "contains inactive parts, but no event switches parts", str(k), "active"
+            )
     start = plain["start"]
     if start is not None:
         start = Start(start["told"], arrays["start q"], arrays["start v"], start["moves"])
     equations = replace(equations, q0=arrays["q0"], v0=arrays["v0"], start=start)
-    intervals = [
-        Interval(
-            arrays["nodes"][first:last],
-            State(*(arrays[name][first:last] for name in State._fields)),
-            float(branch),
-            nodes_per_step,
-            _unpack_configuration(equations, active),
-        )
-        for (first, last), branch, nodes_per_step, active in zip(
-            pairwise(arrays["ends"].tolist()),
-            arrays["branches"],
-            plain["per step"],
-            plain["active"],
-            strict=True,
-        )
-    ]
     records = [
         EventRecord(
             t=float(t),
@@ -112,7 +163,7 @@ def unpack_fields(equations: EquationsOfMotion, packed: PackedRun) -> dict[str, 
     ]
     return {
         "equations": equations,
-        "trajectory": Trajectory(tuple(intervals)),
+        "trajectory": unpack_trajectory(packed, equations),
         "t": arrays["t"],
         "status": Status(**plain["status"]),
         "statistics": Statistics(**plain["statistics"]),
@@ -121,7 +172,81 @@ def unpack_fields(equations: EquationsOfMotion, packed: PackedRun) -> dict[str, 
         "event_records": tuple(records),
         "event_signs": plain["sides"],
         "resume_warnings": tuple(plain["begun"]),
+        "loaded_versions": plain["versions"],
     }
+
+
+def unpack_trajectory(packed: PackedRun, equations: EquationsOfMotion | None = None) -> Trajectory:
+    """Return the trajectory of a packed run; without equations, all parts count as active."""
+    arrays, plain = packed
+    return Trajectory(
+        tuple(
+            Interval(
+                arrays["nodes"][first:last],
+                State(*(arrays[name][first:last] for name in State._fields)),
+                float(branch),
+                nodes_per_step,
+                None if equations is None else _unpack_configuration(equations, active),
+            )
+            for (first, last), branch, nodes_per_step, active in zip(
+                pairwise(arrays["ends"].tolist()),
+                arrays["branches"],
+                plain["per step"],
+                plain["active"],
+                strict=True,
+            )
+        )
+    )
+
+
+def array_rules(plain: dict[str, Any]) -> dict[str, ArrayRule]:
+    """Return the rules for `PackedRun.arrays` that belong to the other data of a run."""
+    intervals, events = len(plain["active"]), len(plain["events"])
+    rules = {
+        "t": ArrayRule(("rows",)),
+        "q0": ArrayRule(("n",)),
+        "v0": ArrayRule(("n",)),
+        "nodes": ArrayRule(("nodes",)),
+        "ends": ArrayRule((intervals + 1,), "i"),
+        "branches": ArrayRule((intervals,)),
+        "event times": ArrayRule((events, 2)),
+    }
+    if plain["start"] is not None:
+        rules |= {"start q": ArrayRule(("n",)), "start v": ArrayRule(("n",))}
+    for prefix, rows in (("", "nodes"), ("event ", events)):
+        rules |= {f"{prefix}{name}": ArrayRule((rows, "n")) for name in ("q", "v", "a")}
+        rules[f"{prefix}lam"] = ArrayRule((rows, "m"))
+    return rules
+
+
+def require_consistent(packed: PackedRun) -> None:
+    """Raise FieldError unless times, intervals and events of a packed run form one run.
+
+    Types and shapes must have been checked with `PLAIN` and `array_rules`.
+    """
+    arrays, plain = packed
+    t, nodes, ends = (arrays[name] for name in ("t", "nodes", "ends"))
+    if not (len(t) and len(plain["active"])):
+        raise FieldError("must contain at least one time", "t")
+    require_equal("per step", len(plain["per step"]), "the number of intervals", len(ends) - 1)
+    require_ascending("ends", ends)
+    if ends[0] != 0 or ends[-1] != len(nodes):
+        raise FieldError(f"must begin with 0 and end with {len(nodes)}", "ends")
+    require_ascending("t", t)
+    begins = ends[1:-1]
+    is_inside = np.ones(len(nodes) - 1, bool)
+    is_inside[begins - 1] = False
+    steps = np.diff(nodes)
+    if not (steps[is_inside] > 0.0).all() or (steps[~is_inside] != 0.0).any():
+        raise FieldError("must ascend within each interval and continue the previous one", "nodes")
+    if (((np.diff(ends) - 1) % np.array(plain["per step"])) != 0).any():
+        raise FieldError("must divide the number of nodes after the first", "per step")
+    rounding = SAME_TIME * abs(nodes[-1])
+    for name, times in (("t", t), ("event times", arrays["event times"][:, 0])):
+        if len(times) and not (
+            nodes[0] - rounding <= times.min() and times.max() <= nodes[-1] + rounding
+        ):
+            raise FieldError(f"must lie within the run, {nodes[0]:g} to {nodes[-1]:g} s", name)
 
 
 def _stack_states(

@@ -20,6 +20,8 @@ from beamdae.results.outcome import Status
 from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
 from beamdae.studies.run_values import (
+    MEASURING_TIME_COLUMN,
+    PEAK_MEMORY_COLUMN,
     collect_run_values,
     evaluate_outputs,
     summarize_wall_times,
@@ -101,8 +103,8 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
         text = format_trajectory(table)
         frames = export_run_frames(solution) if task.animated else None
     simulation_time = sum(wall_times) + sum(s.statistics.setup_time for s in solutions)
-    values["measuring time [s]"] = clock.perf_counter() - begin - simulation_time
-    values["peak memory [GB]"] = peak_memory()
+    values[MEASURING_TIME_COLUMN] = clock.perf_counter() - begin - simulation_time
+    values[PEAK_MEMORY_COLUMN] = peak_memory()
     kernel_warnings = [str(x.message) for x in caught if issubclass(x.category, KernelWarning)]
     values["warnings"] = " ".join([values["warnings"], *kernel_warnings]).strip()
     return Outcome(status, values, table, frames, text=text)

@@ -9,6 +9,8 @@ import sysconfig
 from functools import cache
 from pathlib import Path
 
+from beamdae.results.storage.reader import open_regular_file
+
 PACKAGE_FOLDER = Path(__file__).parents[2]
 _PACKAGES_WITHOUT_EFFECT = ("cli", "report")  # results do not depend on them
 _SYSTEM_FOLDERS = ("/proc", "/sys", "/dev", "/etc", "/usr/share")
@@ -64,7 +66,8 @@ def _digest_signed_file(path: str, signature: FileSignature) -> str | None:
     if signature is None:
         return None
     try:
-        with open(path, "rb") as file:
+        # Reading a pipe or a device, which a record may name, would not end.
+        with open_regular_file(path) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
         return None

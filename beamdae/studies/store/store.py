@@ -10,23 +10,32 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from operator import methodcaller
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import pandas as pd
 
-from beamdae.errors import BeamdaeError
-from beamdae.results.outcome import Kind, Status
+from beamdae.errors import BeamdaeError, FileContentError
+from beamdae.results.outcome import Status
 from beamdae.results.storage.files import atomic_write, remove_stale_scratch_files, write_bytes
+from beamdae.results.storage.reader import (
+    FileKind,
+    checksum,
+    open_regular_file,
+    read_bytes,
+    read_json,
+    require_content,
+    translate_field_errors,
+)
+from beamdae.results.storage.schema import anything, choice, record, text
 from beamdae.studies.store.file_reads import changed_files
+from beamdae.studies.store.record_rules import check_outcome, check_trajectory
 from beamdae.studies.store.trajectory_csv import format_trajectory, parse_trajectory
 from beamdae.studies.tasks import Outcome, Task
 
 _FORMAT = 3
-_MAX_RECORD_BYTES = 1_000_000_000  # larger files are not records
-
-
-class _DamagedError(Exception):
-    """Raised for a record or trajectory that cannot be used; the message gives the reason."""
+_KIND = FileKind("record", "run the case again")
+_TRAJECTORY = FileKind("trajectory", "run the case again")
+_RECORD = record({"format": choice(_FORMAT), "sha256": text, "outcome": anything})
 
 
 @dataclass(frozen=True)
@@ -84,7 +93,7 @@ class Store:
         }
         # Convert NumPy scalars to Python numbers.
         content = json.loads(json.dumps(content, default=methodcaller("item")))
-        record = {"format": _FORMAT, "sha256": _checksum(content), "outcome": content}
+        record = {"format": _FORMAT, "sha256": _compute_checksum(content), "outcome": content}
         write_bytes(self.record_path(task), f"{json.dumps(record)}\n".encode())
         return replace(outcome, text=b"")
 
@@ -100,6 +109,11 @@ class Store:
         BeamdaeError
             If the path of a file is a folder, or the link to the trajectory cannot be written.
         """
+        for folder in (self.record_path(task).parent, self.trajectory_path(task).parent):
+            if folder.is_symlink():
+                raise BeamdaeError(
+                    f"{folder}: the path must be a folder, but is a link; remove the link."
+                )
         for path in (self.record_path(task), self.rows_path(task), self.trajectory_path(task)):
             if path.is_dir():
                 raise BeamdaeError(
@@ -114,9 +128,12 @@ class Store:
                 rows = _StoredRows(
                     self.rows_path(task), self.trajectory_path(task), **content["rows"]
                 )
-                self._link_trajectory(task, rows.read())
-        except _DamagedError as problem:
-            return None, str(problem)
+                csv_text = rows.read()
+                with translate_field_errors(rows.path, _TRAJECTORY):
+                    check_trajectory(csv_text, content)
+                self._link_trajectory(task, csv_text)
+        except FileContentError as problem:
+            return None, f"{problem.path.name}: {problem.problem}"
         outcome = Outcome(
             Status(**content["status"]),
             content["values"],
@@ -129,32 +146,25 @@ class Store:
 
     def _load_content(self, task: Task) -> dict[str, Any] | None:
         path = self.record_path(task)
-        try:
-            if path.stat().st_size > _MAX_RECORD_BYTES:
-                raise _DamagedError(f"{path.name} is too large for a record")
-            record = json.loads(path.read_bytes())
-        except FileNotFoundError:
+        if not os.path.lexists(path):
             return None
-        except OSError as problem:
-            raise _DamagedError(f"{path.name} cannot be read ({problem.strerror})") from None
-        except (ValueError, RecursionError, MemoryError):
-            raise _DamagedError(f"{path.name} is not valid JSON") from None
-        if not isinstance(record, dict) or "format" not in record:
-            raise _DamagedError(f"{path.name} is not a record, or has an earlier format")
-        if record["format"] != _FORMAT:
-            raise _DamagedError(f"{path.name} has an unsupported format")
-        content = record.get("outcome")
-        if not isinstance(content, dict) or record.get("sha256") != _checksum(content):
-            raise _DamagedError(f"{path.name} has changed since it was written")
-        if not _is_valid_record(content):
-            raise _DamagedError(f"{path.name} has unexpected values")
-        return content
+        stored = read_json(path, _KIND)
+        require_content(path, _KIND, _RECORD, stored)
+        content = stored["outcome"]
+        if stored["sha256"] != _compute_checksum(content):
+            raise _KIND.error(path, "the content has changed since it was written")
+        require_content(path, _KIND, check_outcome, content)
+        return dict(content)
 
     def _link_trajectory(self, task: Task, text: bytes) -> None:
         source, path = self.rows_path(task), self.trajectory_path(task)
         with suppress(OSError):
-            if path.samefile(source) or path.read_bytes() == text:
+            if path.samefile(source):
                 return
+            with open_regular_file(path) as stream:
+                # One byte more than expected shows whether the file is longer.
+                if stream.read(len(text) + 1) == text:
+                    return
         with atomic_write(path) as scratch:
             scratch.unlink()
             try:
@@ -178,22 +188,14 @@ class _StoredRows:
     columns: list[str]
 
     def read(self) -> bytes:
-        try:
-            text = self.path.read_bytes()
-        except OSError as problem:
-            raise _DamagedError(
-                f"{self.readable_path.name} cannot be read ({problem.strerror})"
-            ) from None
+        text = read_bytes(self.path, _TRAJECTORY)
         if hashlib.sha256(text).hexdigest() != self.sha256:
-            raise _DamagedError(f"{self.readable_path.name} has changed since it was written")
+            raise _TRAJECTORY.error(self.path, "the trajectory has changed since it was written")
         return text
 
     @cached_property
     def table(self) -> pd.DataFrame:
-        try:
-            return parse_trajectory(self.read(), self.columns)
-        except _DamagedError as problem:
-            raise BeamdaeError(f"{self.readable_path.parent}: {problem}.") from None
+        return parse_trajectory(self.read(), self.columns)
 
     def __call__(self) -> pd.DataFrame:
         return self.table
@@ -209,28 +211,5 @@ def _is_usable(task: Task, content: dict[str, Any]) -> bool:
     return not task.animated or content["frames"] is not None
 
 
-def _is_valid_record(content: dict[str, Any]) -> bool:
-    types: dict[str, Any] = {
-        "status": dict,
-        "values": dict,
-        "rows": (dict, type(None)),
-        "frames": (dict, type(None)),
-        "read": dict,
-        "limits": dict,
-        "repetitions": int,
-    }
-    if not all(isinstance(content.get(name, Ellipsis), kind) for name, kind in types.items()):
-        return False
-    status, rows = content["status"], content["rows"]
-    return (
-        set(status) == {"kind", "sentence"}
-        and isinstance(status["sentence"], str)
-        and status["kind"] in get_args(Kind)
-        and all(isinstance(x, (str, int, float, type(None))) for x in content["values"].values())
-        and (rows is None or set(rows) == {"sha256", "columns"})
-    )
-
-
-def _checksum(content: Any) -> str:
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
+def _compute_checksum(content: Any) -> str:
+    return checksum(content, sort_keys=True, separators=(",", ":"))
