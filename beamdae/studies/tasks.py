@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.errors import format_exception, require_positive, set_fields, short_repr
+from beamdae.read_only import read_only_data
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
 from beamdae.studies.case import Case
@@ -107,6 +108,7 @@ class Task:
         return serialize_with_model(self, case.model, models)
 
 
+@read_only_data
 @dataclass(frozen=True)
 class Outcome:
     """Result of a task.

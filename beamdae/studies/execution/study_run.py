@@ -13,6 +13,7 @@ import pandas as pd
 
 from beamdae.errors import BeamdaeError, BeamdaeWarning
 from beamdae.interrupts import DeferredInterrupts, acknowledge
+from beamdae.read_only import read_only_data
 from beamdae.results.columns import observed_columns, select_observed_columns
 from beamdae.results.outcome import Status
 from beamdae.results.storage.files import escape_table, write_bytes, write_text
@@ -96,6 +97,7 @@ def _merge_tasks(tasks: list[Task]) -> list[Task]:
     return [replace(x, name=name) for x, name in zip(merged.values(), names, strict=True)]
 
 
+@read_only_data
 @dataclass(frozen=True)
 class StudyResults:
     """Results of a study.

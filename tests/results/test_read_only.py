@@ -1,0 +1,156 @@
+"""Everything that results hand out is read-only or a copy, and runs keep what they began with."""
+
+import pickle
+
+import numpy as np
+import pytest
+from robustness.handed_out import list_changes
+
+import beamdae as bd
+from beamdae.read_only import ReadOnlyDict, copy_containers, read_only
+
+STRIP = bd.Section.rectangle(bd.Material.of("steel"), width=0.01, height=0.004)
+
+
+@bd.model(t_end=0.1)
+def arm(stiffness=50.0):
+    """Beam on a hinge with a spring, shaken at its tip."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81), start={"arm.x0": 0.0})
+    beam = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (1.0, 0.0)), STRIP, elements=2))
+    hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.TorsionSpring("spring", hinge.a, hinge.b, stiffness))
+    mech.add(bd.TorsionDamper("damper", hinge.a, hinge.b, 1.0))
+    mech.add(bd.Force("shaker", beam.end, (0.0, bd.sine(1.0, frequency=10.0))))
+    mech.observe("tip", beam.end)
+    mech.when("tip.y", crosses=-0.001, direction="down", do="record", name="low")
+    return mech
+
+
+@bd.model(t_end=0.1)
+def shaken(stiffness=100.0):
+    """Mass on a spring, shaken ten times per second."""
+    mech = bd.Mechanism()
+    bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), bob.point, (1.0, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness, 50.0))
+    mech.add(bd.Force("shaker", bob.point, (bd.sine(1.0, frequency=10.0), 0.0)))
+    mech.observe("bob", bob.point)
+    return mech
+
+
+def run(**settings):
+    return bd.simulate(arm(), bd.Radau(1e-4), output_step=0.01, **settings)
+
+
+def saved_run(tmp_path):
+    return bd.load(run().save(tmp_path / "run.beamdae"))
+
+
+RESULTS = {
+    "Solution": lambda _: run(),
+    "SavedRun": saved_run,
+    "Solution.at": lambda _: run().at(0.05),
+    "SectionForces": lambda _: run().section_forces("arm"),
+    "Equilibrium": lambda _: bd.equilibrium(arm()),
+    "Modes": lambda _: bd.modes(arm(), n=2),
+    "LinearModel": lambda _: bd.linearize(arm(), inputs=["shaker"], outputs=["tip"]),
+    "PeriodicMotion": lambda _: bd.periodic(shaken(), 0.1),
+    "Check": lambda _: bd.check(shaken()),
+    "Certificate": lambda _: bd.certify(shaken()),
+    "AnalysisCertificate": lambda _: bd.certify_equilibrium(arm()),
+    "SweepResults": lambda _: bd.sweep(shaken, {"stiffness": [50.0, 60.0]}, jobs=1),
+    "Mechanism": lambda _: arm(),
+    "Model": lambda _: arm,
+}
+
+
+@pytest.mark.parametrize("name", list(RESULTS))
+def test_writing_into_everything_handed_out_changes_nothing(name, tmp_path):
+    with np.errstate(all="ignore"):
+        assert list_changes(RESULTS[name](tmp_path)) == []
+
+
+def test_the_walk_finds_shared_memory():
+    """The walk itself can fail: an array and a table that are not protected."""
+    result = run()
+    vars(result)["t"] = result.t.copy()
+    assert {".t", ".table()"} <= set(list_changes(result))
+
+
+def test_regression_a_table_scaled_by_its_reader():
+    solution = run()
+    first = solution.observed
+    first["tip.y [m]"] *= 1000.0
+    again = solution.observed
+    assert (first["tip.y [m]"] == 1000.0 * again["tip.y [m]"]).all()
+    assert (solution["tip.y"].to_numpy() == again["tip.y [m]"].to_numpy()).all()
+
+
+def test_arrays_of_runs_reject_writing():
+    solution = run()
+    for name in ("q", "v", "a", "lam", "t", "times"):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(solution, name)[...] = 0.0
+    with pytest.raises(bd.BeamdaeError, match="it is read-only; change a copy"):
+        solution.integrator["rtol"] = 1.0
+
+
+def test_copies_are_protected_too():
+    solution = run()
+    for other in (pickle.loads(pickle.dumps(solution)), solution.at_times([0.0, 0.05])):
+        assert not other.t.flags.writeable
+        assert not other.trajectory.intervals[0].rows.q.flags.writeable
+
+
+def test_read_only_values():
+    array, table = np.zeros(3), {"a": [1, {"b": np.zeros(2)}]}
+    view = read_only(array)
+    array[0] = 1.0
+    assert view[0] == 1.0
+    assert read_only(view) is view
+    protected = read_only(table)
+    assert protected == {"a": (1, protected["a"][1])}
+    assert not protected["a"][1]["b"].flags.writeable
+    entries = (1, (2.0, "x"))
+    assert read_only(entries) is entries
+    again = pickle.loads(pickle.dumps(protected))
+    assert type(again) is ReadOnlyDict
+    for change in (lambda d: d.clear(), lambda d: d.pop("a"), lambda d: d.update(b=1)):
+        with pytest.raises(bd.BeamdaeError, match="read-only"):
+            change(protected)
+    assert protected.copy() | {"b": 2} == dict(protected, b=2)
+
+
+def test_copies_of_containers():
+    endless = [1.0]
+    endless.append(endless)
+    values = {"a": [np.zeros(2)], "b": ({"c": 1},), "d": endless}
+    copied = copy_containers(values)
+    values["a"][0][:] = 1.0
+    values["b"][0]["c"] = 2
+    assert copied["a"][0].tolist() == [0.0, 0.0]
+    assert copied["b"] == ({"c": 1},)
+    assert copied["d"] is not endless
+    assert copied["d"][1] is copied["d"]
+
+
+def test_parameters_are_copied():
+    """Neither the caller's list nor the function changes the defaults of a model."""
+    points = [0.0, 1.0]
+
+    def bar(at=points):
+        mech = bd.Mechanism()
+        mech.add(bd.PointMass("bob", 1.0, at=tuple(at)))
+        at.append("changed by the function")
+        return mech
+
+    model = bd.model(t_end=1.0)(bar)
+    points[0] = 5.0
+    for _ in range(2):
+        mech = model()
+        assert mech.parts["bob"].at == (0.0, 1.0)
+        assert mech.origin.parameters == {"at": [0.0, 1.0]}
+    given = [2.0, 3.0]
+    case = bd.Case(model, {"at": given})
+    given[0] = 7.0
+    assert case.parameters == {"at": [2.0, 3.0]}
