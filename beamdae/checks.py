@@ -39,6 +39,7 @@ from beamdae.integrators.run_plan import plan_run
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.mechanism import Mechanism
+from beamdae.read_only import read_only_data
 from beamdae.report.terminal.check_report import describe_check
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
 from beamdae.simulation import as_equations, simulate
@@ -121,6 +122,7 @@ class RunPrediction:
     covered_share: float
 
 
+@read_only_data
 @dataclass(frozen=True)
 class Check:
     """Properties and defects of a mechanism; `str(check)` lists all of them.

@@ -6,7 +6,7 @@ import ast
 import inspect
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +23,9 @@ from beamdae.errors import (
     short_repr,
     suggest,
     unbox_scalar,
+    working_folder,
 )
+from beamdae.read_only import ReadOnlyDict, copy_containers
 
 MAX_NAME_BYTES = 120
 # Windows reserves these file names, with any suffix.
@@ -93,7 +95,12 @@ class Model:
                 raise BeamdaeError(
                     f"{self.name}: data must be a list of file names, got {short_repr(name)}."
                 )
-        set_fields(self, t_end=require_positive(self.name, "t_end", self.t_end), data=files)
+        set_fields(
+            self,
+            t_end=require_positive(self.name, "t_end", self.t_end),
+            parameters=ReadOnlyDict(copy_containers(self.parameters)),
+            data=files,
+        )
 
     @property
     def name(self) -> str:
@@ -111,7 +118,7 @@ class Model:
     def home(self) -> Path:
         """Folder of the file that defines the function, or the working directory."""
         file = Path(inspect.unwrap(self.build).__code__.co_filename)
-        return file.absolute().parent if file.is_file() else Path.cwd()
+        return file.absolute().parent if file.is_file() else working_folder()
 
     def files(self) -> list[Path]:
         """Return the paths of the files in `data`.
@@ -126,7 +133,7 @@ class Model:
         """
         files = []
         for name in self.data:
-            candidates = {folder / name: None for folder in (self.home, Path.cwd())}
+            candidates = {folder / name: None for folder in (self.home, working_folder())}
             existing = [path for path in candidates if os.path.isfile(path)]
             if not existing:
                 raise BeamdaeError(
@@ -158,18 +165,22 @@ class Model:
         """
         parameters = self.complete(values)
         with extend_import_path(self.home):
-            mechanism = self.build(**parameters)
+            # The function may change its arguments.
+            mechanism = self.build(**copy_containers(parameters))
         if mechanism is None or isinstance(mechanism, Model):
             what = "None" if mechanism is None else f"the model {mechanism.name}"
             raise BeamdaeError(f"{self.name}: the function must return a Mechanism, got {what}.")
         if isinstance(mechanism, HasOrigin):
-            set_fields(mechanism, origin=Origin(self.name, parameters, self.t_end))
+            set_fields(mechanism, origin=self._origin(parameters))
         return mechanism
 
     @property
     def origin(self) -> Origin:
         """Origin of the mechanism that the model builds with default parameters."""
-        return Origin(self.name, self.parameters, self.t_end)
+        return self._origin(self.parameters)
+
+    def _origin(self, parameters: Mapping[str, Any]) -> Origin:
+        return Origin(self.name, ReadOnlyDict(copy_containers(dict(parameters))), self.t_end)
 
     def check(self, **settings: Any) -> Any:
         """Check the model without a run; see `beamdae.check`."""
@@ -199,7 +210,7 @@ class Model:
                     f"parameters are {parameter_names}."
                 )
         checked = {name: self._convert(name, value) for name, value in values.items()}
-        return self.parameters | checked
+        return copy_containers(self.parameters | checked)
 
     def _convert(self, name: str, value: Any) -> Any:
         kind = type(self.parameters[name])

@@ -39,6 +39,7 @@ from beamdae.memory import available_memory, require_memory
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.observables import relative_displacement
 from beamdae.parts.part import AttachedPart, Drawing, Part
+from beamdae.read_only import read_only
 from beamdae.symbolic.formula import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import (
     SX,
@@ -360,7 +361,7 @@ class Beam(Part):
     @cached_property
     def outline(self) -> Array:
         """Points along the axis (k, 2) [m]."""
-        return self.curve.point(np.linspace(0.0, self.length, _OUTLINE_POINTS))
+        return read_only(self.curve.point(np.linspace(0.0, self.length, _OUTLINE_POINTS)))
 
     def forces(self, gravity: Array) -> list[ForceStatement]:
         """Return the forces of inertia, elasticity, material damping and `gravity` (2,) [m/s^2]."""

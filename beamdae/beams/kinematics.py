@@ -28,6 +28,7 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
+from beamdae.read_only import read_only, read_only_data
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,
@@ -290,6 +291,7 @@ class Kinematics(ABC):
         )
 
 
+@read_only_data
 @dataclass(frozen=True, eq=False)
 class FormulationKinematics(Kinematics):
     """Settings, element data and material points of the built-in formulations.
@@ -359,7 +361,7 @@ class FormulationKinematics(Kinematics):
         """Return the section at arc length s [m], on the reference curve."""
         # Cached because joints, observables and drawings request the same sections.
         if s not in self._material_points:
-            self._material_points[s] = self._create_section(s, on_axis=False)
+            self._material_points[s] = read_only(self._create_section(s, on_axis=False))
         return self._material_points[s]
 
     def axis_point(self, s: float) -> MaterialPoint:

@@ -12,6 +12,7 @@ import numpy as np
 from beamdae.beams.shape_functions import gauss_points, shape_functions
 from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve, rotate_points
 from beamdae.errors import BeamdaeError
+from beamdae.read_only import read_only_data
 
 Array = np.ndarray
 
@@ -48,6 +49,7 @@ class AxisPoints(NamedTuple):
     ds: Array
 
 
+@read_only_data
 @dataclass(frozen=True)
 class Mesh:
     """Mesh of elements on a curve, of equal arc length unless `bounds` are given.

@@ -26,6 +26,7 @@ from beamdae.errors import (
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.joints.joint import Weld
 from beamdae.parts.mechanism import Mechanism
+from beamdae.read_only import ReadOnlyDict
 
 _MEMBER_FORMAT = "a pair of point names, optionally followed by a section"
 _MAX_BODIES = 10_000
@@ -143,7 +144,7 @@ def frame(
         for count, other in enumerate(ends[key][1:], start=1):
             weld = f"{name} {key}" if count == 1 else f"{name} {key} {count}"
             mechanism.add(Weld(weld, corner, other))
-    return Frame(beams, corners)
+    return Frame(ReadOnlyDict(beams), ReadOnlyDict(corners))
 
 
 def _parse_member(

@@ -20,6 +20,7 @@ from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
 from beamdae.parts.events import Impact
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.parts.mechanism import Mechanism
+from beamdae.read_only import read_only_data
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import RangeStatement, StrainDefectKernel, Variable
 
@@ -36,6 +37,7 @@ class State(NamedTuple):
     lam: Array
 
 
+@read_only_data
 @dataclass(frozen=True)
 class RangeTerm:
     """Deformation measures of a part as functions of the global coordinates."""
@@ -115,6 +117,7 @@ class RangeTerm:
         return np.tile(self.statement.data.T, (count, 1))
 
 
+@read_only_data
 @dataclass(frozen=True)
 class Observable:
     """Named columns with units and the function that evaluates them.
@@ -254,6 +257,7 @@ class Start(NamedTuple):
     moves: bool
 
 
+@read_only_data
 @dataclass(frozen=True, eq=False)
 class EquationsOfMotion:
     """Equations of motion of a mechanism or a constrained system.
@@ -376,6 +380,7 @@ class EquationsOfMotion:
         return np.where(angle, 1.0, self.length)
 
 
+@read_only_data
 @dataclass(frozen=True, eq=False)
 class Configuration:
     """Equations of the active parts of a mechanism, between two events.
@@ -408,6 +413,7 @@ class Configuration:
         return multipliers
 
 
+@read_only_data
 @dataclass(frozen=True)
 class ImpactEquations:
     """Equations of the active parts, extended by the constraints of an impact.

@@ -18,10 +18,12 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
+from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.statements import SX, Piece
 
 
+@read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
 class Attachment:
     """Material point of a body, defined by its position in the reference configuration.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from itertools import islice
 from typing import Any, TypeVar
 
@@ -27,6 +28,7 @@ from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.observables import as_quantity
 from beamdae.parts.part import Part
+from beamdae.read_only import ReadOnlyDict, read_only, read_only_copy
 from beamdae.symbolic.statements import Quantity
 
 AS_DRAWN, EQUILIBRIUM = "as drawn", "equilibrium"
@@ -74,8 +76,6 @@ class Mechanism(HasOrigin):
 
     Attributes
     ----------
-    gravity
-        Acceleration of gravity, shape (2,) [m/s^2]; zero if time laws prescribe it.
     gravity_laws
         Time laws of gravity, or None.
     start, redundant
@@ -117,8 +117,8 @@ class Mechanism(HasOrigin):
         if any(callable(component) for component in components):
             x, y = (as_law("Mechanism.gravity", component) for component in gravity)
             self.gravity_laws, gravity = GravityLaws((x, y)), (0.0, 0.0)
-        self.gravity = np.array(require_point("Mechanism", "gravity", gravity))
-        self.start = require_start("Mechanism", start)
+        self._gravity = require_point("Mechanism", "gravity", gravity)
+        self.start = read_only(require_start("Mechanism", start))
         self.redundant = require_choice("Mechanism", "redundant", redundant, (REFUSE, MINIMUM_NORM))
         self.ground = Ground()
         self.parts: dict[str, Part] = {}
@@ -131,6 +131,15 @@ class Mechanism(HasOrigin):
         if len(self.parts) > _MAX_NAMES_IN_REPR:
             names.append("...")
         return f"<Mechanism of {len(self.parts)} parts{': ' * bool(names)}{', '.join(names)}>"
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """Acceleration of gravity, shape (2,) [m/s^2]; zero if time laws prescribe it."""
+        return read_only_copy(self._gravity)
+
+    @gravity.setter
+    def gravity(self, value: Any) -> None:
+        self._gravity = require_point("Mechanism", "gravity", value)
 
     def add(self, part: P) -> P:
         """Add a part, such as a body, a joint or a load, and return the part.
@@ -246,6 +255,18 @@ class Mechanism(HasOrigin):
                     self._require_member(str(event.name), part)
         self.events.append(event)
         return event
+
+    def snapshot(self) -> Mechanism:
+        """Return a copy that later changes to the mechanism do not affect.
+
+        The copy refers to the same parts; its collections of parts, observables and events are
+        read-only.
+        """
+        other = copy(self)
+        other.parts, other.observables = ReadOnlyDict(self.parts), ReadOnlyDict(self.observables)
+        collections: Any = tuple(self.events), frozenset(self.inactive)
+        other.events, other.inactive = collections
+        return other
 
     def deactivate(self, *parts: Part) -> None:
         """Make joints and forces inactive until an event activates them; see `Event`.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from beamdae.read_only import read_only_data
 from beamdae.results.certificate import CertificateStatus, describe_verdicts
 from beamdae.results.outcome import Status
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
+@read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
 class AnalysisCertificate(CertificateStatus):
     """Result of an analysis with its mesh error.

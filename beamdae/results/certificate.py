@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from beamdae.read_only import read_only_data
 from beamdae.results.displays import load_views
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
@@ -54,6 +55,7 @@ def describe_verdicts(errors: Array, accuracy: float, required: Array) -> list[s
     ]
 
 
+@read_only_data
 @dataclass(frozen=True, eq=False)
 class ErrorBudget:
     """Estimated errors of the observed columns, relative to half their ranges [-].
@@ -116,6 +118,7 @@ class CertificateRun(NamedTuple):
     processor_time: float
 
 
+@read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
 class Certificate(CertificateStatus):
     """Solution with an error budget; see `certify`.

@@ -13,6 +13,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import require_count
 from beamdae.interrupts import interruptible
+from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header, merge_columns, select_columns
 from beamdae.results.diagnostics.beam_ranges import BeamRange, measure_beam_ranges
 from beamdae.results.displays import Plot, load_views
@@ -56,6 +57,7 @@ class CriticalPoint(NamedTuple):
     moves: str
 
 
+@read_only_data
 @dataclass(frozen=True)
 class Equilibrium:
     """Path of equilibria of a mechanism under varying load factors.

@@ -11,12 +11,14 @@ import numpy as np
 
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.read_only import read_only_data
 
 Array = np.ndarray
 
 UP, DOWN = "up", "down"
 
 
+@read_only_data
 @dataclass(frozen=True)
 class EventRecord:
     """Record of one occurrence of an event.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.errors import require_choice
+from beamdae.read_only import read_only_data
 from beamdae.results.displays import Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import half_range, largest_modulus, mean
@@ -22,6 +23,7 @@ _STABILITY_MARGIN = 1e-3  # moduli of the multipliers of stable motions may exce
 _SHORTEST_STEP = 1e-12  # minimum arc length between two points of the curve
 
 
+@read_only_data
 @dataclass(frozen=True, eq=False)
 class ResponsePoint:
     """One periodic motion on a response curve.
@@ -52,6 +54,7 @@ class ResponsePoint:
         return largest_modulus(self.multipliers) <= 1.0 + _STABILITY_MARGIN
 
 
+@read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
 class FrequencyResponse:
     """Response curve: periodic motions over a parameter.

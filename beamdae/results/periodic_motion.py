@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
@@ -20,6 +21,7 @@ _STABILITY_MARGIN = 1e-4  # moduli of the multipliers of stable motions may exce
 _IMAGINARY_ROUNDING = 1e-6  # largest imaginary part / modulus of a real multiplier
 
 
+@read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
 class PeriodicMotion:
     """A periodic motion and its stability according to Floquet theory.

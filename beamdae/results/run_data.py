@@ -19,6 +19,7 @@ from beamdae.equations.part_warnings import (
     start_inside_warnings,
     supplied_energy_warnings,
 )
+from beamdae.read_only import read_only_data
 from beamdae.results.diagnostics.beam_ranges import BeamRange, measure_beam_ranges_of_run
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
 from beamdae.results.diagnostics.quality_warnings import quality_warnings
@@ -42,6 +43,7 @@ _MAX_CHECKED_ROWS = 10_000
 _POWER_SAMPLES = 201  # times at which the power of user-written damping is evaluated
 
 
+@read_only_data
 @dataclass(frozen=True, repr=False)
 class RunData:
     """Data of a run; `Solution` documents the attributes and adds tables, files and figures."""
@@ -104,7 +106,7 @@ class RunData:
 
     def all_columns(self) -> dict[str, Array]:
         """Return the columns (k,) of `table` by header."""
-        ledger = zip(measures.LEDGER_COLUMNS, self._energy_ledger.at(self.t).T, strict=True)
+        ledger = zip(measures.LEDGER_COLUMNS, self._ledger_rows.T, strict=True)
         return {measures.TIME: self.t, **self.columns, **dict(ledger)}
 
     def coordinate_table(self) -> tuple[list[str], Array]:
@@ -230,6 +232,10 @@ class RunData:
         """Return the run with thinned output times, which suffice to check the columns."""
         stride = len(self.t) // _MAX_CHECKED_ROWS + 1
         return self if stride == 1 else replace(self, t=self.t[::stride])
+
+    @cached_property
+    def _ledger_rows(self) -> Array:
+        return self._energy_ledger.at(self.t)
 
     @cached_property
     def _energy_ledger(self) -> EnergyLedger:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +17,7 @@ from beamdae.errors import BeamdaeError, require_finite, require_sequence, short
 from beamdae.interrupts import interruptible
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import AS_DRAWN
+from beamdae.read_only import read_only_data
 from beamdae.results.displays import Animation, Plot, load_views
 from beamdae.results.event_records import tabulate_events
 from beamdae.results.run_data import RunData
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
+@read_only_data
 @dataclass(frozen=True, repr=False)
 class Solution(RunData, TimeSeries):
     """Result of a run, see `simulate`.
@@ -92,14 +93,14 @@ class Solution(RunData, TimeSeries):
     def _repr_html_(self) -> str:
         return load_views().summarize_as_html(self)
 
-    @cached_property
+    @property
     def observed(self) -> pd.DataFrame:
         """Observed columns, one row per output time; headers contain units."""
         import pandas as pd
 
         return pd.DataFrame(self.columns, index=range(len(self.t)))
 
-    @cached_property
+    @property
     def ledger(self) -> pd.DataFrame:
         """Energies, works and energy imbalance at the output times [J].
 
@@ -109,10 +110,9 @@ class Solution(RunData, TimeSeries):
         """
         import pandas as pd
 
-        rows = self._energy_ledger.at(self.t)
-        return pd.DataFrame(rows, columns=list(measures.LEDGER_COLUMNS))
+        return pd.DataFrame(self._ledger_rows, columns=list(measures.LEDGER_COLUMNS), copy=True)
 
-    @cached_property
+    @property
     def drift(self) -> pd.DataFrame:
         """Largest constraint violations of the active joints, one row per output time.
 

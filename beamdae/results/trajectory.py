@@ -11,6 +11,7 @@ import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import Configuration, State
 from beamdae.errors import BeamdaeError, require_finite
+from beamdae.read_only import read_only, read_only_data
 
 Array = np.ndarray
 
@@ -21,6 +22,7 @@ _DEGREE_OF_MOTION = 4  # for q and v
 _DEGREE_OF_REACTIONS = 3  # for a and lam, which may jump from step to step
 
 
+@read_only_data
 @dataclass(frozen=True)
 class Interval:
     """Accepted steps between two breakpoints or events, with dense output.
@@ -194,6 +196,7 @@ def _with_branch(t: Array, branch: float | Array) -> Array:
     return np.stack([t, np.broadcast_to(branch, np.shape(t))], axis=-1)
 
 
+@read_only_data
 @dataclass(frozen=True)
 class Trajectory:
     """Accepted steps of a run, as consecutive intervals."""
@@ -270,4 +273,5 @@ class Instant(NamedTuple):
         times = np.array([t])
         rows, state = trajectory.at(times)
         interval = trajectory.intervals[int(trajectory.interval_index(times)[0])]
-        return cls(rows[0], State(*(x[0] for x in state)), interval.configuration)
+        state = read_only(State(*(x[0] for x in state)))
+        return cls(read_only(rows[0]), state, interval.configuration)

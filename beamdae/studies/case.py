@@ -9,11 +9,12 @@ from functools import cache
 from itertools import product
 from typing import Any
 
-from beamdae.errors import BeamdaeError, require_iterable, short_repr
+from beamdae.errors import BeamdaeError, require_iterable, set_fields, short_repr
 from beamdae.integrators import GeneralizedAlpha, Ida, Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.interrupts import PartialResult
 from beamdae.model_functions import Model
+from beamdae.read_only import ReadOnlyDict, copy_containers
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import versions
 from beamdae.simulation import simulate
@@ -71,6 +72,7 @@ class Case:
                 f"got {short_repr(self.parameters)}."
             )
         require_integrator(f"Case of {self.model.name}", self.integrator)
+        set_fields(self, parameters=ReadOnlyDict(copy_containers(dict(self.parameters))))
 
     @property
     def changed(self) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from beamdae.errors import (
 from beamdae.integrators import Integrator
 from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model, require_file_name
+from beamdae.read_only import read_only_data
 from beamdae.results.columns import require_column_names
 from beamdae.studies.case import MAX_CASES, Case, DigestCache
 from beamdae.studies.tasks import Limits, Task, describe_exception
@@ -29,6 +30,7 @@ _REFERENCE_TIME_LIMIT_FACTOR = 10.0  # relative to the time limit of a case
 _MAX_REPETITIONS = 1000
 
 
+@read_only_data
 @dataclass(frozen=True)
 class Study:
     """Cases with common settings; created by the decorator `bd.study`.

@@ -11,6 +11,7 @@ import pandas as pd
 
 from beamdae.errors import BeamdaeError
 from beamdae.integrators import GeneralizedAlpha, Radau
+from beamdae.read_only import read_only_data
 from beamdae.studies.case import Case, DigestCache
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compute_deviations, count_common_rows, select_error_columns
@@ -24,6 +25,7 @@ RESOLUTION_FACTOR = 10.0  # smallest error that a reference can resolve, relativ
 _MAX_UNCERTAINTY = 1e-2  # largest accepted difference between the methods, relative to amplitudes
 
 
+@read_only_data
 @dataclass(frozen=True)
 class Reference:
     """Trajectory that errors are measured against, and its uncertainty.

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.read_only import read_only_data
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.constraint_kernel import ConstraintKernel, NonholonomicKernel
 from beamdae.symbolic.force_kernel import ForceKernel
@@ -205,6 +206,7 @@ class RangeStatement:
     remedies: tuple[str, ...] = ()
 
 
+@read_only_data
 @dataclass(frozen=True)
 class Quantity:
     """An observed quantity: columns computed from a few coordinates and multipliers.

@@ -15,6 +15,7 @@ from beamdae.analysis.linear_dynamics.steady_rotation import rotation
 from beamdae.errors import BeamdaeError, require_count, require_finite, require_sequence
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
+from beamdae.read_only import read_only_data
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,6 +30,7 @@ _EXTRA_MODES = 4
 _DECAY_WEIGHT = 0.5
 
 
+@read_only_data
 @dataclass(frozen=True, repr=False)
 class Campbell:
     """Modes as functions of the rotation speed; see `campbell`.

@@ -29,6 +29,7 @@ from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
+from beamdae.read_only import read_only_data
 from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 _MAX_COORDINATES = 2000
 
 
+@read_only_data
 @dataclass(frozen=True, repr=False)
 class LinearModel:
     """Linear state-space model of small deviations from a state; see `linearize`.

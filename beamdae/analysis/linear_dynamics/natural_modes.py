@@ -17,6 +17,7 @@ from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
+from beamdae.read_only import read_only_data
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,6 +36,7 @@ _MASS_ROUNDING = 1e-20
 _REPR_FREQUENCIES = 5
 
 
+@read_only_data
 @dataclass(frozen=True, repr=False)
 class Modes:
     """Natural modes about a state, in ascending order of |eigenvalue|; see `modes`.

@@ -22,6 +22,7 @@ from beamdae.beams.reference_frames import chord_vector
 from beamdae.beams.sections import VaryingSection
 from beamdae.beams.shape_functions import gauss_points, lagrange_weights, shape_functions
 from beamdae.beams.strains import InterpolatedStrains
+from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.sparse_operators import build_selection
 from beamdae.symbolic.statements import Variable
@@ -33,6 +34,7 @@ Array = np.ndarray
 _MAX_AXIS_OFFSET = 1e-13
 
 
+@read_only_data
 @dataclass(frozen=True, eq=False)
 class GeometricallyExact(FormulationKinematics):
     """Positions and section angles of the nodes in the inertial frame, with Reissner's strains.

@@ -31,6 +31,7 @@ from beamdae.beams.shape_functions import gauss_points, lagrange_weights, shape_
 from beamdae.beams.strains import InterpolatedStrains
 from beamdae.curves.plane_curves import rotate_points
 from beamdae.errors import BeamdaeError, require_choice
+from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.sparse_operators import select_rows
 from beamdae.symbolic.statements import Variable
@@ -41,6 +42,7 @@ Array = np.ndarray
 _TURN_SAMPLES = 65
 
 
+@read_only_data
 @dataclass(frozen=True, eq=False)
 class FloatingFrame(FormulationKinematics):
     """Displacements and section rotations relative to a floating frame.

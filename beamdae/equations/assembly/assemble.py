@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -34,6 +33,7 @@ from beamdae.parts.attachments import largest_distance
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import MINIMUM_NORM, Mechanism
 from beamdae.parts.part import AttachedPart, Part
+from beamdae.read_only import ReadOnlyDict
 from beamdae.symbolic.statements import (
     ConstraintStatement,
     ForceStatement,
@@ -81,14 +81,13 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         raise BeamdaeError(
             f"equations_of_motion: expected a Mechanism, got {short_repr(mechanism)}."
         )
-    snapshot = copy(mechanism)
-    snapshot.parts, snapshot.events = dict(mechanism.parts), list(mechanism.events)
+    snapshot = mechanism.snapshot()
     parts = list(mechanism.parts.values())
     start = mechanism.start if start is None else start
     _prepare_parts(mechanism, start)
-    snapshot.observables = {
-        name: quantity.current for name, quantity in mechanism.observables.items()
-    }
+    snapshot.observables = ReadOnlyDict(
+        {name: quantity.current for name, quantity in mechanism.observables.items()}
+    )
     for part in parts:
         require_body_fits(part)
     coordinate_map = map_coordinates(mechanism)

@@ -39,6 +39,7 @@ from beamdae.errors import BeamdaeError, require_name, short_repr, suggest
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.events import DIRECTIONS, Event
 from beamdae.parts.observables import as_quantity
+from beamdae.read_only import ReadOnlyDict, read_only_copy
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, FormulaExpression
 from beamdae.symbolic.kernel_groups import generalize_quantity, group_by_kernel
 from beamdae.symbolic.rotations import RotatedOperator, factor_operator
@@ -231,7 +232,7 @@ def add_observable(
     observables = (*e.observables, new_observable)
     require_unique_headers(e.coordinates, e.multipliers, observables)
     observed = copy(mechanism)
-    observed.observables = {**mechanism.observables, name: quantity}
+    observed.observables = ReadOnlyDict({**mechanism.observables, name: quantity})
     return replace(e, observables=observables, p=read_only_copy(numbers.all), mechanism=observed)
 
 
@@ -312,10 +313,3 @@ class NumberStore:
         self._arrays.append(np.asarray(values, float).ravel(order="F"))
         self._end += len(self._arrays[-1])
         return slice(begin, self._end)
-
-
-def read_only_copy(values: Array) -> Array:
-    """Return a read-only float copy of an array."""
-    copy = np.array(values, float)
-    copy.setflags(write=False)
-    return copy

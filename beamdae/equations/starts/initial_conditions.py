@@ -71,8 +71,6 @@ def apply_initial_conditions(
         v = _project_velocities(independent, time, q, requested_v, list(velocities))
         description = ", ".join(f"{name} = {value:g}" for name, value in start.items())
         request = Start(description or AS_DRAWN, requested_q, requested_v, bool(positions))
-    for values in (q, v):
-        values.setflags(write=False)
     return replace(equations, q0=q, v0=v, start=request)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.read_only import read_only_data
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -71,6 +72,7 @@ class Imbalance(NamedTuple):
         return self.value / max(self.scale, _TINY)
 
 
+@read_only_data
 @dataclass(frozen=True, eq=False)
 class EnergyLedger:
     """Energies, works and accuracy norms of a run.

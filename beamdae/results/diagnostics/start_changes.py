@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.read_only import read_only_data
 
 Array = np.ndarray
 
@@ -35,6 +36,7 @@ class StartChange:
     coordinate: str
 
 
+@read_only_data
 @dataclass(frozen=True)
 class StartSummary:
     """Requested start of a run, and its changes to satisfy the joints.

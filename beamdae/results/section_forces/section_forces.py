@@ -11,6 +11,7 @@ import numpy as np
 from beamdae.beams.beam import Beam
 from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, require_positive
+from beamdae.read_only import read_only_data
 from beamdae.results.displays import Plot, load_views
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ class Safety:
     where: str
 
 
+@read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
 class SectionForces:
     """Section forces of a beam: axial force N, shear force Q and bending moment M.

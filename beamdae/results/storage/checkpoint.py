@@ -14,6 +14,7 @@ from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.events import DIRECTIONS
 from beamdae.parts.joints.event_constraints import FrozenGap
+from beamdae.read_only import read_only_data
 from beamdae.results.outcome import PILOT_RUN_SUFFIX
 from beamdae.results.provenance import state_hash
 from beamdae.results.run_data import RunData
@@ -54,6 +55,7 @@ _CONTENT = record(
 )
 
 
+@read_only_data
 @dataclass(frozen=True)
 class Checkpoint:
     """Last state of a run, from which another run can resume.

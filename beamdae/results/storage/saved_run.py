@@ -14,6 +14,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
 from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError
+from beamdae.read_only import read_only_data
 from beamdae.results.diagnostics.energy_balance import Quality
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.run_data import RunData, coordinate_headers
@@ -108,6 +109,7 @@ _CONTENT_RULE = record(
 )
 
 
+@read_only_data
 @dataclass(frozen=True, repr=False)
 class SavedRun(TimeSeries):
     """Tables, status and statistics of a saved run, loaded without its model.

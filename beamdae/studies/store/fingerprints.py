@@ -34,6 +34,7 @@ from typing import Any
 import cloudpickle
 import numpy as np
 
+from beamdae.read_only import ReadOnlyDict
 from beamdae.studies.store.file_hashes import PACKAGE_FOLDER, is_installed
 
 # Class members that Python generates, some of them lazily or in no fixed order.
@@ -236,7 +237,7 @@ def _decompose_collection(value: Any) -> tuple[str, Parts]:
 @_decompose.register(dict)
 @_decompose.register(MappingProxyType)
 def _decompose_mapping(value: Any) -> tuple[str, Parts]:
-    if type(value) not in (dict, MappingProxyType):
+    if type(value) not in (dict, MappingProxyType, ReadOnlyDict):
         return _decompose_pickle(value)
     parts: list[tuple[str, Any]] = []
     for key, x in value.items():

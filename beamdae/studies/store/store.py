@@ -198,7 +198,7 @@ class _StoredRows:
         return parse_trajectory(self.read(), self.columns)
 
     def __call__(self) -> pd.DataFrame:
-        return self.table
+        return self.table.copy()
 
 
 def _is_usable(task: Task, content: dict[str, Any]) -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 from beamdae.errors import BeamdaeError, require_iterable, set_fields, short_repr
 from beamdae.integrators import Integrator
 from beamdae.model_functions import Model
+from beamdae.read_only import read_only_data
 from beamdae.results.solution import Solution
 from beamdae.studies.case import (
     FINGERPRINT_LENGTH,
@@ -35,6 +36,7 @@ WARNINGS = "warnings"
 RESERVED_COLUMNS = (STATUS, REASON, WALL_TIME_COLUMN, TRAJECTORY, WARNINGS)
 
 
+@read_only_data
 @dataclass(frozen=True)
 class ParameterStudy(Study):
     """Runs of one model over values of its parameters, without references.

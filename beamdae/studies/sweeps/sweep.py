@@ -25,6 +25,7 @@ from beamdae.integrators.integrator import require_integrator
 from beamdae.interrupts import PARTIAL_RESULTS, Interrupted, PartialResult, interruptible
 from beamdae.model_functions import Model
 from beamdae.model_functions import model as create_model
+from beamdae.read_only import read_only_data
 from beamdae.results.columns import require_column_names
 from beamdae.studies.case import Case
 from beamdae.studies.definition import call_definition
@@ -46,6 +47,7 @@ from beamdae.studies.sweeps.sweep_results import (
 from beamdae.studies.tasks import Limits
 
 
+@read_only_data
 @dataclass(frozen=True)
 class Sweep(ParameterStudy):
     """Runs of one model over values of its parameters; created by `bd.sweep` as a decorator.

@@ -14,6 +14,7 @@ import pandas as pd
 
 from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, as_real, short_repr, suggest, unbox_scalar
+from beamdae.read_only import read_only_data
 from beamdae.report.page.page_file import write_page
 from beamdae.results.displays import Plot
 from beamdae.results.outcome import Status
@@ -49,6 +50,7 @@ _MAX_NOTEBOOK_ROWS = 20
 _MAX_NOTEBOOK_COLUMNS = 16
 
 
+@read_only_data
 @dataclass(frozen=True, repr=False)
 class SweepRun(TimeSeries):
     """Observed columns of one run of a sweep, with the same access as in a `Solution`.
@@ -98,6 +100,7 @@ class SweepRun(TimeSeries):
         return f"<SweepRun of {self.name}: {status}; {len(self.rows)} rows>"
 
 
+@read_only_data
 @dataclass(frozen=True, repr=False)
 class SweepResults:
     """Results of a sweep; notebooks display them as a table.
