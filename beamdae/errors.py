@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import os
 import re
 import warnings
 from collections.abc import Iterable, Sequence
@@ -127,6 +128,14 @@ def _shorten(text: str, max_length: int = _MAX_REPR_LENGTH) -> str:
     line = " ".join(re.sub(r" at 0x[0-9a-fA-F]+", "", text[: 10 * max_length]).split())
     printable = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
     return printable if len(printable) <= max_length else f"{printable[: max_length - 3]}..."
+
+
+def working_folder() -> Path:
+    """Return the working folder, or the root folder if the working folder has been deleted."""
+    try:
+        return Path.cwd()
+    except OSError:
+        return Path(os.sep)
 
 
 def is_valid_path(text: str) -> bool:
