@@ -17,7 +17,7 @@ _MIN_PART_SHARE = 1e-3
 _MIN_COORDINATE_SHARE = 1e-5
 # The scale of a deformation is its amplitude. Deformations below this fraction of the amplitude of
 # their part have a larger scale, because ever smaller vibrations are ever faster: ...
-_SMALL_DEFORMATION_SHARE = 1e-2
+SMALL_DEFORMATION_SHARE = 1e-2
 # ... this multiple of their amplitude, with which the deflections of undamped stiff strips in
 # validation/tolerances are within 70 rtol (with the limit above as the scale: 4400 rtol), ...
 _SMALL_DEFORMATION_FACTOR = 3.0
@@ -52,6 +52,8 @@ class Amplitudes:
         cases, an amplitude below 1e-2 of the amplitude of the part is multiplied by 3, up to this
         limit, and is at least 1e-5 of the amplitude of the part. The amplitude of the part would be
         too large, because deflections are often 1e2 to 1e5 times smaller than the motion of a beam.
+    part_scales
+        Scale of each coordinate [m or rad], (n,), with the amplitude of its part.
     rate
         Highest rate of all parts [1/s], 0 if nothing moves. The rate of a part is the root mean
         square of its velocities divided by the standard deviation of its positions. The standard
@@ -61,6 +63,7 @@ class Amplitudes:
 
     by_part: dict[str, float]
     scales: Array
+    part_scales: Array
     rate: float
 
     @classmethod
@@ -90,8 +93,8 @@ class Amplitudes:
         scales = sizes.copy()
         for part in equations.parts:
             scales[part.rows] *= by_part[part.name]
-            if is_at_rest:
-                continue
+        part_scales = scales.copy()
+        for part in () if is_at_rest else equations.parts:
             for rows in _group_deformations(equations, part):
                 amplitude = float(np.max(half_ranges[rows]))
                 scales[rows] = sizes[rows] * _deformation_scale(amplitude, by_part[part.name])
@@ -111,7 +114,7 @@ class Amplitudes:
             and amplitudes[part.name] > _MIN_PART_SHARE * largest
             and np.any(variance[part.rows] > 0.0)
         ]
-        return cls(by_part, scales, _round_to_two_digits(max(rates, default=0.0)))
+        return cls(by_part, scales, part_scales, _round_to_two_digits(max(rates, default=0.0)))
 
 
 def _group_deformations(equations: EquationsOfMotion, part: PartCoordinates) -> list[list[int]]:
@@ -126,7 +129,7 @@ def _deformation_scale(amplitude: float, part_amplitude: float) -> float:
     """Return the scale of a deformation; see `Amplitudes.scales`."""
     amplitude = _round_to_two_digits(amplitude)
     enlarged = max(_SMALL_DEFORMATION_FACTOR * amplitude, _MIN_DEFORMATION_SHARE * part_amplitude)
-    return min(enlarged, max(amplitude, _SMALL_DEFORMATION_SHARE * part_amplitude))
+    return min(enlarged, max(amplitude, SMALL_DEFORMATION_SHARE * part_amplitude))
 
 
 def _min_share(part: PartCoordinates) -> float:

@@ -10,6 +10,7 @@ import pytest
 from benchmarks.cases import AREVALO, PENDULUM, SLIDER_CRANK, pendulum, pendulum_motion
 from numpy.testing import assert_allclose
 from tolerance_cases import every_case, every_case_by_duration
+from tolerances.cases import ALL
 
 import beamdae as bd
 from beamdae.equations.equations_of_motion import State
@@ -448,6 +449,15 @@ def test_error_falls_with_rtol_and_stays_in_bounds(case):
     max_errors = np.array([case.errors(s).max() for s in solutions])
     assert max_errors[1] < max_errors[0]
     assert np.all(max_errors <= case.bound * rtols)
+
+
+@pytest.mark.slow(reason="tens of thousands of steps")
+def test_regression_small_axial_deformations_do_not_stop_adaptive_steps():
+    """With scales as small as the deformations, the steps fell to 1e-14 s and the run failed."""
+    (case,) = (case for case in ALL if case.name == "tuning_fork")
+    solution = case.run(bd.GeneralizedAlpha(rtol=1e-5))
+    assert solution.status.success
+    assert case.errors(solution).max() < case.bound * 1e-5
 
 
 @pytest.mark.slow(reason="an undamped beam at 1e-5 takes tens of thousands of steps")

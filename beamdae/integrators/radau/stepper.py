@@ -51,7 +51,7 @@ _FAILURES = {
 # below 100 rtol, or below 30 rtol with damping.
 _TOLERANCE_FACTOR = 0.15
 _TOLERANCE_EXPONENT = 0.9
-# One-sided forces are not smooth, so that the error of a run is proportional to the local tolerance:
+# One-sided forces are not smooth; the error of a run is then proportional to the local tolerance:
 # the exponent is 1, with the same tolerance at rtol = 0.01. Impacts also amplify errors: with the
 # exponent above, errors were up to 24 rtol at 1e-4 and 46 rtol at 1e-8, now up to 12 (bound 30).
 _ONE_SIDED_FACTOR = _TOLERANCE_FACTOR * 0.01 ** (_TOLERANCE_EXPONENT - 1.0)
