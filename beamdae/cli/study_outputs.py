@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from beamdae.cli import signals
+from beamdae.cli.command_wrapper import NOT_RUN_CODE
 from beamdae.cli.options import require_writable
 from beamdae.cli.output import WrittenFiles, create_console, print_error, print_written_files
 from beamdae.cli.progress import show_study_progress
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
     FileWriters = dict[str, Callable[[], list[Path]]]
 
+# Statuses of runs that are computed when the study resumes.
+MISSING_KINDS = ("interrupted", "not run")
 # Longer tables are only written to files and the page.
 MAX_SCREEN_ROWS = 16
 _MAX_FOLDER_NAME = 100  # characters
@@ -105,7 +108,8 @@ def run_and_write(
 ) -> None:
     """Run a study, write its files and print its results.
 
-    The command exits with 1 after a failure, and with 130 or 143 after an interrupt.
+    The command exits with 1 after a failure, with 3 if processes or a cluster failed so that runs
+    are missing, and with 130 or 143 after an interrupt.
 
     Raises
     ------
@@ -128,10 +132,19 @@ def run_and_write(
     assert results is not None
     print_results(results)
     print_written_files(create_console(), outputs.files.paths)
+    missing = results.not_run
     if results.interrupted or signals.is_interrupted():
-        n_done = sum(outcome.status.kind != "interrupted" for outcome in results.outcomes.values())
+        n_done = sum(
+            outcome.status.kind not in MISSING_KINDS for outcome in results.outcomes.values()
+        )
         print_error(f"interrupted, {n_done} of {outputs.n_runs} runs done; {_RESUME_HINT}")
         raise typer.Exit(signals.exit_code())
+    if missing:
+        reason = missing[0].status.sentence
+        print_error(
+            f"not run: {len(missing)} of {outputs.n_runs} runs, because {reason}; {_RESUME_HINT}"
+        )
+        raise typer.Exit(NOT_RUN_CODE)
     if results.failed or outputs.files.failed:
         raise typer.Exit(1)
 
@@ -168,11 +181,13 @@ def _run_study(outputs: StudyOutputs, create_executor: Callable[[], Executor]) -
 def print_failures(results: StudyResults) -> None:
     """Print one line for each of the first 16 failed cases, and the number of further failures.
 
-    Interrupted cases are omitted.
+    Interrupted cases and cases that were not run are omitted.
     """
     from beamdae.report.terminal import text_tables
 
-    reasons = text_tables.failure_sentences(results.table[results.table["status"] != "interrupted"])
+    reasons = text_tables.failure_sentences(
+        results.table[~results.table["status"].isin(MISSING_KINDS)]
+    )
     for reason in reasons[:MAX_SCREEN_ROWS]:
         print_error(f"failed: {reason}")
     if len(reasons) > MAX_SCREEN_ROWS:

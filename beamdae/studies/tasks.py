@@ -130,6 +130,8 @@ class Outcome:
         Name of the stored trajectory file, or "".
     text
         Content of the trajectory file before it is stored, formatted by the process of the case.
+    kernel_warnings
+        Messages about machine code in the process of the case; not stored.
     """
 
     status: Status = REACHED_END
@@ -139,6 +141,7 @@ class Outcome:
     read: dict[str, str | None] = field(default_factory=dict)
     file: str = ""
     text: bytes = field(default=b"", repr=False)
+    kernel_warnings: tuple[str, ...] = ()
 
     @property
     def table(self) -> pd.DataFrame | None:

@@ -128,14 +128,17 @@ def escape_table(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def escape_cell(value: Any) -> Any:
-    """Escape a text that a spreadsheet would read as a formula.
+    """Escape a text that a spreadsheet would read as a formula; line breaks become spaces.
 
     Texts that begin with =, +, - or @ (half- or full-width), a tab or a carriage return, even after
     apostrophes, and are not numbers are prefixed with an apostrophe. Other values are returned
     unchanged.
     """
-    is_formula = isinstance(value, str) and _FORMULA.match(value) and not _NUMBER.fullmatch(value)
-    return f"'{value}" if is_formula else value
+    if not isinstance(value, str):
+        return value
+    is_formula = _FORMULA.match(value) and not _NUMBER.fullmatch(value)
+    line = " ".join(value.splitlines())
+    return f"'{line}" if is_formula else line
 
 
 def unescape_cell(value: Any) -> Any:
@@ -194,10 +197,11 @@ def atomic_write(path: Path) -> Iterator[Path]:
     BeamdaeError
         If the file cannot be written, or the block raises an OSError.
     """
-    target = Path(os.path.realpath(path.parent), path.name)
     owner = f"{os.getpid()}@{platform.node()}"
-    scratch = target.with_name(f".{owner}@{secrets.token_hex(8)}.scratch")
     try:
+        # The working folder, to which relative paths refer, may have been deleted.
+        target = Path(os.path.realpath(path.parent), path.name)
+        scratch = target.with_name(f".{owner}@{secrets.token_hex(8)}.scratch")
         target.parent.mkdir(parents=True, exist_ok=True)
         if _is_written_directly(target):
             yield target
@@ -211,8 +215,18 @@ def atomic_write(path: Path) -> Iterator[Path]:
             with suppress(OSError):
                 scratch.unlink(missing_ok=True)
     except OSError as problem:
-        why = problem.strerror or problem
-        raise BeamdaeError(f"{path}: the file cannot be written: {why}.") from problem
+        raise describe_write_error(path, problem) from problem
+
+
+def describe_write_error(path: Path, problem: OSError) -> BeamdaeError:
+    """Return the error for a file that cannot be written."""
+    reason = problem.strerror or problem
+    if not path.is_absolute():
+        try:
+            Path.cwd()
+        except OSError:
+            reason = "the working folder has been deleted"
+    return BeamdaeError(f"{path}: the file cannot be written: {reason}.")
 
 
 def _is_written_directly(target: Path) -> bool:

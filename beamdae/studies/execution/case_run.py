@@ -8,12 +8,11 @@ import warnings
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from pathlib import Path
 
 import cloudpickle
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning
+from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning, working_folder
 from beamdae.memory import limit_memory, peak_memory, reset_peak_memory
 from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.results.outcome import Status
@@ -44,10 +43,11 @@ def run_task(serialized: bytes) -> Outcome:
 
     The outcome lists the files that were read. The working directory is restored afterwards.
     """
-    folder = os.getcwd()
+    folder = working_folder()
+    is_deleted = not folder.samefile(os.curdir)
     try:
         with record_file_reads() as reads:
-            home = Path.cwd()
+            home = folder
             try:
                 task = cloudpickle.loads(serialized)
                 home = task.case.model.home
@@ -64,8 +64,9 @@ def run_task(serialized: bytes) -> Outcome:
                 outcome = Outcome.failed(describe_exception(problem))
             outcome = replace(outcome, read=digest_reads(reads, home))
     finally:
-        with suppress(OSError):
-            os.chdir(folder)
+        if not is_deleted:
+            with suppress(OSError):
+                os.chdir(folder)
     return outcome
 
 
@@ -105,9 +106,8 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
     simulation_time = sum(wall_times) + sum(s.statistics.setup_time for s in solutions)
     values[MEASURING_TIME_COLUMN] = clock.perf_counter() - begin - simulation_time
     values[PEAK_MEMORY_COLUMN] = peak_memory()
-    kernel_warnings = [str(x.message) for x in caught if issubclass(x.category, KernelWarning)]
-    values["warnings"] = " ".join([values["warnings"], *kernel_warnings]).strip()
-    return Outcome(status, values, table, frames, text=text)
+    messages = tuple(str(x.message) for x in caught if issubclass(x.category, KernelWarning))
+    return Outcome(status, values, table, frames, text=text, kernel_warnings=messages)
 
 
 @dataclass(frozen=True)

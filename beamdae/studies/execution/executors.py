@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import warnings
@@ -286,6 +287,10 @@ class DaskPool:
         models: SerializedModels = {}
         futures = {}
         failures: list[TaskResult] = []
+        # The outcomes report a lost connection; the client would log tracebacks of its own tasks.
+        logger = logging.getLogger("distributed.client")
+        level = logger.level
+        logger.setLevel(logging.CRITICAL)
         try:
             for task in tasks:
                 serialized = _serialize_task(task, models)
@@ -300,15 +305,21 @@ class DaskPool:
                 task = futures[future]
                 try:
                     yield TaskResult(task, future.result(), storable=True)
-                except (KilledWorker, CancelledError) as problem:
-                    outcome = Outcome.failed(f"the workers of the task died: {problem}")
-                    yield TaskResult(task, outcome, storable=False)
-                except Exception as problem:  # A failed task must not end the study.
-                    outcome = Outcome.failed(describe_exception(problem))
-                    yield TaskResult(task, outcome, storable=False)
+                except KilledWorker as problem:
+                    # Each of several workers died during this task: the task is the cause.
+                    reason = f"the workers of the task died: {format_message(problem)}"
+                    yield TaskResult(task, Outcome.failed(reason), storable=False)
+                # `run_task` raises no exceptions, so the cause is the cluster.
+                except CancelledError:
+                    reason = "the connection to the Dask scheduler was lost"
+                    yield TaskResult(task, Outcome(Status("not run", reason)), storable=False)
+                except Exception as problem:
+                    reason = f"the Dask cluster failed: {describe_exception(problem)}"
+                    yield TaskResult(task, Outcome(Status("not run", reason)), storable=False)
         finally:
             self._client.cancel(list(futures))
             self._client.close()
+            logger.setLevel(level)
 
 
 def _require_address(source: str, address: str) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from beamdae.errors import BeamdaeError, BeamdaeWarning
+from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning
 from beamdae.interrupts import DeferredInterrupts, acknowledge
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import observed_columns, select_observed_columns
@@ -30,6 +30,7 @@ from beamdae.studies.references import (
     create_reference_tasks,
     group_cases,
 )
+from beamdae.studies.store.folder_lock import lock_folder
 from beamdae.studies.store.store import Store
 from beamdae.studies.tasks import NOT_RUN, Outcome, Task
 from beamdae.studies.unique_names import create_file_names
@@ -156,6 +157,11 @@ class StudyResults:
         return {**tables, "summary.csv": self.summary} if self.references else tables
 
     @property
+    def not_run(self) -> list[Outcome]:
+        """Outcomes that are missing because processes or a cluster failed; run again to resume."""
+        return [x for x in self.outcomes.values() if x.status.kind == "not run"]
+
+    @property
     def failed(self) -> bool:
         """True if no case succeeded, or if a group lacks its reference."""
         any_success = (self.table["status"] == "ok").any()
@@ -208,15 +214,18 @@ def run_study(
     Raises
     ------
     BeamdaeError
-        If the folder cannot be written, or the model of the first case does not observe one of the
-        columns of the study.
+        If the folder cannot be written, another process runs a study in the folder, or the model of
+        the first case does not observe one of the columns of the study.
 
     Warns
     -----
     BeamdaeWarning
         If stored results are damaged; these runs are repeated.
+    KernelWarning
+        If machine code cannot be compiled or cached, here or in a worker process, or not all
+        processes can be started; once per message.
     """
-    with DeferredInterrupts() as interrupts:
+    with DeferredInterrupts() as interrupts, lock_folder(folder):
         plan = StudyPlan.of(study)
         store = Store(folder)
         store.remove_scratch_files()
@@ -261,6 +270,7 @@ def _run_missing_tasks(
     missing = [task for task in plan.tasks if task.key not in outcomes]
     counter = ProgressCounter(plan.tasks, outcomes, executor.workers, progress)
     counter.report("")
+    issued_messages: set[str] = set()
     if interrupts.received:
         return True
     try:
@@ -269,6 +279,10 @@ def _run_missing_tasks(
         with closing(executor.run_tasks(missing)) as results:
             for task, outcome, storable in results:
                 _require_columns(plan, task, outcome)
+                for message in outcome.kernel_warnings:
+                    if message not in issued_messages:
+                        issued_messages.add(message)
+                        warnings.warn(message, KernelWarning, stacklevel=3)
                 if storable and outcome.status.kind != "interrupted":
                     outcome = store.save(task, outcome)
                 outcomes[task.key] = outcome

@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from beamdae.errors import working_folder
 from beamdae.studies.store.file_hashes import (
     FileSignature,
     digest_file,
@@ -41,7 +42,7 @@ class _FileWatcher:
         # Files read by modules. Modules stay loaded, so all later runs depend on these files.
         self.module_reads: FileReads = {}
         self.written: set[str] = set()
-        self.folder = ""
+        self.folder = Path()
 
     def start(self) -> None:
         if not self.is_started:
@@ -58,7 +59,7 @@ class _FileWatcher:
             return
 
     def _record(self, path: str, mode: str | None, flags: int) -> None:
-        absolute = os.path.abspath(path)
+        absolute = _absolute(path)
         if is_installed(absolute):
             return
         if (mode and set(mode) & _WRITE_MODES) or (flags or 0) & _WRITE_FLAGS:
@@ -67,13 +68,17 @@ class _FileWatcher:
         is_code = path.endswith((".py", ".pyc"))
         if path.endswith(".pyc"):
             absolute = path = _source_path(absolute)
-        is_relative = not os.path.isabs(path) and os.getcwd() == self.folder
+        is_relative = not os.path.isabs(path) and working_folder() == self.folder
         name = f"./{os.path.normpath(path)}" if is_relative else absolute
         for reads in [self.module_reads] if is_code or _is_read_by_module() else self.recordings:
             reads.setdefault(name, file_signature(absolute))
 
 
 _WATCHER = _FileWatcher()
+
+
+def _absolute(path: str | Path) -> str:
+    return os.path.normpath(working_folder() / path)
 
 
 @cache
@@ -108,7 +113,7 @@ def record_file_reads() -> Iterator[FileReads]:
     """
     _WATCHER.start()
     reads: FileReads = {}
-    _WATCHER.folder = os.getcwd()
+    _WATCHER.folder = working_folder()
     _WATCHER.recordings.append(reads)
     try:
         yield reads
@@ -132,7 +137,7 @@ def digest_reads(reads: Mapping[str, FileSignature], home: Path) -> dict[str, st
     """
     digests: dict[str, str | None] = {}
     for name, signature in sorted(reads.items()):
-        absolute = os.path.abspath(name)
+        absolute = _absolute(name)
         if absolute in _WATCHER.written or os.path.isdir(absolute):
             continue
         is_same = file_signature(absolute) == signature
@@ -144,7 +149,7 @@ def digest_reads(reads: Mapping[str, FileSignature], home: Path) -> dict[str, st
 
 def are_unchanged(reads: Mapping[str, FileSignature]) -> bool:
     """Return True if the files have not changed since they were read."""
-    return all(file_signature(os.path.abspath(name)) == x for name, x in reads.items())
+    return all(file_signature(_absolute(name)) == x for name, x in reads.items())
 
 
 def _portable_name(name: str, home: Path) -> str:
@@ -161,7 +166,7 @@ def changed_files(digests: Mapping[str, str | None], home: Path) -> list[str]:
 
     def resolve(name: str) -> str:
         relative = name.removeprefix("model:")
-        return os.path.abspath(relative if relative == name else home / relative)
+        return _absolute(relative if relative == name else home / relative)
 
     return [
         resolve(name) for name, digest in digests.items() if digest_file(resolve(name)) != digest
