@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+import scipy.linalg as la
 
 from beamdae.equations.assembly.coordinate_map import (
     CoordinateMap,
@@ -32,9 +33,12 @@ Array = np.ndarray
 # Penetration that is rounding noise of the drawing, relative to the length of the mechanism.
 _MAX_ROUNDING_DEPTH = 1e-9
 # Static forces explain a penetration if the energy stored in the contact is at most this multiple
-# of their work over the penetration. In equilibrium, the ratio is 1 / (1 + exponent); levers and
-# wedges multiply forces.
+# of the work of the other forces on one of its bodies over the penetration (the ratio is
+# 1 / (1 + exponent) if a body rests on one contact), ...
 _MAX_STATIC_RATIO = 10.0
+# ... or if at least this share of the contact force holds the point of contact at rest, when all
+# bodies are rigid: levers multiply forces.
+_MIN_HOLDING_SHARE = 0.04
 # A contact also is explained if its force is balanced, up to this fraction of the acceleration that
 # it would cause alone, ...
 _MAX_IMBALANCE = 0.1
@@ -185,8 +189,8 @@ def _switch_warnings(mechanism: Mechanism) -> Iterator[str]:
             joint = impact.on
             if isinstance(joint, Part) and joint.name not in deactivated | mechanism.inactive:
                 yield (
-                    f"{event.name}: {joint.name} is always active, so an impact on it does nothing; "
-                    "deactivate the joint at the start."
+                    f"{event.name}: {joint.name} is always active, so an impact on it does "
+                    "nothing; deactivate the joint at the start."
                 )
 
 
@@ -282,13 +286,15 @@ def start_inside_warnings(
         solver = ConsistencySolver(active)
         # F without the contacts that penetrate.
         others = solver.force(time, state.q, state.v) - sum(x.force for x in penetrations)
-        motions = compute_rigid_motions(equations, state.q) * equations.position_scales[:, None]
-        static_force = float(np.sum(np.abs(motions.T @ others))) / equations.length
         kinetic_energy = _kinetic_energy(solver, time, state)
         for x in penetrations:
-            negligible = x.energy <= _NEGLIGIBLE_ENERGY * kinetic_energy
-            static = x.energy <= _MAX_STATIC_RATIO * static_force * x.depth
-            if negligible or static or _is_balanced(x, solver, time, state):
+            static_force = _smaller_resultant(x, equations, coordinates, state.q, others)
+            if (
+                x.energy <= _NEGLIGIBLE_ENERGY * kinetic_energy
+                or x.energy <= _MAX_STATIC_RATIO * static_force * x.depth
+                or _holding_share(x, solver, time, state, others) >= _MIN_HOLDING_SHARE
+                or _is_balanced(x, solver, time, state)
+            ):
                 continue
             yield (
                 f"{x.part.name}: {x.part.attachments[0]} starts {x.depth:.3g} m inside the "
@@ -327,6 +333,49 @@ def _evaluate_gap(
 def _kinetic_energy(solver: ConsistencySolver, time: Array, state: State) -> float:
     mass = solver.linearize_forces(time, state)[2]
     return 0.5 * float(state.v @ (mass @ state.v))
+
+
+def _smaller_resultant(
+    penetration: _Penetration,
+    equations: EquationsOfMotion,
+    coordinates: CoordinateMap,
+    q: Array,
+    others: Array,
+) -> float:
+    """Return the resultant of all other forces on a body of a contact [N], the smaller of both."""
+    motions = compute_rigid_motions(equations, q) * equations.position_scales[:, None]
+    resultants = []
+    for attachment in penetration.part.attachments:
+        rows = coordinates.slice_of(attachment.body)
+        if attachment.size:
+            work = np.sum(np.abs(motions[rows].T @ others[rows]))
+            resultants.append(float(work) / equations.length)
+    return min(resultants)
+
+
+def _holding_share(
+    penetration: _Penetration,
+    solver: ConsistencySolver,
+    time: Array,
+    state: State,
+    others: Array,
+) -> float:
+    """Return the share of a contact force that prevents acceleration along it, of rigid bodies.
+
+    The share is zero if the joints do not allow a rigid motion along the contact force.
+    """
+    e = solver.equations
+    motions = compute_rigid_motions(e, state.q) * e.position_scales[:, None]
+    try:
+        motions = motions @ la.null_space(solver.constraint_matrix(time, state.q) @ motions)
+        mass = motions.T @ (solver.linearize_forces(time, state)[2] @ motions)
+        contact, force = motions.T @ penetration.force, motions.T @ others
+        response = la.solve(mass, contact, assume_a="pos")
+    except (la.LinAlgError, ValueError):
+        # A motion without inertia, or forces that are not finite.
+        return 0.0
+    mobility = float(contact @ response)
+    return -float(force @ response) / mobility if mobility > 0.0 else 0.0
 
 
 def _is_balanced(

@@ -134,6 +134,16 @@ def test_levers_and_springs_press_contacts_into_surfaces():
     assert findings(mech) == ()
 
 
+def test_the_weight_of_a_heavy_carrier_does_not_explain_the_penetration_of_a_light_body():
+    for mass, is_reported in ((1e-3, True), (1e3, False)):
+        mech = world()
+        carrier = mech.add(bd.RigidBody("carrier", 1e3, 1.0, center=(0.0, 0.0)))
+        ball = mech.add(bd.PointMass("ball", mass, at=(0.0, -1e-2)))
+        surface = bd.LineSurface(carrier.at(0.0, 0.0))
+        mech.add(bd.Contact("touch", ball.point, surface, STIFFNESS))
+        assert bool(findings(mech)) == is_reported
+
+
 def test_resumed_runs_may_start_in_an_impact():
     mech = on_floor(0.2)
     fall = bd.simulate(mech, bd.Radau(1e-6), t_end=math.sqrt(2.0 * 0.2 / G) + 5e-3)
