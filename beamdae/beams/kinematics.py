@@ -259,6 +259,13 @@ class Kinematics(ABC):
         """
         return None
 
+    def largest_strain(self, q: Array) -> float:
+        """Return the largest axial strain of outer fibers [-] in the states q (k, n).
+
+        Returns 0 (default) if the strains are not known, or if `strain_validity` measures them.
+        """
+        return 0.0
+
     @property
     def floating_frame(self) -> MaterialPoint:
         """Floating frame of the beam.

@@ -55,6 +55,11 @@ def elastic_work(
     return force, strain_energy, dissipated
 
 
+def half_height(stiffness: SX) -> SX:
+    """Return half the height of a rectangle with the stiffnesses (EA, GA, EI) [m]."""
+    return ca.sqrt(3.0 * stiffness[BENDING] / stiffness[AXIAL])
+
+
 def slice_column(numbers: Any, first: int, count: int) -> Any:
     """Return `count` numbers from index `first` on as a column vector."""
     return ca.vertcat(*(numbers[first + k] for k in range(count)))

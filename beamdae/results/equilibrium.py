@@ -15,7 +15,11 @@ from beamdae.errors import require_count
 from beamdae.interrupts import interruptible
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header, merge_columns, select_columns
-from beamdae.results.diagnostics.beam_ranges import BeamRange, measure_beam_ranges
+from beamdae.results.diagnostics.beam_ranges import (
+    BeamRange,
+    measure_beam_ranges,
+    strain_warnings,
+)
 from beamdae.results.displays import Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.section_forces.recovery import recover_section_forces_at_state
@@ -306,7 +310,8 @@ class Equilibrium:
                 "equilibrium position is arbitrary; add a spring or a joint."
             )
         beams = (beam.warning for beam in self.validity)
-        return tuple(filter(None, (*self.notes, free, *beams)))
+        strains = strain_warnings(self.equations, self.validity, lambda: self.q)
+        return tuple(filter(None, (*self.notes, free, *beams, *strains)))
 
     def metadata(self, **further: Any) -> dict[str, Any]:
         """Return the metadata that `to_csv` writes, with `further` entries added or replaced."""

@@ -20,7 +20,12 @@ from beamdae.equations.part_warnings import (
     supplied_energy_warnings,
 )
 from beamdae.read_only import read_only_data
-from beamdae.results.diagnostics.beam_ranges import BeamRange, measure_beam_ranges_of_run
+from beamdae.results.diagnostics.beam_ranges import (
+    BeamRange,
+    measure_beam_ranges_of_run,
+    sample_positions,
+    strain_warnings,
+)
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
 from beamdae.results.diagnostics.quality_warnings import quality_warnings
 from beamdae.results.diagnostics.singular_positions import (
@@ -164,6 +169,9 @@ class RunData:
         return (
             *self.resume_warnings,
             *filter(None, (self.start.warning, *beams)),
+            *strain_warnings(
+                self.equations, self.validity, lambda: sample_positions(self.trajectory)
+            ),
             *singularity_warnings(self.singular_positions),
             *self._part_warnings(),
             *quality_warnings(self.equations, self._energy_ledger, checked.columns, checked.t),

@@ -153,3 +153,32 @@ def test_oscillations_are_weighted_by_rotation_and_remaining_amplitude():
     phase = 10.0 * (1.0 - np.exp(-10.0 * t)) / 10.0 * np.exp(-5.0 * t)
     assert count_oscillations(decaying) == pytest.approx(phase.max(), rel=0.5)
     assert count_oscillations(np.zeros((5, 2))) == 0.0
+
+
+# Strains beyond linear elasticity -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("settings", [{"formulation": "exact"}, {"strain": "exact"}, {}])
+@pytest.mark.parametrize(("strain", "is_reported"), [(-101.0, True), (0.9, True), (0.1, False)])
+def test_strains_beyond_linear_elasticity_are_reported(settings, strain, is_reported):
+    """A cantilever pulled to (1 + strain) of its length; at -100 m, its axis is inverted."""
+    if not settings and abs(strain) > 1.0:
+        settings = {"strain": "linear"}
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("bar", LINE, STRIP, elements=2, **settings))
+    mech.add(bd.Weld("clamp", mech.ground.at(*LINE.start), beam.start))
+    mech.add(bd.Force("pull", beam.end, (strain * STRIP.EA, 0.0)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        result = bd.equilibrium(mech)
+        sentences = [x for x in result.warnings if "linear elasticity" in x]
+        assert bool(sentences) == is_reported
+        assert all(x.startswith("bar: the largest strain is") for x in sentences)
+        if strain == 0.9 or settings.get("strain") == "linear":
+            return
+        mech.start = "equilibrium"
+        run = bd.simulate(mech, bd.Radau(1e-4), 1e-5)
+    assert any("linear elasticity" in x for x in run.warnings) == is_reported
+    if settings.get("formulation") == "exact":
+        (sentence,) = sentences or ("strain is 0.1,",)
+        assert float(sentence.split("strain is ")[1].split(",")[0]) == pytest.approx(abs(strain))

@@ -17,7 +17,8 @@ import numpy as np
 from beamdae.beams.element_data import ElementData, ElementDataLayout
 from beamdae.beams.kinematics import Element, InertiaPoint, StrainRatePoint
 from beamdae.beams.shape_functions import gauss_points, shape_functions
-from beamdae.beams.strains import elastic_work
+from beamdae.beams.strains import AXIAL, BENDING, elastic_work, half_height
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.statements import SX, ForceKernel, Local
 
 NODE_SIZE = 3  # coordinates (x, y, psi) of a node
@@ -140,6 +141,22 @@ def exact_kernel(element: ExactElement) -> ForceKernel:
     )
     energies = ca.vertcat(kinetic, strain_energy, potential)
     return ForceKernel(local, inertia + elastic, energies, ca.vertcat(0, dissipated), reused=True)
+
+
+@cache
+def strain_function(element: ExactElement) -> RowFunction:
+    """Return the function of (q, data) for the largest axial strain of outer fibers of an element.
+
+    The height of the section is that of a rectangle, as in `BeamRange.strain`.
+    """
+    local = Local(element.size, element.n_data)
+    data = element.layout.split(local.data)
+    strains = [
+        ca.fabs(strain[AXIAL]) + half_height(data.elasticity(k)) * ca.fabs(strain[BENDING])
+        for k, (_, strain) in enumerate(element.strain_points(data.stiffness, local.q))
+    ]
+    largest = ca.mmax(ca.vertcat(*strains))
+    return RowFunction(ca.Function("strain", [local.q, local.data], [ca.densify(largest)]))
 
 
 def _inertial_work(element: ExactElement, local: Local, data: ElementData) -> tuple[SX, SX, SX]:

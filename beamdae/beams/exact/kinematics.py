@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.beams.element_data import assemble_point_data, is_damped
-from beamdae.beams.exact.element import NODE_SIZE, ExactElement
+from beamdae.beams.exact.element import NODE_SIZE, ExactElement, strain_function
 from beamdae.beams.exact.formulas import ExactDeformation, ExactSectionMotion, chord_motion
 from beamdae.beams.kinematics import (
     FormulationKinematics,
@@ -145,6 +145,12 @@ class GeometricallyExact(FormulationKinematics):
             self._select_nodes(nodes),
             Formula(ExactSectionMotion(len(nodes), has_offset), tuple(map(float, numbers))),
         )
+
+    def largest_strain(self, q: Array) -> float:
+        """Return the largest axial strain of outer fibers [-] in the states q (k, n)."""
+        element = np.asarray(self.operator @ q.T).T.reshape(-1, self.element.size)
+        data = np.tile(self.data(np.zeros(2)).T, (len(q), 1))
+        return float(np.max(strain_function(self.element)(element, data)))
 
     @property
     def floating_frame(self) -> MaterialPoint:

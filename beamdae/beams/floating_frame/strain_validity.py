@@ -19,7 +19,7 @@ from beamdae.beams.floating_frame.element import (
     FloatingFrameElement,
     strain_points,
 )
-from beamdae.beams.strains import AXIAL, BENDING
+from beamdae.beams.strains import AXIAL, BENDING, half_height
 from beamdae.symbolic.statements import Local, RangeKernel, StrainDefectKernel
 
 SX = ca.SX
@@ -38,7 +38,7 @@ def range_kernel(element: FloatingFrameElement) -> RangeKernel:
     data = element.layout.split(local.data)
     u, v, phi = ca.vertsplit(ca.reshape(local.q[FRAME_SIZE:], NODE_SIZE, element.nodes))
     strains = [
-        ca.fabs(strain[AXIAL]) + _half_height(data.elasticity(k)) * ca.fabs(strain[BENDING])
+        ca.fabs(strain[AXIAL]) + half_height(data.elasticity(k)) * ca.fabs(strain[BENDING])
         for k, (_, strain) in enumerate(
             strain_points(element, data.stiffness, local.q[FRAME_SIZE:])
         )
@@ -80,7 +80,3 @@ def strain_defect_kernel(element: FloatingFrameElement) -> StrainDefectKernel:
     u, v, phi = (slice(k, None, NODE_SIZE) for k in range(NODE_SIZE))
     return StrainDefectKernel(local, slice(FRAME_SIZE, None), (u, v), phi, force, stiffness)
 
-
-def _half_height(stiffness: SX) -> SX:
-    """Return half the height of a rectangle with the stiffnesses (EA, GA, EI)."""
-    return ca.sqrt(3.0 * stiffness[BENDING] / stiffness[AXIAL])

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import ceil, log
 
 import numpy as np
 
+from beamdae.beams.beam import Beam
 from beamdae.equations.equations_of_motion import EquationsOfMotion, RangeTerm
 from beamdae.results.trajectory import Trajectory
 
@@ -19,6 +20,10 @@ _MAX_ESTIMATED_ERROR = 0.5  # beyond this, estimates of the error are meaningles
 # Ratio of the errors after and before splitting a beam in half;
 # validation/strain_validity/run.py measures 0.05 to 0.3.
 _ERROR_AFTER_HALVING = 0.2
+# Strain at the outer fibers above which a beam is reported, whatever its strain measure: between
+# half and one and a half times the length, Hooke's law with the section of the undeformed beam is
+# off by tens of percent for any material; beyond, the axis may even be inverted.
+MAX_UNREPORTED_STRAIN = 0.5
 _SAMPLE_COUNT = 400  # number of times at which beams are checked
 _DEFECT_SAMPLE_COUNT = 16  # times of the largest rotations at which exact strains are evaluated
 
@@ -87,15 +92,50 @@ def measure_beam_ranges_of_run(
     """Return the largest deformation of each beam over a run, sampled at 400 times."""
     if not equations.ranges:
         return ()
-    # Sampled at equally spaced times because the steps of Radau may be too long.
-    times = np.linspace(trajectory.intervals[0].t[0], trajectory.end, _SAMPLE_COUNT)
-    _, state = trajectory.at(np.unique(times))
-    return tuple(_beam_range(term, state.q, _estimate_error_of_run) for term in equations.ranges)
+    q = sample_positions(trajectory)
+    return tuple(_beam_range(term, q, _estimate_error_of_run) for term in equations.ranges)
 
 
 def measure_beam_ranges(equations: EquationsOfMotion, q: Array) -> tuple[BeamRange, ...]:
     """Return the largest deformation of each beam over the equilibria q (k, n)."""
     return tuple(_beam_range(term, q, _estimate_error_of_equilibria) for term in equations.ranges)
+
+
+def sample_positions(trajectory: Trajectory) -> Array:
+    """Return the coordinates (k, n) at the times of a run at which strains are checked."""
+    # Sampled at equally spaced times because the steps of Radau may be too long.
+    times = np.linspace(trajectory.intervals[0].t[0], trajectory.end, _SAMPLE_COUNT)
+    return trajectory.at(np.unique(times))[1].q
+
+
+def strain_warnings(
+    equations: EquationsOfMotion, ranges: Sequence[BeamRange], positions: Callable[[], Array]
+) -> Iterator[str]:
+    """Yield a warning for each beam whose strains are too large for linear elasticity.
+
+    Parameters
+    ----------
+    equations
+        Equations of motion.
+    ranges
+        Largest deformations of the beams that have a range of validity.
+    positions
+        Function that returns the coordinates (k, n) at which the strains of other beams, such as
+        exact beams, are evaluated.
+    """
+    strains = {beam.name: beam.strain for beam in ranges}
+    parts = {} if equations.mechanism is None else equations.mechanism.parts
+    rows = {part.name: part.rows for part in equations.parts}
+    others = [x for x in parts.values() if isinstance(x, Beam) and x.name not in strains]
+    q = positions() if others else np.zeros((0, 0))
+    for beam in others:
+        strains[beam.name] = beam.kinematics.largest_strain(q[:, rows[beam.name]])
+    for name, strain in strains.items():
+        if strain > MAX_UNREPORTED_STRAIN:
+            yield (
+                f"{name}: the largest strain is {strain:.3g}, far beyond linear elasticity, so the "
+                "deformation is meaningless; reduce the loads, or check section and units."
+            )
 
 
 def _beam_range(
