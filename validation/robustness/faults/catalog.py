@@ -12,6 +12,7 @@ from robustness.faults import (
     case_failures,
     changed_studies,
     damaged_studies,
+    infrastructure,
     output,
     runs,
 )
@@ -26,6 +27,7 @@ THEMES = {
     "runs": runs,
     "changed studies": changed_studies,
     "damaged studies": damaged_studies,
+    "infrastructure": infrastructure,
 }
 FAULT_TIME_LIMIT = 600.0  # s
 QUICK_FAULT_COUNT = 6

@@ -1,0 +1,253 @@
+"""Studies whose processes, cluster, folder or limits fail: no orphans, no lost or wrong rows."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import beamdae as bd
+from beamdae.cli.app import app
+from beamdae.errors import KernelWarning
+from beamdae.results.outcome import Status
+from beamdae.results.storage.files import escape_cell
+from beamdae.studies.execution import executors, worker_processes
+from beamdae.studies.execution.executors import LocalPool, SerialPool, TaskResult
+from beamdae.studies.execution.study_run import run_study
+from beamdae.studies.store.folder_lock import lock_folder
+from beamdae.studies.tasks import Outcome
+
+MODEL = """import os
+import sys
+import time
+
+import beamdae as bd
+
+
+@bd.model(t_end=0.05)
+def swing(mass=1.0):
+    BODY
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.RigidBody("bob", mass, 0.1, (1.0, 0.0)))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.observe("bob", bob.at(1.0, 0.0))
+    return mech
+"""
+OVER = ("--over", "mass=1,2,3")
+
+
+@bd.model(t_end=0.05)
+def swing(mass=1.0):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.RigidBody("bob", mass, 0.1, (1.0, 0.0)))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
+    mech.observe("bob", bob.at(1.0, 0.0))
+    return mech
+
+
+STUDY = bd.Study("swings", tuple(bd.Case(swing, {"mass": m}) for m in (1.0, 2.0, 3.0)))
+
+
+class LosingPool(SerialPool):
+    """Executor that loses all tasks but the first one."""
+
+    def run_tasks(self, tasks):
+        yield from super().run_tasks(tasks[:1])
+        for task in tasks[1:]:
+            status = Status("not run", "connection-lost.\nClient lost")
+            yield TaskResult(task, Outcome(status), storable=False)
+
+
+# Reasons and cells ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", ["a\nb", "a\r\nb", "a\vb", "a\x85b", "a\u2028b"])
+def test_reasons_and_cells_have_no_line_breaks(text):
+    assert Status("failed", text).sentence == "a b"
+    assert escape_cell(text) == "a b"
+    assert escape_cell("=1\n+1") == "'=1 +1"
+
+
+def test_lost_tasks_have_their_own_status_and_are_run_again(tmp_path):
+    results = run_study(STUDY, tmp_path, LosingPool())
+    table = pd.read_csv(tmp_path / "cases.csv")
+    assert list(table["status"]) == ["ok", "not run", "not run"]
+    assert set(table["reason"][1:]) == {"connection-lost. Client lost"}
+    assert len(results.not_run) == 2
+    again = run_study(STUDY, tmp_path, SerialPool())
+    assert list(again.table["status"]) == ["ok"] * 3
+    assert again.not_run == []
+
+
+@pytest.mark.slow(reason="draws pictures")
+def test_exit_code_of_a_study_with_lost_tasks(tmp_path, monkeypatch):
+    monkeypatch.setattr(executors, "create_executor", lambda *_: LosingPool())
+    model = tmp_path / "model.py"
+    model.write_text(MODEL.replace("BODY", "pass"))
+    command = ["sweep", str(model), *OVER, "--out", str(tmp_path / "results")]
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 3
+    assert "not run: 2 of 3 runs, because connection-lost. Client lost; run the same" in (
+        result.output
+    )
+    assert "failed:" not in result.output
+
+
+# Processes ------------------------------------------------------------------------------------
+
+
+def test_study_runs_in_this_process_if_no_other_can_be_started(monkeypatch, tmp_path):
+    def fail():
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    monkeypatch.setattr(worker_processes, "_start_process", fail)
+    with warnings.catch_warnings(record=True) as issued:
+        warnings.simplefilter("always")
+        results = run_study(STUDY, tmp_path, LocalPool(4))
+    (warning,) = issued
+    assert warning.category is KernelWarning
+    assert str(warning.message).startswith(
+        "study: not all of the 4 worker processes can be started (Too many open files); the cases"
+    )
+    assert list(results.table["status"]) == ["ok"] * 3
+
+
+@pytest.mark.slow(reason="starts a process")
+def test_process_that_cannot_start_a_thread_is_replaced_by_this_process(monkeypatch, tmp_path):
+    hiding = Path(__file__).parents[1] / "hidden_packages"
+    paths = (str(hiding), *sys.path)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(paths))
+    monkeypatch.setenv("HIDDEN", "threads")
+    with pytest.warns(KernelWarning, match="can't start new thread") as issued:
+        results = run_study(STUDY, tmp_path, LocalPool(2))
+    assert len(issued) == 1
+    assert list(results.table["status"]) == ["ok"] * 3
+
+
+def run_beamdae(folder, *arguments, shell="", **options):
+    """Start beamdae in a folder after the shell commands `shell`, in an own process group."""
+    env = {**os.environ, "PYTHONPATH": str(Path(bd.__file__).parents[1]), "OWNER": folder.name}
+    line = f'{shell} exec "$@"'
+    return subprocess.Popen(
+        ["bash", "-c", line, "bash", sys.executable, "-m", "beamdae", *arguments],
+        cwd=folder,
+        env=env,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        **options,
+    )
+
+
+@pytest.mark.slow(reason="starts a command")
+@pytest.mark.parametrize("limit", [14, 20, 32])
+def test_study_works_with_few_open_files(tmp_path, limit):
+    (tmp_path / "model.py").write_text(MODEL.replace("BODY", "pass"))
+    command = ("sweep", "model.py", *OVER, "--jobs", "2")
+    process = run_beamdae(tmp_path, *command, shell=f"ulimit -n {limit};")
+    _, err = process.communicate(timeout=120.0)
+    assert process.returncode == 0
+    assert "Traceback" not in err
+    assert err.count("warning: ") == err.count("worker processes can be started") <= 1
+
+
+def find_processes(owner):
+    """Return the processes with this owner in their environment, in any process group."""
+    processes = []
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        try:
+            if f"OWNER={owner}".encode() in path.read_bytes().split(b"\0"):
+                processes.append(int(path.parent.name))
+        except OSError:
+            pass
+    return processes
+
+
+def wait_until(condition):
+    """Wait until a condition is true; a minute covers a busy machine."""
+    end = time.monotonic() + 60.0
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+@pytest.mark.slow(reason="starts processes")
+@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="no /proc")
+def test_regression_workers_end_with_a_killed_study(tmp_path):
+    """They used to compute until their case ended, and competed with the resumed study."""
+    # A busy loop, during which the process reads nothing from its parent.
+    body = (
+        "marker = open(f'{mass}.txt', 'w')\n    while mass > 1.0 and not os.path.exists('go'): pass"
+    )
+    (tmp_path / "model.py").write_text(MODEL.replace("BODY", body))
+    command = ("sweep", "model.py", *OVER, "--jobs", "2")
+    process = run_beamdae(tmp_path, *command)
+    wait_until(lambda: len([*tmp_path.glob("[23].0.txt"), *tmp_path.rglob("outcomes/*.json")]) == 3)
+    assert len(find_processes(tmp_path.name)) > 2
+    process.kill()
+    process.communicate()
+    wait_until(lambda: not find_processes(tmp_path.name))
+    (tmp_path / "go").touch()
+    resumed = run_beamdae(tmp_path, *command)
+    _, err = resumed.communicate(timeout=120.0)
+    assert resumed.returncode == 0, err
+    assert "1 stored before" in err
+    assert not list(tmp_path.rglob(".lock"))
+
+
+def test_messages_of_processes_are_issued_once(tmp_path):
+    class WarningPool(SerialPool):
+        def run_tasks(self, tasks):
+            for task in tasks:
+                outcome = Outcome.failed("no run")
+                object.__setattr__(outcome, "kernel_warnings", ("no cache.",))
+                yield TaskResult(task, outcome, storable=True)
+
+    with pytest.warns(KernelWarning, match=r"^no cache\.$") as issued:
+        run_study(STUDY, tmp_path, WarningPool())
+    assert len(issued) == 1
+
+
+# Folders --------------------------------------------------------------------------------------
+
+
+def test_results_folder_is_locked_while_a_study_runs(tmp_path):
+    def start_another(progress):
+        with pytest.raises(bd.BeamdaeError, match=rf"process {os.getpid()} on .* is running a"):
+            run_study(STUDY, tmp_path, SerialPool())
+
+    run_study(STUDY, tmp_path, SerialPool(), start_another)
+    assert not (tmp_path / ".lock").exists()
+
+
+def test_lock_of_a_killed_process_is_taken_over(tmp_path):
+    (tmp_path / ".lock").write_text("process 1 on another machine")
+    with lock_folder(tmp_path):
+        assert str(os.getpid()) in (tmp_path / ".lock").read_text()
+    assert not (tmp_path / ".lock").exists()
+
+
+def test_deleted_working_folder_is_reported(tmp_path, monkeypatch):
+    folder = tmp_path / "gone"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+
+    def delete(progress):
+        if folder.exists() and progress.done:
+            for path in sorted(folder.rglob("*"), reverse=True):
+                path.rmdir() if path.is_dir() else path.unlink()
+            folder.rmdir()
+
+    with pytest.raises(bd.BeamdaeError, match=r"^results/.*: the working folder has been deleted"):
+        bd.sweep(swing, {"mass": [1.0, 2.0]}, folder="results", progress=delete)
+    # Without a folder, results need no working folder.
+    assert list(bd.sweep(swing, {"mass": [1.0, 2.0]}).table["status"]) == ["ok", "ok"]
