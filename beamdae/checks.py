@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.linear_dynamics.symmetric_eigenproblem import (
+from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
     FrequencyRange,
     compute_frequency_range,
 )

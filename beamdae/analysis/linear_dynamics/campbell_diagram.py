@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from beamdae.analysis.linear_dynamics.natural_modes import DECAY, Modes, modes
+from beamdae.analysis.eigenproblems.eigensolution import DECAY
+from beamdae.analysis.linear_dynamics.natural_modes import Modes, modes
 from beamdae.analysis.linear_dynamics.steady_rotation import rotation
 from beamdae.errors import BeamdaeError, require_count, require_finite, require_sequence
 from beamdae.interrupts import interruptible

@@ -329,7 +329,7 @@ class _StateReduction:
             )
         is_input = np.zeros(e.m, bool)
         is_input[[rows[name] for name in constraint_names]] = True
-        nonholonomic = lin.nonholonomic
+        nonholonomic = lin.linearized_equations.nonholonomic
         by_q, by_v = tangent.position_jacobian.toarray(), tangent.velocity_jacobian.toarray()
         scales = e.position_scales
         self.x_indices, self.z = _independent_coordinates(by_q[~is_input & ~nonholonomic], scales)

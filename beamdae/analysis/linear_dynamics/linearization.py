@@ -17,6 +17,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.linear_dynamics.steady_rotation import (
     STIFFNESS_ROUNDING,
     Rotation,
@@ -88,11 +89,10 @@ class Linearization:
     rotation: Rotation | None = None
 
     @property
-    def nonholonomic(self) -> Array:
-        """Mask of the constraints on velocities, (m,)."""
-        mask = np.zeros(self.equations.m, bool)
-        mask[self.equations.nonholonomic_rows] = True
-        return mask
+    def linearized_equations(self) -> LinearizedEquations:
+        """Equations for the eigenvalue solvers."""
+        has_differences = self.rotation is not None or self.zero_square > 0.0
+        return LinearizedEquations(self.equations, self.tangent, self.zero_square, has_differences)
 
 
 def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.0) -> Linearization:

@@ -55,7 +55,7 @@ class EquilibriumPoint:
     @cached_property
     def stability(self) -> Stability:
         """Stability of the equilibrium, computed on first access."""
-        return assess_stability(self.system, self.x, self.system.tangent(self.x, self.mu))
+        return assess_stability(self.system, self.x, self.mu)
 
 
 @dataclass

@@ -1,24 +1,33 @@
-"""Stability of an equilibrium from the inertia of the tangent stiffness."""
+"""Stability of an equilibrium under constant loads.
+
+If the forces have a potential, the negative eigenvalues of the tangent stiffness are the unstable
+directions, whatever the inertia and the damping (theorem of Kelvin, Tait and Chetaev). Otherwise,
+the growing modes of the linearized equations of motion are counted.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
+from beamdae.analysis.eigenproblems.eigensolution import UNSTABLE, classify_mode, solve_eigenproblem
+from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.errors import BeamdaeError
 from beamdae.linear.orderings import compute_bordered_ordering
 
 Array = np.ndarray
 
-# Largest numbers of coordinates for dense matrices: of a symmetric stiffness (beyond, matrices are
-# sparse), and of an unsymmetric stiffness (beyond, stability is unknown).
+# Largest number of coordinates of a symmetric stiffness for dense matrices; beyond, matrices are
+# sparse.
 _MAX_DENSE_COORDINATES = 150
-_MAX_DENSE_UNSYMMETRIC_COORDINATES = 600
+# Number of modes among which growing ones are counted under loads without a potential.
+_MODE_COUNT = 12
 # Rounding errors of zero eigenvalues: of dense eigenvalue solvers, relative to the largest entry of
 # the stiffness, and of sparse elimination with fine meshes, relative to its largest diagonal entry.
 _ZERO_TOLERANCE = 2e-14
@@ -26,12 +35,6 @@ _SPARSE_ZERO_TOLERANCE = 4e-15
 # Asymmetry up to which the stiffness is treated as symmetric, relative to its largest entry. It is
 # small because a follower load is small compared with the axial stiffness of a thin beam.
 _ASYMMETRY_TOLERANCE = 1e-13
-# Bounds on inverse squared frequencies of unsymmetric problems: inverses below this fraction of the
-# largest are lost in rounding; above this multiple of the smallest, frequencies are zero.
-_MIN_INVERSE_RATIO = 1e-8
-_MAX_INVERSE_RATIO = 1e14
-# Imaginary and negative real parts up to this fraction of the eigenvalue are rounding errors.
-_IMAGINARY_TOLERANCE = 1e-7
 # Number of eigenvalues nearest to zero computed for large matrices, and their relative tolerance.
 _NEAREST_COUNT = 4
 _LANCZOS_TOLERANCE = 1e-10
@@ -54,16 +57,27 @@ class Stability:
         Mode shapes, (n, number of eigenvalues), scaled so that the largest absolute component,
         relative to its natural size, is 1.
     negative_count
-        Number of negative eigenvalues; for forces without a potential, number of squared
-        frequencies that are negative or complex. -1 if unknown.
+        Number of negative eigenvalues; for forces without a potential, number of growing modes, in
+        which an oscillation counts twice. -1 if unknown.
     zero_tolerance
         Eigenvalues up to this magnitude [J] are zero up to rounding.
+    growth
+        Eigenvalues [1/s] of the growing modes under forces without a potential; otherwise empty.
+    growing_modes
+        Real parts of the shapes of the growing modes, (n, number of growing modes).
     """
 
     eigenvalues: Array
     modes: Array
     negative_count: int
     zero_tolerance: float = 0.0
+    growth: Array = field(default_factory=lambda: np.zeros(0, complex))
+    growing_modes: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def oscillation_count(self) -> int:
+        """Number of growing oscillations (flutter) under forces without a potential."""
+        return int(np.sum(self.growth.imag > 0.0))
 
     @property
     def free_count(self) -> int:
@@ -96,68 +110,64 @@ class Stability:
         return int(np.sum(self.eigenvalues < 0.0)) + index - self.negative_count
 
 
-def assess_stability(system: LoadedEquations, x: Array, nonzeros: Array) -> Stability:
-    """Return the stability at x = (q, lam), where the tangent has the given non-zeros.
+def assess_stability(system: LoadedEquations, x: Array, mu: float) -> Stability:
+    """Return the stability of the equilibrium x = (q, lam) under the load factor mu.
 
     Negative eigenvalues are counted for the stiffness projected onto the motions that the joints
-    allow. If the forces have no potential, negative or complex squared frequencies are counted
-    instead, for up to 600 coordinates; beyond, the stability is unknown.
+    allow. If the forces have no potential, growing modes are counted instead.
     """
     n, scale = system.equations.n, system.equations.position_scales
-    tangent = system.matrix(nonzeros)
+    tangent = system.matrix(system.tangent(x, mu))
     stiffness = sp.csc_array(tangent[:n, :n]) * scale * scale[:, None]
     gradients = sp.csr_array(tangent[n:, :n]) * scale
-    size = float(np.max(np.abs(stiffness.data), initial=0.0))
-    skew = sp.csc_array(stiffness - stiffness.T)
-    is_symmetric = np.max(np.abs(skew.data), initial=0.0) <= _ASYMMETRY_TOLERANCE * size
-    if n <= _MAX_DENSE_COORDINATES or (
-        not is_symmetric and n <= _MAX_DENSE_UNSYMMETRIC_COORDINATES
-    ):
-        return _dense_stability(system, x, stiffness.toarray(), gradients.toarray())
     unknown = Stability(np.zeros(0), np.zeros((n, 0)), -1)
-    if not is_symmetric:
-        return unknown
     try:
+        if n <= _MAX_DENSE_COORDINATES:
+            stability = _dense_stability(stiffness.toarray(), gradients.toarray(), scale)
+            return stability or _assess_motion(system, x, mu)
+        size = float(np.max(np.abs(stiffness.data), initial=0.0))
+        skew = sp.csc_array(stiffness - stiffness.T)
+        if np.max(np.abs(skew.data), initial=0.0) > _ASYMMETRY_TOLERANCE * size:
+            return _assess_motion(system, x, mu)
         return _sparse_stability(sp.csc_array(stiffness), sp.csr_array(gradients), scale)
-    except (RuntimeError, ArpackError):
+    except (RuntimeError, ArpackError, BeamdaeError):
         return unknown
 
 
-def _dense_stability(
-    system: LoadedEquations, x: Array, stiffness: Array, gradients: Array
-) -> Stability:
-    scale, m = system.equations.position_scales, len(gradients)
+def _dense_stability(stiffness: Array, gradients: Array, scale: Array) -> Stability | None:
+    """Return the stability from the eigenvalues of the stiffness; None without a potential."""
+    m = len(gradients)
     basis = la.qr(gradients.T)[0][:, m:] if m else np.eye(len(scale))
     if not basis.shape[1]:
         return Stability(np.zeros(0), np.zeros((len(scale), 0)), 0)
     projected = basis.T @ stiffness @ basis
     zero = _ZERO_TOLERANCE * float(np.max(np.abs(stiffness), initial=0.0))
     asymmetry = np.max(np.abs(projected - projected.T))
-    if asymmetry <= max(_ASYMMETRY_TOLERANCE * float(np.max(np.abs(projected))), zero):
-        eigenvalues, vectors = la.eigh(0.5 * (projected + projected.T))
-        return _build_stability(eigenvalues, basis @ vectors, scale, zero)
-    # Without a potential, the signs of the stiffness eigenvalues are not decisive: the motion
-    # diverges or flutters if squared frequencies are negative or complex.
-    starter = ConsistencySolver(system.loaded.equations)
-    state = starter.rest_state(x[: len(scale)])
-    mass = starter.linearize_forces(system.loaded.time, state)[2].toarray()
-    inertia = basis.T @ (mass * scale * scale[:, None]) @ basis
-    count = _count_unstable_modes(projected, inertia)
-    return Stability(np.zeros(0), np.zeros((len(scale), 0)), count)
+    if asymmetry > max(_ASYMMETRY_TOLERANCE * float(np.max(np.abs(projected))), zero):
+        return None
+    eigenvalues, vectors = la.eigh(0.5 * (projected + projected.T))
+    return _build_stability(eigenvalues, basis @ vectors, scale, zero)
 
 
-def _count_unstable_modes(stiffness: Array, inertia: Array) -> int:
-    """Return the number of negative or complex squared frequencies, ignoring fast modes."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # Inverse squared frequencies, of which those of slow modes are the most accurate.
-        inverses = la.eigvals(inertia, stiffness)
-        inverses = inverses[np.isfinite(inverses)]
-        smallest = np.min(np.abs(inverses), initial=np.inf)
-        inverses = inverses[np.abs(inverses) < _MAX_INVERSE_RATIO * smallest]
-        largest = np.max(np.abs(inverses), initial=0.0)
-        slow = inverses[np.abs(inverses) >= _MIN_INVERSE_RATIO * largest]
-    rounding = _IMAGINARY_TOLERANCE * np.abs(slow)
-    return int(np.sum((slow.real < -rounding) | (np.abs(slow.imag) > rounding)))
+def _assess_motion(system: LoadedEquations, x: Array, mu: float) -> Stability:
+    """Return the stability from the growing modes of the equations of motion about x.
+
+    Raises
+    ------
+    BeamdaeError
+        If the linearized equations are singular.
+    """
+    e = system.equations
+    state = ConsistencySolver(e).rest_state(x[: e.n])._replace(lam=x[e.n :])
+    linearized = LinearizedEquations(e, system.motion_tangent(state, mu))
+    solution = solve_eigenproblem(linearized, _MODE_COUNT)
+    is_growing = np.array([classify_mode(value) == UNSTABLE for value in solution.values], bool)
+    growth = solution.values[is_growing]
+    count = len(growth) + int(np.sum(growth.imag > 0.0))
+    none = np.zeros((e.n, 0))
+    return Stability(
+        np.zeros(0), none, count, growth=growth, growing_modes=solution.shapes[:, is_growing].real
+    )
 
 
 def _build_stability(

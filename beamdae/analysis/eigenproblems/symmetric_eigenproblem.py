@@ -17,7 +17,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from beamdae.analysis.linear_dynamics.linearization import Linearization
+from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.starts.rank import RANK_TOLERANCE
@@ -83,7 +83,7 @@ class UndampedModes(NamedTuple):
 class SymmetricProblem:
     """Eigenvalue problem K x + G^T mu = w^2 M x, G x = 0 with the symmetric parts of K and M."""
 
-    def __init__(self, lin: Linearization) -> None:
+    def __init__(self, lin: LinearizedEquations) -> None:
         tangent = lin.tangent
         self.e = lin.equations
         self.stiffness = _symmetric_part(tangent.stiffness)
@@ -169,15 +169,14 @@ class SymmetricProblem:
         return shapes, s
 
 
-def is_symmetric(lin: Linearization) -> bool:
+def is_symmetric(lin: LinearizedEquations) -> bool:
     """Return True if the eigenproblem without damping is symmetric.
 
     That is, K and M are symmetric, reactions act along the gradients of the constraints, and
     constraints on velocities do not depend on positions.
     """
     tangent = lin.tangent
-    has_differences = lin.rotation is not None or lin.zero_square > 0.0
-    tolerance = _DIFFERENCE_TOLERANCE if has_differences else _EXACT_TOLERANCE
+    tolerance = _DIFFERENCE_TOLERANCE if lin.has_differences else _EXACT_TOLERANCE
     if not all(is_symmetric_matrix(x, tolerance) for x in (tangent.stiffness, tangent.mass)):
         return False
     if not lin.equations.m:
@@ -259,7 +258,7 @@ def compute_frequency_range(e: EquationsOfMotion, time: Array, state: State) -> 
     coordinates.
     """
     tangent = compute_tangent(e, time, state)
-    lin = Linearization(e, e, "start", time, state, tangent)
+    lin = LinearizedEquations(e, tangent)
     try:
         squares, shapes = SymmetricProblem(lin).solve(None)
     except MasslessError as error:

@@ -12,8 +12,8 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, eigs
 
-from beamdae.analysis.linear_dynamics.linearization import Linearization
-from beamdae.analysis.linear_dynamics.symmetric_eigenproblem import (
+from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
+from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
     MAX_DENSE_COORDINATES,
     ZERO_SQUARE_RATIO,
     UndampedModes,
@@ -79,7 +79,9 @@ class QuadraticProblem:
         If the equations are singular at the shift.
     """
 
-    def __init__(self, lin: Linearization, undamped: UndampedModes, count: int | None) -> None:
+    def __init__(
+        self, lin: LinearizedEquations, undamped: UndampedModes, count: int | None
+    ) -> None:
         self.lin, self.tangent, self.e = lin, lin.tangent, lin.equations
         squares = undamped.squares
         # The shift is in the middle of the modes of interest, so that low and high modes lose equal
@@ -132,19 +134,16 @@ class QuadraticProblem:
         # Twice the number, for conjugate pairs, and six more because ordering by 1 / (l - s)
         # differs from ordering by l.
         number = available if count is None else min(available, 2 * count + 6)
+        is_small = n <= MAX_DENSE_COORDINATES or number >= n
+        if is_small and not len(e.nonholonomic_rows):
+            return self._select(*self._solve_projected())
         scales = np.tile(e.position_scales, 2)
         scales[n:] *= self.shift
-        if n <= MAX_DENSE_COORDINATES or number >= n:
-            rows = self.tangent.acceleration_jacobian(e)
-            rows = sp.csc_array(sp.vstack([rows, sp.csc_array(self._weighted_free.T)]))
-            basis = scaled_null_space(rows, e.position_scales)
-            if len(e.nonholonomic_rows):
-                basis = np.diag(e.position_scales)
-            state_basis = la.block_diag(basis, self.shift * basis)
-            images = np.stack([self._apply_inverse(column) for column in state_basis.T], axis=1)
-            matrix = la.lstsq(state_basis / scales[:, None], images / scales[:, None])[0]
-            inverses, vectors = la.eig(matrix)
-            shapes = (state_basis @ vectors)[:n]
+        if is_small:
+            columns = np.diag(scales)
+            images = np.stack([self._apply_inverse(column) for column in columns], axis=1)
+            inverses, vectors = la.eig(images / scales[:, None])
+            shapes = (vectors * scales[:, None])[:n]
         else:
             operator = LinearOperator(
                 (2 * n, 2 * n),
@@ -163,6 +162,46 @@ class QuadraticProblem:
         is_accurate = np.abs(inverses[order]) > _MIN_INVERSE_RATIO * np.max(np.abs(inverses))
         order = order[is_accurate]
         return self._select(self.shift + 1.0 / inverses[order], shapes[:, order])
+
+    def _solve_projected(self) -> tuple[Array, Array]:
+        """Return all eigenvalues and shapes, from dense matrices in the motions joints allow.
+
+        Undamped problems are solved for l^2, which is twice as accurate and avoids that rounding
+        splits pairs off the imaginary axis.
+        """
+        tangent, e, s = self.tangent, self.e, self.shift
+        free = sp.csc_array(self._weighted_free.T)
+        basis, left = (
+            scaled_null_space(sp.csc_array(sp.vstack([rows, free])), e.position_scales)
+            for rows in (tangent.position_jacobian, sp.csc_array(tangent.reactions.T))
+        )
+        mass, damping, stiffness = (
+            left.T @ (matrix @ basis)
+            for matrix in (tangent.mass, tangent.damping, tangent.stiffness)
+        )
+        shifted = la.lu_factor(stiffness + s * damping + s**2 * mass)
+        by_rate = -s * la.lu_solve(shifted, mass)
+        if not np.any(damping):
+            # Eigenvalues of the inverse of K + s^2 M times s M are s / (s^2 - l^2).
+            inverses, vectors = la.eig(-by_rate)
+            is_accurate = np.abs(inverses) > _MIN_INVERSE_RATIO * np.max(np.abs(inverses))
+            inverses, vectors = inverses[is_accurate], vectors[:, is_accurate]
+            squares = s**2 - s / inverses
+            is_real = np.abs(squares.imag) <= _IMAGINARY_TOLERANCE * np.abs(squares)
+            values = np.sqrt(np.where(is_real, squares.real, squares).astype(complex))
+            # Either sign of the root is an eigenvalue; of complex ones, the upper of each pair.
+            values = np.where(values.imag < 0.0, -values, values)
+            decaying = values.imag == 0.0
+            values = np.concatenate([values, -values[decaying]])
+            return values, basis @ np.hstack([vectors, vectors[:, decaying]])
+        by_position = by_rate - la.lu_solve(shifted, damping)
+        matrix = np.block(
+            [[by_position, by_rate], [np.eye(len(by_rate)) / s + by_position, by_rate]]
+        )
+        inverses, vectors = la.eig(matrix)
+        is_accurate = np.abs(inverses) > _MIN_INVERSE_RATIO * np.max(np.abs(inverses))
+        values = s + 1.0 / inverses[is_accurate]
+        return values, basis @ vectors[: len(by_rate), is_accurate]
 
     def _apply_inverse(self, y: Array) -> Array:
         """Return (A - s E)^-1 E y."""
@@ -201,7 +240,8 @@ class QuadraticProblem:
         is_damped = power > quadratic_form_rounding(damping, shapes)
         off_axis = np.where(is_damped, 0.0, 0.5 * rounding / np.maximum(size, _TINY))
         off_axis = np.maximum(off_axis, _REAL_TOLERANCE * size)
-        off_axis = np.where(_is_split_double(values, np.sqrt(rounding)), np.inf, off_axis)
+        if not is_symmetric_matrix(damping):
+            off_axis = np.where(_is_split_double(values, np.sqrt(rounding)), np.inf, off_axis)
         real = np.where(np.abs(values.real) <= off_axis, 0.0, values.real)
         is_real = np.abs(values.imag) <= _IMAGINARY_TOLERANCE * size
         values = real + 1j * np.where(is_real, 0.0, values.imag)
@@ -250,7 +290,7 @@ class QuadraticProblem:
 
 
 def _is_split_double(values: Array, spread: Array) -> Array:
-    """Return a mask of imaginary double eigenvalues that rounding has split.
+    """Return a mask of imaginary double eigenvalues of rotating bodies that rounding has split.
 
     Rounding moves double eigenvalues by its square root, `spread`: for example, the eigenvalues of
     the translations of a free body in the frame that rotates with it.
