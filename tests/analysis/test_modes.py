@@ -348,7 +348,7 @@ def test_dense_and_sparse_solvers_agree(damping, monkeypatch):
     mech = cantilever(12, damping=damping)
     dense = bd.modes(mech, n=8)
     for kind in ("symmetric", "quadratic"):
-        module = f"beamdae.analysis.linear_dynamics.{kind}_eigenproblem"
+        module = f"beamdae.analysis.eigenproblems.{kind}_eigenproblem"
         monkeypatch.setattr(f"{module}.MAX_DENSE_COORDINATES", 10)
     sparse = bd.modes(mech, n=8)
     # Rounding of the axial stiffness, 1e9 times that of the lowest mode, limits the agreement.

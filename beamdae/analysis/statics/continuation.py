@@ -56,14 +56,13 @@ class PathCriticalPoint:
         `LIMIT`, `BRANCH` or `FLUTTER`.
     row
         Index of the point in the path.
-    index
-        Index, from 0, of the vanishing eigenvalue among all eigenvalues in ascending order. Always
-        0 under loads without a potential, for which no eigenvalues are computed.
+    mode
+        Shape (n,) of the critical mode.
     """
 
     kind: str
     row: int
-    index: int
+    mode: Array
 
 
 @dataclass
@@ -103,7 +102,7 @@ class StagePath:
     def append(self, segment: PathSegment, critical: Sequence[SegmentCriticalPoint]) -> None:
         """Append the critical points and the end of a segment."""
         for one in critical:
-            self.critical.append(PathCriticalPoint(one.kind, len(self.points), one.index))
+            self.critical.append(PathCriticalPoint(one.kind, len(self.points), one.mode))
             self.points.append(one.point)
         self.points.append(segment.end)
 
@@ -178,15 +177,23 @@ def follow_path(
             stop = settings.stop_at_branch_point
             if stop and count - initial_count >= stop:
                 return
-            if count > before and _revisits_branch_point(path, settings):
+            # Paths by load or displacement cannot return: their control is monotonic.
+            is_new = settings.by_arc_length and count > before
+            if is_new and _revisits_branch_point(path, settings, before):
                 path.status = Status("failed", _CLOSED_PATH)
                 return
 
 
-def _revisits_branch_point(path: StagePath, settings: ContinuationSettings) -> bool:
-    *others, last = (path.points[one.row] for one in path.branch_points)
-    distances = [settings.norm.max_norm(one.x - last.x, one.mu - last.mu) for one in others]
-    return min(distances, default=np.inf) < _SAME_POINT_RATIO * settings.max_step
+def _revisits_branch_point(path: StagePath, settings: ContinuationSettings, count: int) -> bool:
+    """Return True if the last branch point is one of the first `count`."""
+    last = path.points[path.branch_points[-1].row]
+    others = [path.points[one.row] for one in path.branch_points[:count]]
+    return any(
+        settings.norm.max_norm(one.x - last.x) < _SAME_POINT_RATIO * settings.max_step
+        # Branch points of a straight column differ in their load factors only.
+        and abs(one.mu - last.mu) < _SAME_POINT_RATIO * settings.max_load_step
+        for one in others
+    )
 
 
 def _take_step(
@@ -302,15 +309,14 @@ def switch_branch(
     Raises
     ------
     CorrectorError
-        If no point of the crossing path is found, or the eigenvalues at the branch point are
-        unknown.
+        If no point of the crossing path is found.
     """
     branch, norm = path.branch_points[-1], settings.norm
     del path.points[branch.row + 1 :]
     path.critical = [one for one in path.critical if one.row <= branch.row]
     point, before = path.end, path.points[branch.row - 1]
     path_direction = PathDirection(point.x - before.x, point.mu - before.mu)
-    direction = _crossing_direction(corrector, norm, point, branch.index, path_direction)
+    direction = _crossing_direction(corrector, norm, point, branch.mode, path_direction)
     direction = direction.scale(side / norm.max_norm(direction.x, direction.mu))
     control = norm.arc_length_control(point.x, point.mu, direction)
     size = 0.5 * settings.max_step
@@ -333,7 +339,7 @@ def _crossing_direction(
     corrector: Corrector,
     norm: StepNorm,
     point: EquilibriumPoint,
-    index: int,
+    shape: Array,
     path_direction: PathDirection,
 ) -> PathDirection:
     """Return the approximate direction of the crossing path.
@@ -342,13 +348,8 @@ def _crossing_direction(
     this mode. The direction in this plane orthogonal to `path_direction` is close enough for
     Newton's method.
     """
-    if not len(point.stability.eigenvalues):
-        raise CorrectorError(
-            "crossing paths cannot be separated because the eigenvalues of the stiffness are "
-            "unknown or the loads have no potential; omit switch="
-        )
     x = np.zeros_like(point.x)
-    x[: len(norm.scale)] = point.stability.mode(index)
+    x[: len(norm.scale)] = shape
     mode = PathDirection(x, 0.0)
     plane = (mode, corrector.load_response(point, norm.dual(mode)[0]))
     orthogonal = [norm.orthogonal_part(direction, path_direction) for direction in plane]

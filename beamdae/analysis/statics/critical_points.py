@@ -2,7 +2,7 @@
 
 At a limit point, the tangent stiffness is singular and the load factor has an extremum. At a branch
 point (bifurcation), the tangent stiffness is singular and another path crosses. At a flutter point,
-which occurs only with forces without a potential, squared frequencies become complex.
+which occurs only with forces without a potential, an oscillation begins to grow.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
 from beamdae.analysis.statics.path_controls import Control, PathDirection
+from beamdae.analysis.statics.stability import Stability
 
 Array = np.ndarray
 
@@ -23,9 +24,14 @@ LIMIT, BRANCH, FLUTTER = "limit point", "branch point", "flutter point"
 # Positions in a segment run from 0 to 1. Tolerance of a search if Newton's method converges up to
 # the critical point.
 _POSITION_TOLERANCE = 1e-6
-# If Newton's method does not converge at the critical point, it is interpolated from four points at
-# this distance from each other.
+# Newton's method may not converge at the critical point, which is therefore interpolated from four
+# points at this distance from each other. If the eigenvalue of the interpolated point exceeds the
+# first fraction of its value at that distance, or the load factor varies by more than the second
+# fraction, many critical points are close to each other, and the next smaller distance is used.
 _SAMPLE_DISTANCE = 1e-3
+_SAMPLE_DISTANCES = (_SAMPLE_DISTANCE, 1e-4, 1e-5, 1e-6, 1e-7)
+_ZERO_RATIO = 1e-2
+_MAX_LOAD_SPREAD = 0.05
 # Distance used instead if an eigenvalue touches zero without a sign change: closer points might lie
 # on the crossing path.
 _TOUCH_SAMPLE_DISTANCE = 0.1
@@ -49,15 +55,14 @@ class SegmentCriticalPoint:
         Interpolated equilibrium.
     kind
         `LIMIT`, `BRANCH` or `FLUTTER`.
-    index
-        Index, from 0, of the vanishing eigenvalue among all eigenvalues in ascending order. Always
-        0 under loads without a potential, for which no eigenvalues are computed.
+    mode
+        Shape (n,) of the critical mode.
     """
 
     position: float
     point: EquilibriumPoint
     kind: str
-    index: int
+    mode: Array
 
 
 @dataclass(frozen=True)
@@ -104,7 +109,7 @@ class PathSegment:
                 point = self.point_at(position)
                 return quantity.value(point.x, point.mu) - target
 
-            position = brentq(deviation, 0.0, 1.0, xtol=_POSITION_TOLERANCE)
+            position = _find_sign_change(deviation, off, _POSITION_TOLERANCE)
         near = self.point_at(position)
         try:
             end = self.corrector.correct(quantity, target, near.x, near.mu)
@@ -124,31 +129,58 @@ class PathSegment:
     def locate_critical_points(self, splits: int = _MAX_SPLITS) -> list[SegmentCriticalPoint]:
         """Return the critical points in the segment, in order along the path.
 
-        The list is empty if the stability is unknown. `splits` is the maximum depth of bisection.
+        There are as many as the number of unstable directions changes by; a pair of directions that
+        flutters counts once. The list is empty if the stability is unknown. `splits` is the number
+        of bisections allowed.
 
         Raises
         ------
         CorrectorError
-            If points in the segment cannot be computed.
+            If points in the segment cannot be computed, or the segment is too long to separate its
+            critical points.
         """
         counts = [point.stability.negative_count for point in (self.begin, self.end)]
         low, high = min(counts), max(counts)
         if low < 0:
             return []
         if not all(len(point.stability.eigenvalues) for point in (self.begin, self.end)):
-            return [self._locate_instability(counts)] if low < high else []
+            return self._locate_growth(0.0, self.begin.stability, 1.0, self.end.stability)
         points = [self._locate_zero(index) for index in range(low, high)]
         if low == high and self._load_turns():
-            points = [self._locate_touch()]
-            if points[0] is not None and points[0].kind == LIMIT and splits:
-                # An eigenvalue becomes negative and then positive again: each half has one sign
-                # change.
-                return [
-                    one
-                    for half in self._halves()
-                    for one in half.locate_critical_points(splits - 1)
-                ]
-        return sorted(filter(None, points), key=lambda one: one.position)
+            touch = self._locate_touch()
+            if touch.kind == BRANCH:
+                return [touch]
+            if not splits:
+                raise CorrectorError("the load has several extrema within the step")
+            # An eigenvalue becomes negative and then positive again: each half has one sign change.
+            return [
+                one for half in self._halves() for one in half.locate_critical_points(splits - 1)
+            ]
+        points = sorted(points, key=lambda one: one.position)
+        self._require_continuity(points, counts)
+        return points
+
+    def _require_continuity(
+        self, points: Sequence[SegmentCriticalPoint], counts: Sequence[int]
+    ) -> None:
+        """Require that the number of unstable directions changes by one at each point.
+
+        `counts` are the numbers at the ends of the segment. Otherwise, a step that leaves the path
+        would be connected to it by critical points that do not exist.
+
+        Raises
+        ------
+        CorrectorError
+            If another number changes on the way.
+        """
+        sign = 1 if counts[1] > counts[0] else -1
+        margin = 2.0 * _SAMPLE_DISTANCE
+        for k, one in enumerate(points):
+            nearest = points[k - 1].position if k else -np.inf
+            if one.position - nearest > 2.0 * margin:
+                before = self._point_near(one.position - margin).stability.negative_count
+                if before != counts[0] + sign * k:
+                    raise CorrectorError("the stability of equilibria changes abruptly")
 
     def _halves(self) -> tuple[PathSegment, PathSegment]:
         first, last = self.control_values
@@ -166,24 +198,45 @@ class PathSegment:
             ),
         )
 
-    def _locate_instability(self, counts: Sequence[int]) -> SegmentCriticalPoint:
-        """Return the point where the number of unstable modes changes under nonconservative loads.
-
-        Modes that flutter come in pairs, so the number changes by two or more at a flutter point.
-        """
-        low, high = 0.0, 1.0
-        while high - low > _POSITION_TOLERANCE:
-            between = 0.5 * (low + high)
-            same = self._point_near(between).stability.negative_count == counts[0]
-            low, high = (between, high) if same else (low, between)
+    def _locate_growth(
+        self, low: float, before: Stability, high: float, after: Stability
+    ) -> list[SegmentCriticalPoint]:
+        """Return the points between two positions where growing modes appear or vanish."""
+        counts = [_growth_counts(stability) for stability in (before, after)]
+        if counts[0] == counts[1]:
+            return []
+        if high - low > _POSITION_TOLERANCE:
+            middle = 0.5 * (low + high)
+            between = self._point_near(middle).stability
+            if between.negative_count < 0:
+                raise CorrectorError("the stability of an equilibrium within the step is unknown")
+            return [
+                *self._locate_growth(low, before, middle, between),
+                *self._locate_growth(middle, between, high, after),
+            ]
+        (divergence, flutter), (later_divergence, later_flutter) = counts
+        if divergence + 2 * flutter == later_divergence + 2 * later_flutter:
+            # A growing oscillation becomes two growing modes without oscillation, or the reverse.
+            return []
+        unstable = after if after.negative_count > before.negative_count else before
         near = self._interpolate(0.5 * (low + high), None)
-        return replace(near, kind=FLUTTER) if abs(counts[1] - counts[0]) > 1 else near
+        oscillates = unstable.growth.imag > 0.0
+        found = []
+        for kind, selected, number in (
+            (FLUTTER, oscillates, abs(later_flutter - flutter)),
+            (near.kind, ~oscillates, abs(later_divergence - divergence)),
+        ):
+            # The modes that have just begun to grow are the slowest.
+            order = np.flatnonzero(selected)[np.argsort(unstable.growth[selected].real)]
+            modes = unstable.growing_modes[:, order[:number]].T
+            found += [replace(near, kind=kind, mode=mode) for mode in modes]
+        return found
 
-    def _locate_zero(self, index: int) -> SegmentCriticalPoint | None:
-        """Return the point where eigenvalue `index` (from 0) changes sign, or None."""
+    def _locate_zero(self, index: int) -> SegmentCriticalPoint:
+        """Return the point where eigenvalue `index` (from 0) changes sign."""
         ends = [point.stability.eigenvalue(index) for point in (self.begin, self.end)]
         if not ends[0] * ends[1] < 0.0:
-            return None
+            raise CorrectorError("the stability of equilibria changes abruptly")
 
         def eigenvalue(point: EquilibriumPoint) -> float:
             value = point.stability.eigenvalue(index)
@@ -191,21 +244,36 @@ class PathSegment:
                 raise CorrectorError("the stability of equilibria changes abruptly")
             return value
 
-        position = brentq(
-            lambda position: eigenvalue(self._point_near(position)), 0.0, 1.0, xtol=_SAMPLE_DISTANCE
-        )
-        return replace(self._interpolate(position, eigenvalue), index=index)
+        for distance in _SAMPLE_DISTANCES:
+            position = _find_sign_change(
+                lambda position: eigenvalue(self._point_near(position)), ends, distance
+            )
+            near = self._interpolate(position, eigenvalue, distance)
+            sample = self._point_near(position + distance)
+            # The step in load between the samples bounds the error of the load factor.
+            is_fine = abs(sample.mu - near.point.mu) <= _MAX_LOAD_SPREAD * abs(near.point.mu)
+            zero = near.point.stability.zero_tolerance
+            error = max(abs(eigenvalue(near.point)) - zero, 0.0)
+            is_fine |= distance == _SAMPLE_DISTANCES[-1]
+            if is_fine and error <= _ZERO_RATIO * abs(eigenvalue(sample)):
+                return replace(near, mode=near.point.stability.mode(index))
+        raise CorrectorError("the stability of equilibria changes abruptly")
 
     def _load_turns(self) -> bool:
         rates = [0.0 if direction is None else direction.mu for direction in self.directions]
         return rates[0] * rates[1] < 0.0
 
-    def _locate_touch(self) -> SegmentCriticalPoint | None:
-        """Return the extremum of the load factor at which an eigenvalue is nearly zero, or None.
+    def _locate_touch(self) -> SegmentCriticalPoint:
+        """Return the extremum of the load factor, where an eigenvalue is nearly zero.
 
         A path that branches off another one has such an extremum where both cross; there, the
         eigenvalue touches zero (`BRANCH`). If the eigenvalue changes sign instead, the point is a
         `LIMIT`.
+
+        Raises
+        ------
+        CorrectorError
+            If no eigenvalue is nearly zero, so that the segment leaves the path.
         """
 
         def load_rate(point: EquilibriumPoint) -> float:
@@ -221,11 +289,12 @@ class PathSegment:
         index = closest - smaller + stability.negative_count
         ends = [abs(point.stability.eigenvalue(index)) for point in (self.begin, self.end)]
         if not abs(stability.eigenvalues[closest]) <= _TOUCH_RATIO * max(ends):
-            return None
+            raise CorrectorError("the load has an extremum without a critical mode")
         distances = (-_TOUCH_SAMPLE_DISTANCE, _TOUCH_SAMPLE_DISTANCE)
         neighbors = (self._point_near(near.position + distance) for distance in distances)
         before, after = (point.stability.negative_count for point in neighbors)
-        return replace(near, kind=BRANCH if before == after else LIMIT, index=index)
+        kind = BRANCH if before == after else LIMIT
+        return replace(near, kind=kind, mode=stability.modes[:, closest])
 
     def _point_near(self, position: float) -> EquilibriumPoint:
         """Return the point at a position, or nearby if the corrector fails there."""
@@ -259,10 +328,35 @@ class PathSegment:
         ]
         x = np.einsum("i,ij->j", weights, [point.x for point in points])
         factors = np.array([point.mu for point in points])
-        changes = np.diff(factors)
-        kind = LIMIT if changes[0] * changes[-1] < 0.0 else BRANCH
+        # Rates of the load factor are more accurate than its differences.
+        tangents = [self.corrector.try_path_tangent(one, self.control) for one in points[::3]]
+        changes = np.diff(factors)[[0, -1]]
+        if not any(tangent is None for tangent in tangents):
+            changes = np.array([tangent.mu for tangent in tangents if tangent is not None])
+        kind = LIMIT if changes[0] * changes[1] < 0.0 else BRANCH
         point = EquilibriumPoint(self.corrector.system, x, float(weights @ factors))
-        return SegmentCriticalPoint(position, point, kind, 0)
+        return SegmentCriticalPoint(position, point, kind, np.zeros(0))
+
+
+def _growth_counts(stability: Stability) -> tuple[int, int]:
+    """Return the numbers of growing modes without oscillation and of growing oscillations."""
+    oscillations = stability.oscillation_count
+    return stability.negative_count - 2 * oscillations, oscillations
+
+
+def _find_sign_change(
+    function: Callable[[float], float], ends: Sequence[float], tolerance: float
+) -> float:
+    """Return a position between 0 and 1 where `function` changes sign; `ends` are its end values.
+
+    The end values are given because points computed again may differ in the last digits.
+    """
+    known = dict(zip((0.0, 1.0), ends, strict=True))
+
+    def value(position: float) -> float:
+        return known[position] if position in known else function(position)
+
+    return float(brentq(value, 0.0, 1.0, xtol=tolerance))
 
 
 def _nearest_root(positions: Array, values: Sequence[float], near: float) -> float:

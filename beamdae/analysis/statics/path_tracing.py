@@ -226,12 +226,9 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             factors.append(row.copy())
             factors[-1][k : k + 1] = point.mu
         for one in path.critical:
-            point = path.points[one.row]
-            coordinate = ""
-            if len(point.stability.eigenvalues):
-                mode = point.stability.mode(one.index)
-                coordinate = _dominant_coordinate(system.equations, mode)
-            critical.append(CriticalPoint(one.kind, first + one.row, point.mu, coordinate))
+            coordinate = _dominant_coordinate(system.equations, one.mode)
+            factor = path.points[one.row].mu
+            critical.append(CriticalPoint(one.kind, first + one.row, factor, coordinate))
         iterations += corrector.iterations
         status = _end_status(path, system, settings.control if is_last else LOAD)
         if not status.success:

@@ -30,7 +30,7 @@ _MAX_DENSE_COORDINATES = 150
 _MODE_COUNT = 12
 # Rounding errors of zero eigenvalues: of dense eigenvalue solvers, relative to the largest entry of
 # the stiffness, and of sparse elimination with fine meshes, relative to its largest diagonal entry.
-_ZERO_TOLERANCE = 2e-14
+_ZERO_TOLERANCE = 1e-15
 _SPARSE_ZERO_TOLERANCE = 4e-15
 # Asymmetry up to which the stiffness is treated as symmetric, relative to its largest entry. It is
 # small because a follower load is small compared with the axial stiffness of a thin beam.

@@ -50,7 +50,8 @@ def equilibrium(
 
     Stability is assessed for constant loads, by the number of negative eigenvalues of the tangent
     stiffness in the motions that the joints allow. For loads without a potential (follower loads),
-    it is assessed by the squared frequencies, which involve the mass matrix.
+    it is assessed by the growing modes of the linearized equations of motion, see `modes`, which
+    involve mass and damping.
 
     Parameters
     ----------

@@ -1,0 +1,171 @@
+"""Stability and critical points of slender structures, against closed forms."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+
+STEEL = bd.Material.of("steel")
+
+
+def rectangle(height):
+    """Return a section 20 mm wide."""
+    return bd.Section.rectangle(STEEL, width=0.02, height=height)
+
+
+def column(height, length=1.0, elements=8, axes="inertial"):
+    """Return a cantilever column under a compressive force of EI / L^2."""
+    mech, section = bd.Mechanism(), rectangle(height)
+    line = bd.Line((0.0, 0.0), (0.0, length))
+    beam = mech.add(bd.Beam("column", line, section, elements, formulation="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("press", beam.end, (0.0, -section.EI / length**2), axes=axes))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+def arch_under_pressure(height, radius=0.2, elements=12):
+    """Return a hinged semicircular arch under the follower pressure EI / R^3."""
+    mech, section = bd.Mechanism(), rectangle(height)
+    arc = bd.Arc(radius, np.pi * radius, start=(radius, 0.0), angle=0.5 * np.pi)
+    arch = mech.add(bd.Beam("arch", arc, section, elements, formulation="exact"))
+    mech.add(bd.Revolute("right", mech.ground.at(radius, 0.0), arch.start))
+    mech.add(bd.Revolute("left", mech.ground.at(-radius, 0.0), arch.end))
+    pressure = (0.0, section.EI / radius**3)
+    mech.add(bd.DistributedForce("pressure", arch, pressure, axes="section"))
+    return mech
+
+
+SLENDERNESS = [
+    1e-3,
+    *(pytest.param(h, marks=pytest.mark.slow(reason="one second")) for h in (3e-4, 2e-4, 1e-4)),
+]
+
+
+@pytest.mark.slow(reason="one second and more")
+@pytest.mark.parametrize("height", [1e-3, 3e-4, 2e-4, 1e-4])
+def test_arch_under_follower_pressure_buckles_at_any_slenderness(height):
+    # Exact for an inextensible arch of half angle pi / 2: (pi / (pi / 2))^2 - 1 = 3.
+    path = bd.equilibrium(arch_under_pressure(height), to=4.0)
+    (point,) = path.critical
+    assert point.kind == "branch point"
+    # Rounding of the axial stiffness, 1e-16 (R / h)^2 of the bending stiffness, and the mesh.
+    assert point.factor == pytest.approx(3.0, rel=3e-4)
+    assert path.unstable[-1] == 1
+
+
+@pytest.mark.parametrize("height", SLENDERNESS)
+def test_becks_strip_flutters_at_any_slenderness(height):
+    # M. Beck, ZAMP 3 (1952) 225: 20.05 EI / L^2.
+    path = bd.equilibrium(column(height, length=0.5, axes="body"), to=25.0)
+    (point,) = path.critical
+    assert point.kind == "flutter point"
+    assert point.factor == pytest.approx(20.051, rel=1e-4)
+    assert point.moves
+    assert path.unstable[-1] == 2
+
+
+@pytest.mark.slow(reason="several seconds")
+def test_double_divergence_of_a_ring_is_no_flutter():
+    # A ring under follower pressure buckles into an oval of any direction at 3 EI / R^3.
+    radius, section, mech = 0.2, rectangle(1e-3), bd.Mechanism()
+    halves = [
+        mech.add(
+            bd.Beam(
+                name,
+                bd.Arc(radius, np.pi * radius, start=(x, 0.0), angle=angle),
+                section,
+                8,
+                formulation="exact",
+            )
+        )
+        for name, x, angle in (("upper", radius, 0.5 * np.pi), ("lower", -radius, -0.5 * np.pi))
+    ]
+    mech.add(bd.Weld("left", halves[0].end, halves[1].start))
+    mech.add(bd.Weld("right", halves[1].end, halves[0].start))
+    # Three constraints hold the ring without resisting ovals.
+    mech.add(bd.Revolute("pin", mech.ground.at(radius, 0.0), halves[0].start))
+    mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), halves[0].end))
+    pressure = (0.0, section.EI / radius**3)
+    for half in halves:
+        mech.add(bd.DistributedForce(f"on {half.name}", half, pressure, axes="section"))
+    path = bd.equilibrium(mech, to=4.0)
+    assert [point.kind for point in path.critical] == ["branch point"] * 2
+    assert_allclose([point.factor for point in path.critical], 3.0, rtol=3e-3)
+    assert path.unstable[-1] == 2
+
+
+@pytest.mark.parametrize("damping", [1e-3, 1.0])
+def test_ziegler_column_with_dampers_flutters_at_a_lower_load(damping):
+    # Equal dampers c: P l / k = 41/28 + c^2 / (2 m l^2 k), below 7/2 - sqrt(2) = 2.086 without
+    # (Ziegler 1952; Herrmann & Jong 1965).
+    mech = bd.Mechanism()
+    foot = mech.ground.at(0.0, 0.0)
+    lower = mech.add(bd.RigidBody("lower", 2.0, 1e-9, (0.0, 1.0)))
+    upper = mech.add(bd.RigidBody("upper", 1.0, 1e-9, (0.0, 2.0)))
+    mech.add(bd.Revolute("foot", foot, lower.at(0.0, 0.0)))
+    mech.add(bd.Revolute("knee", lower.at(0.0, 1.0), upper.at(0.0, 1.0)))
+    for name, a, b in (
+        ("first", foot, lower.at(0.0, 0.0)),
+        ("second", lower.at(0.0, 1.0), upper.at(0.0, 1.0)),
+    ):
+        mech.add(bd.TorsionSpring(name, a, b, 1.0, damping=damping))
+    mech.add(bd.Force("follower", upper.at(0.0, 2.0), (0.0, -1.0), axes="body"))
+    path = bd.equilibrium(mech, to=3.0)
+    (flutter,) = path.critical
+    assert flutter.kind == "flutter point"
+    assert flutter.factor == pytest.approx(41.0 / 28.0 + 0.5 * damping**2, abs=1e-5)
+    modes = bd.modes(mech, about=bd.equilibrium(mech, to=flutter.factor + 1e-3))
+    assert "unstable" in modes.kinds
+
+
+EULER = 0.25 * np.pi**2 * np.array([1.0, 9.0, 25.0])
+
+
+@pytest.mark.parametrize("height", [1e-2, 1e-3, 1e-4])
+@pytest.mark.parametrize("control", ["load", "arc length"])
+def test_column_passes_all_branch_points(control, height):
+    path = bd.equilibrium(column(height), to=100.0, control=control)
+    assert path.status.success
+    assert [point.kind for point in path.critical] == ["branch point"] * 3
+    # Compression and shear lower the third load by (5 pi h / L)^2 / 48 (1 + 2.6 * 1.2) at most.
+    assert_allclose([point.factor for point in path.critical], EULER, rtol=2e-3)
+    assert path.unstable[-1] == 3
+
+
+@pytest.mark.slow(reason="one second")
+def test_displacement_control_finds_many_branch_points_in_one_step():
+    # A step compresses the column by 5 %; it buckles from 2e-7 on.
+    path = bd.equilibrium(column(1e-3), to={"tip.y": 0.5})
+    assert path.status.success
+    factors = [point.factor for point in path.critical[:4]]
+    assert {point.kind for point in path.critical} == {"branch point"}
+    assert_allclose(factors, 0.25 * np.pi**2 * np.array([1.0, 9.0, 25.0, 49.0]), rtol=1e-3)
+    assert len(path.critical) == path.unstable[-1]
+
+
+def test_arc_length_ends_where_points_are_recomputed():
+    """The end of the last step may lie on either side of the target in the last digit."""
+    for elements in (4, 8):
+        path = bd.equilibrium(column(1e-2, elements=elements), to=49.3, control="arc length")
+        assert path.status.success
+        assert path.factor == pytest.approx(49.3)
+
+
+@pytest.mark.parametrize(
+    "elements", [4, 8, pytest.param(16, marks=pytest.mark.slow(reason="one second"))]
+)
+@pytest.mark.parametrize("slenderness", [1e1, 1e3, 1e5])
+def test_strip_rolls_up_at_any_slenderness(slenderness, elements):
+    mech, section = bd.Mechanism(), rectangle(1.0 / slenderness)
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    strip = mech.add(bd.Beam("strip", line, section, elements, formulation="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), strip.start))
+    mech.add(bd.Moment("roll", strip.end, 2.0 * np.pi * section.EI))
+    mech.observe("tip", strip.end)
+    path = bd.equilibrium(mech)
+    assert path.status.success
+    # A closed circle; rounding is 1e-16 (L / h)^2.
+    tip = [path.columns[f"tip.{axis} [m]"][-1] for axis in "xy"]
+    assert_allclose(tip, 0.0, atol=1e-5)
