@@ -98,7 +98,8 @@ def dense_eigenvalues(lin):
     )
     by_q, by_v = tangent.position_jacobian.toarray(), tangent.velocity_jacobian.toarray()
     zeros = np.zeros_like(by_q)
-    rows = [np.hstack([by_q, by_v]), np.hstack([zeros, by_q])[~lin.linearized_equations.nonholonomic]]
+    holonomic = ~lin.linearized_equations.nonholonomic
+    rows = [np.hstack([by_q, by_v]), np.hstack([zeros, by_q])[holonomic]]
     scales = np.concatenate([e.position_scales, 30.0 * e.position_scales])
     states = scales[:, None] * null_space(np.vstack(rows) * scales)
     left_basis = null_space(tangent.reactions.toarray().T).T
