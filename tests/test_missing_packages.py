@@ -17,7 +17,7 @@ HIDING = Path(__file__).with_name("hidden_packages")
 NO_COMPILER = ("numba", "llvmlite")
 NO_IDA = (*NO_COMPILER, "sksundae", "scikit-sundae")
 # A browser (Pyodide) starts neither processes nor threads.
-BROWSER = (*NO_IDA, "_multiprocessing", "resource", "threads")
+BROWSER = (*NO_IDA, "_multiprocessing", "fcntl", "resource", "_ssl", "_lzma", "threads")
 
 MODEL = """import beamdae as bd
 
@@ -39,13 +39,25 @@ def clamped():
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     mech.observe("tip", beam.end)
     return mech
+
+
+@bd.model(t_end=1.0)
+def shaken(frequency=1.0):
+    mech = bd.Mechanism()
+    bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
+    for k in range(2):
+        anchor = mech.ground.at(k, k)
+        mech.add(bd.SpringDamper(f"spring {k}", anchor, bob.point, stiffness=100.0, damping=5.0))
+    mech.add(bd.Force("push", bob.point, (bd.sine(1.0, frequency), 0.0)))
+    mech.observe("bob", bob.point)
+    return mech
 """
 ANALYSES = """
 import json
 import warnings
 
 import beamdae as bd
-from model import clamped, swing
+from model import clamped, shaken, swing
 
 CALLS = {
     "simulate": lambda: bd.simulate(swing).integrator,
@@ -58,6 +70,7 @@ CALLS = {
     "modes": lambda: len(bd.modes(clamped).frequencies),
     "equilibrium": lambda: bd.equilibrium(clamped).status.kind,
     "linearize": lambda: bd.linearize(clamped) is None,
+    "periodic": lambda: bd.periodic(shaken, 1.0).status.kind,
     "check": lambda: bd.check(swing) is None,
     "sweep": lambda: list(bd.sweep(swing, {"mass": [1.0, 2.0]}).table["status"]),
     "compare": lambda: list(bd.compare([bd.Case(swing, {}, bd.Radau())])["status"]),
@@ -126,7 +139,8 @@ def test_all_analyses_work_without_packages(tmp_path, hidden):
     if not has_ida:
         assert explicit.startswith("BeamdaeError: Ida: scikit-sundae cannot be imported")
     assert not [x for x, _ in answers.values() if "BeamdaeError" in str(x)]
-    assert answers["sweep"][0] == answers["sweep"][0] == ["ok", "ok"]
+    assert answers["periodic"][0] == answers["equilibrium"][0] == "ok"
+    assert answers["sweep"][0] == ["ok", "ok"]
     assert answers["compare"][0] == ["ok"]
 
 
