@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import difflib
+import inspect
 import math
 import os
 import re
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
 from itertools import islice
 from numbers import Real
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 _MAX_MAGNITUDE = 1e75  # no value in SI units is larger; the fourth power does not overflow
 _MIN_POSITIVE = 1e-75  # the fourth power does not underflow to zero
@@ -43,6 +42,13 @@ class MissingPackageError(BeamdaeError):
     def __init__(self, part: str, reason: str, remedy: str) -> None:
         super().__init__(f"{part}: {reason}; {remedy}.")
         self.reason = reason
+
+
+class MissingModelError(BeamdaeError, AttributeError):
+    """Error of an attribute of a saved run that needs the model of the run.
+
+    It is also an AttributeError, so that `hasattr` returns False.
+    """
 
 
 class FileContentError(BeamdaeError):
@@ -117,8 +123,13 @@ def format_message(exception: BaseException) -> str:
         trace = trace.tb_next
     if trace is not None and Path(trace.tb_frame.f_code.co_filename).parent.name == "casadi":
         return "shapes or types of CasADi expressions do not match"
+    return _shorten(exception_text(exception), _MAX_MESSAGE_LENGTH).rstrip(".")
+
+
+def exception_text(exception: BaseException) -> str:
+    """Return the complete message of an exception, or an empty string if `__str__` fails."""
     try:
-        return _shorten(str(exception), _MAX_MESSAGE_LENGTH).rstrip(".")
+        return str(exception)
     except Exception:
         # The __str__ of a user's exception may fail.
         return ""
@@ -159,6 +170,9 @@ def as_real(value: Any) -> float | None:
         return -math.inf if value < 0 else math.inf
     except ValueError:
         return math.nan
+    except Exception:
+        # The methods of a user's number may fail.
+        return None
 
 
 def unbox_scalar(value: Any) -> Any:
@@ -166,8 +180,18 @@ def unbox_scalar(value: Any) -> Any:
 
     Masked values stay masked, because `item` would return the number behind the mask.
     """
-    is_scalar = getattr(value, "ndim", None) == 0 and not np.ma.is_masked(value)
-    return value.item() if is_scalar else value
+    try:
+        is_scalar = getattr(value, "ndim", None) == 0 and not bool(getattr(value, "mask", False))
+        return value.item() if is_scalar else value
+    except Exception:
+        # The attributes of a user's object may fail.
+        return value
+
+
+def as_text(value: Any) -> str | None:
+    """Return a string, also of a subclass, as a string, and None for other values."""
+    # The methods of a subclass may fail.
+    return str.__str__(value) if isinstance(value, str) else None
 
 
 def require_finite(part: str, name: str, value: Any) -> float:
@@ -228,10 +252,17 @@ def require_sequence(part: str, name: str, value: Any, what: str) -> list[Any]:
     value in its message.
     """
     is_sequence = isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray))
-    dimensions = getattr(value, "ndim", 0)
-    if not is_sequence and not (isinstance(dimensions, int) and dimensions > 0):
-        raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")
-    return list(value)
+    try:
+        dimensions = getattr(value, "ndim", 0)
+        if is_sequence or (isinstance(dimensions, int) and dimensions > 0):
+            return list(value)
+    except Exception as problem:
+        # The methods of a user's sequence may fail.
+        raise BeamdaeError(
+            f"{part}: {name} must be {what}, but {short_repr(value)} cannot be read: "
+            f"{format_exception(problem)}."
+        ) from None
+    raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")
 
 
 def require_iterable(
@@ -246,6 +277,37 @@ def require_iterable(
         return list(islice(value, most))
     except Exception:  # CasADi symbols declare __iter__ but cannot be iterated.
         raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.") from None
+
+
+def require_mapping(part: str, name: str, value: Any, what: str) -> dict[str, Any]:
+    """Return a mapping with strings as keys as a dictionary.
+
+    Other values are rejected with a BeamdaeError; `what` describes the expected value in its
+    message.
+    """
+    try:
+        entries = {key: value[key] for key in value} if isinstance(value, Mapping) else None
+        texts = None if entries is None else [as_text(key) for key in entries]
+    except Exception as problem:
+        # The methods of a user's mapping may fail.
+        raise BeamdaeError(
+            f"{part}: {name} must be {what}, but {short_repr(value)} cannot be read: "
+            f"{format_exception(problem)}."
+        ) from None
+    if entries is None or texts is None or None in texts:
+        raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")
+    return {str(text): entry for text, entry in zip(texts, entries.values(), strict=True)}
+
+
+def require_keywords(part: str, settings: Mapping[str, Any], function: Callable[..., Any]) -> None:
+    """Reject keyword arguments that `function`, to which they will be passed, does not have."""
+    allowed = [x.name for x in inspect.signature(function).parameters.values()]
+    for name in settings:
+        if name not in allowed:
+            raise BeamdaeError(
+                f"{part}: there is no argument {name!r}{suggest(name, allowed)}; the further "
+                f"arguments are those of {function.__name__}."
+            )
 
 
 def require_pair(part: str, name: str, value: Any, what: str = "a pair (x, y)") -> tuple[Any, Any]:
@@ -275,7 +337,7 @@ def require_choice(part: str, name: str, value: Any, choices: Sequence[Any]) -> 
 
 def suggest(value: Any, choices: Iterable[Any]) -> str:
     """Return the hint " (did you mean 'x'?)" with the closest choice, or "" if none is close."""
-    text = value[:_MAX_REPR_LENGTH] if isinstance(value, str) else short_repr(value)
+    text = (as_text(value) or short_repr(value))[:_MAX_REPR_LENGTH]
     closest = difflib.get_close_matches(text, [str(choice) for choice in choices], n=1, cutoff=0.5)
     return f" (did you mean {closest[0]!r}?)" if closest else ""
 
@@ -292,6 +354,7 @@ def require_name(kind: str, name: Any) -> str:
     Names of parts, points, observables and events appear in results, for example in the column
     header "name.x [m]". `kind` begins the message.
     """
+    name = name if as_text(name) is None else as_text(name)
     if not isinstance(name, str) or not name.strip():
         raise BeamdaeError(f"{kind}: the name must be a non-empty string, got {short_repr(name)}.")
     # Spreadsheets read a cell that begins with one of these signs as a formula.
@@ -305,4 +368,4 @@ def require_name(kind: str, name: Any) -> str:
             f"{kind}: a name must have at most {_MAX_NAME_LENGTH} characters and no line breaks "
             f"or other control characters, got {short_repr(name)}."
         )
-    return str(name)
+    return name

@@ -157,6 +157,14 @@ def interruptible(function: Callable[Parameters, Result]) -> Callable[Parameters
             raise _end_call(name, reason) from problem
         except Exception as problem:
             if not acknowledge():
+                if isinstance(problem, OverflowError):
+                    # The help of the command line is printed without NumPy.
+                    from beamdae.errors import BeamdaeError
+
+                    raise BeamdaeError(
+                        f"{name}: a number exceeds the range of floating-point numbers; check "
+                        "laws, masses, stiffnesses and start values."
+                    ) from problem
                 raise
             # Other code converted the interrupt to a different exception.
             raise _end_call(name) from problem

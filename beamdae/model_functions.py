@@ -17,6 +17,7 @@ from beamdae.errors import (
     BeamdaeError,
     as_real,
     require_finite,
+    require_mapping,
     require_positive,
     require_sequence,
     set_fields,
@@ -82,13 +83,9 @@ class Model:
     def __post_init__(self) -> None:
         _require_function(self.build)
         require_file_name("model: build", self.name)
-        if not isinstance(self.parameters, dict) or not all(
-            isinstance(name, str) for name in self.parameters
-        ):
-            raise BeamdaeError(
-                f"{self.name}: parameters must be a dict of values by name, "
-                f"got {short_repr(self.parameters)}."
-            )
+        parameters = require_mapping(
+            self.name, "parameters", self.parameters, "a dict of values by name"
+        )
         files = tuple(require_sequence(self.name, "data", self.data, "a list of file names"))
         for name in files:
             if not isinstance(name, str) or not name.isprintable() or not name:
@@ -98,7 +95,7 @@ class Model:
         set_fields(
             self,
             t_end=require_positive(self.name, "t_end", self.t_end),
-            parameters=ReadOnlyDict(copy_containers(self.parameters)),
+            parameters=ReadOnlyDict(copy_containers(parameters)),
             data=files,
         )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,6 +20,7 @@ from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
+    as_text,
     is_valid_path,
     require_choice,
     require_positive,
@@ -36,7 +38,7 @@ from beamdae.interrupts import (
 )
 from beamdae.memory import require_memory
 from beamdae.model_functions import HasOrigin, Model
-from beamdae.parts.mechanism import AS_DRAWN, Mechanism, require_start
+from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
@@ -305,10 +307,12 @@ def _read_checkpoint(start: Any) -> Checkpoint | None:
         return Checkpoint.of(start)
     if isinstance(start, Equilibrium):
         return start.to_checkpoint()
-    # "as drawn" and "equilibrium" have no suffix.
-    is_file_name = isinstance(start, str) and Path(start).suffix != ""
-    if (is_file_name or isinstance(start, Path)) and is_valid_path(str(start)):
-        return Checkpoint.read(start)
+    name = str(start) if isinstance(start, Path) else as_text(start)
+    if name is not None and is_valid_path(name):
+        # A misspelled "equilibrium" has no suffix.
+        is_file = isinstance(start, Path) or Path(name).suffix != "" or os.path.isfile(name)
+        if is_file and name not in (AS_DRAWN, EQUILIBRIUM):
+            return Checkpoint.read(Path(name))
     return start if isinstance(start, Checkpoint) else None
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from beamdae.beams.materials import Material, require_material
 from beamdae.errors import (
     BeamdaeError,
+    as_real,
     format_exception,
     require_choice,
     require_finite,
@@ -478,7 +479,7 @@ def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) 
 
 
 def _parse_dimension(name: str, value: Any) -> tuple[float, float]:
-    if hasattr(value, "__len__") and not isinstance(value, str):
+    if as_real(value) is None and not isinstance(value, str):
         a, b = require_pair("taper", name, value, "a number or a pair (at the start, at the end)")
         start = require_finite("taper", f"{name} at the start", a)
         return start, require_finite("taper", f"{name} at the end", b)

@@ -17,6 +17,7 @@ from beamdae.errors import (
     BeamdaeWarning,
     require_choice,
     require_count,
+    require_keywords,
     require_name,
     require_point,
     require_sequence,
@@ -109,6 +110,7 @@ def frame(
     if not isinstance(mechanism, Mechanism):
         raise BeamdaeError(f"frame: mechanism must be a Mechanism, got {short_repr(mechanism)}.")
     name = require_name("frame", name)
+    require_keywords(name, settings, Beam)
     if not isinstance(points, Mapping):
         raise BeamdaeError(
             f"{name}: points must be a dictionary of positions (x, y) by name, "

@@ -335,7 +335,7 @@ class _RunInProgress:
             self._interval_ends = result.ends
             self.method = self.methods.get(result.plan, result.configuration)
         except BeamdaeError as problem:
-            return self._failure(f"event {event.name}: {str(problem).removesuffix('.')}")
+            return self._failure(f"event {event.name}: {problem}")
         self._begin_segment(t, result.branch, result.state)
         self._detector.record_switch(self._segments[-1], result.impulses, result.energy_lost)
         if t < self._interval_ends[0]:

@@ -126,8 +126,21 @@ class Law:
         return Formula(kind, (*self.breakpoints, *piece_numbers))
 
     def at(self, t: float) -> float:
-        """Return the value at time `t` [s]; the pieces must accept numbers."""
-        return float(self.pieces[bisect_right(self.breakpoints, t)](t))
+        """Return the value at time `t` [s]; the pieces must accept numbers.
+
+        Raises
+        ------
+        BeamdaeError
+            If `t` is not a finite number, or the value is not a number.
+        """
+        t = require_finite("Law.at", "t", t)
+        try:
+            return float(self.pieces[bisect_right(self.breakpoints, t)](t))
+        except Exception as problem:
+            raise BeamdaeError(
+                f"Law.at: the law at t = {t:g} s must be a number, but the call failed: "
+                f"{format_exception(problem)}."
+            ) from problem
 
 
 def _select_piece(pieces: Sequence[Callable[[Any], Any]], breakpoints: Any, time: SX) -> SX:

@@ -12,8 +12,10 @@ import numpy as np
 from beamdae.deferred import public
 from beamdae.errors import (
     BeamdaeError,
+    as_text,
     require_choice,
     require_finite,
+    require_mapping,
     require_name,
     require_pair,
     require_point,
@@ -43,13 +45,13 @@ def require_start(part: str, start: Any, more: str = "") -> Any:
 
     `more` lists further options in the message.
     """
-    if isinstance(start, str) and start in (AS_DRAWN, EQUILIBRIUM):
-        return start
-    if isinstance(start, Mapping) and all(isinstance(name, str) for name in start):
-        return {
-            name: require_finite(part, f"start[{short_repr(name)}]", start[name]) for name in start
-        }
-    raise BeamdaeError(f"{part}: start must be {_ALLOWED}{more}, got {short_repr(start)}.")
+    if as_text(start) in (AS_DRAWN, EQUILIBRIUM):
+        return as_text(start)
+    values = require_mapping(part, "start", start, f"{_ALLOWED}{more}")
+    return {
+        name: require_finite(part, f"start[{short_repr(name)}]", value)
+        for name, value in values.items()
+    }
 
 
 REFUSE, MINIMUM_NORM = "refuse", "minimum norm"

@@ -8,7 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdae.equations.measures import DRIFT_COLUMNS, LEDGER_COLUMNS, TIME
-from beamdae.errors import BeamdaeError, require_iterable, short_repr, suggest
+from beamdae.errors import (
+    BeamdaeError,
+    as_text,
+    require_iterable,
+    short_repr,
+    suggest,
+)
 
 # Units of the columns that a certificate covers by default.
 _CONTROLLED_UNITS = ("m", "rad")
@@ -80,6 +86,7 @@ def select_columns(
         If no column has this name.
     """
     headers, preferred = list(headers), set(observed)
+    name = name if as_text(name) is None else as_text(name)
     without_unit = [header.rpartition(" [")[0] for header in headers]
     observables = [Header.of(header).name for header in headers]
     for names in (headers, without_unit, observables) if isinstance(name, str) else ():
@@ -107,9 +114,10 @@ def require_column_names(part: str, value: Any) -> tuple[str, ...]:
     """
     allowed = "a list of names of observed columns"
     names = require_iterable(part, "columns", value, allowed)
-    if isinstance(value, (str, bytes)) or not all(isinstance(name, str) for name in names):
+    texts = tuple(text for text in map(as_text, names) if text is not None)
+    if isinstance(value, (str, bytes)) or len(texts) < len(names):
         raise BeamdaeError(f"{part}: columns must be {allowed}, got {short_repr(value)}.")
-    return tuple(names)
+    return texts
 
 
 def select_observed_columns(part: str, names: Sequence[str], present: Sequence[str]) -> list[str]:

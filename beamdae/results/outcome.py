@@ -20,14 +20,15 @@ class Status:
         user stopped it, "failed" if the run could not continue, and "not run" if processes or a
         cluster failed before a result of the case was known.
     sentence
-        The reason why the run ended, in one line: line breaks become spaces.
+        The reason why the run ended, in one line without a final period: line breaks become
+        spaces.
     """
 
     kind: Kind
     sentence: str
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "sentence", " ".join(str(self.sentence).split()))
+        object.__setattr__(self, "sentence", " ".join(str(self.sentence).split()).rstrip(". "))
 
     @property
     def success(self) -> bool:

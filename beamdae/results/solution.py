@@ -83,7 +83,12 @@ class Solution(RunData, TimeSeries):
     """
 
     def __repr__(self) -> str:
-        names = dict.fromkeys(o.name for o in self.equations.observables)
+        # The observables of a constrained system may have no name.
+        names = dict.fromkeys(
+            name
+            for o in self.equations.observables
+            for name in ([o.name] if o.name else (column.name for column in o.columns))
+        )
         observed = f"; observed: {', '.join(names)}" if names else ""
         return (
             f"<Solution by {self.label}: {self.status.kind}, {self.status.sentence}; "
@@ -301,8 +306,7 @@ class Solution(RunData, TimeSeries):
         Parameters
         ----------
         path
-            Path of the file, with a suffix such as .json; `simulate` does not recognize a string
-            without a suffix as a path.
+            Path of the file, for example with the suffix .json.
 
         Raises
         ------

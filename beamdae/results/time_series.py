@@ -144,6 +144,11 @@ class TimeSeries:
             headers = [
                 header for header in observed_columns(one.all_columns()) if header in columns
             ]
+        if not headers:
+            raise BeamdaeError(
+                "difference: the runs have no observed column in common; observe the same points "
+                "in both runs, or name columns such as 'energy.kinetic'."
+            )
         available = two._all_columns_by_header()
         missing = next((header for header in headers if header not in available), None)
         if missing is not None:

@@ -9,7 +9,14 @@ from functools import cache
 from itertools import product
 from typing import Any
 
-from beamdae.errors import BeamdaeError, require_iterable, set_fields, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    as_text,
+    require_iterable,
+    require_mapping,
+    set_fields,
+    short_repr,
+)
 from beamdae.integrators import GeneralizedAlpha, Ida, Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.interrupts import PartialResult
@@ -63,16 +70,11 @@ class Case:
                 "Case: model must be a function decorated with @bd.model, "
                 f"got {short_repr(self.model)}."
             )
-        is_valid = isinstance(self.parameters, Mapping) and all(
-            isinstance(name, str) for name in self.parameters
+        parameters = require_mapping(
+            f"Case of {self.model.name}", "parameters", self.parameters, "a dict of values by name"
         )
-        if not is_valid:
-            raise BeamdaeError(
-                f"Case of {self.model.name}: parameters must be a dict of values by name, "
-                f"got {short_repr(self.parameters)}."
-            )
         require_integrator(f"Case of {self.model.name}", self.integrator)
-        set_fields(self, parameters=ReadOnlyDict(copy_containers(dict(self.parameters))))
+        set_fields(self, parameters=ReadOnlyDict(copy_containers(parameters)))
 
     @property
     def changed(self) -> dict[str, Any]:
@@ -223,7 +225,7 @@ def format_parameter(value: Any) -> str:
     # NumPy abbreviates long arrays, and addresses differ between processes.
     is_ambiguous = not is_scalar and ("..." in text or " at 0x" in text)
     is_short = text.isprintable() and len(text) <= _MAX_LABEL_LENGTH
-    if is_short and (text or value == "") and not is_ambiguous:
+    if is_short and (text or as_text(value) == "") and not is_ambiguous:
         return text
     try:
         return f"{type(value).__name__} #{digest(value)[:_LABEL_HASH_LENGTH]}"

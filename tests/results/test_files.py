@@ -132,7 +132,7 @@ def test_the_table_is_written_even_if_the_metadata_cannot_be(tmp_path):
 def test_metadata_that_json_cannot_represent_keeps_the_old_table(tmp_path):
     write_table(tmp_path / "run.csv", TABLE, {"model": "old"})
     before = read_folder(tmp_path)
-    with pytest.raises(TypeError):
+    with pytest.raises(BeamdaeError, match=r"the entry .model. must be a JSON value"):
         write_table(tmp_path / "run.csv", TABLE, {"model": object()})
     assert read_folder(tmp_path) == before
 

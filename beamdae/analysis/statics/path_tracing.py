@@ -30,6 +30,7 @@ from beamdae.errors import (
     require_choice,
     require_count,
     require_finite,
+    require_mapping,
     require_positive,
     require_sequence,
     short_repr,
@@ -95,13 +96,14 @@ class PathSettings:
         """
         name, column, values = "equilibrium", "", to
         if isinstance(to, Mapping):
-            if len(to) != 1 or not isinstance(next(iter(to)), str):
-                raise BeamdaeError(
-                    "equilibrium: to must be a load factor, a list of load factors, "
-                    f"or one observed position with a value such as {{'tip.y': -0.1}}, "
-                    f"got {short_repr(to)}."
-                )
-            ((column, values),) = to.items()
+            what = (
+                "a load factor, a list of load factors, or one observed position with a value "
+                "such as {'tip.y': -0.1}"
+            )
+            positions = require_mapping(name, "to", to, what)
+            if len(positions) != 1:
+                raise BeamdaeError(f"equilibrium: to must be {what}, got {short_repr(to)}.")
+            ((column, values),) = positions.items()
         is_number = as_real(values) is not None
         items = [values] if is_number else require_sequence(name, "to", values, "numbers")
         targets = tuple(require_finite(name, "to", value) for value in items)

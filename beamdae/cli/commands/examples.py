@@ -87,6 +87,11 @@ def new_command(
             f"{path}: the file name must be a Python identifier followed by .py, and must not be "
             f"a keyword or {' or '.join(_STARTER_IMPORTS)}; choose another name."
         )
+    # Imported here because it imports NumPy.
+    from beamdae.model_functions import require_file_name
+
+    # Folders of results have the name of the model.
+    require_file_name("new", name)
     if path.exists():
         raise BeamdaeError(f"{path}: the file exists; choose another name.")
     require_writable(path.parent, (), "new")

@@ -64,7 +64,8 @@ class ReducedEquations:
         if needed_set is not None:
             raise BeamdaeError(
                 f"{', '.join(needed_set.constraints)}: none of these constraints is "
-                f"redundant because {needed_set}."
+                f"redundant because {needed_set}; remove or correct one of them, or use "
+                "redundant='refuse' for a list of all dependent constraints."
             )
         for gaps in evaluator.constraint_levels(time, state.q, state.v)[:2]:
             worst = int(np.argmax(np.abs(gaps)))

@@ -9,7 +9,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, format_exception, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    exception_text,
+    format_exception,
+    short_repr,
+)
 from beamdae.symbolic.statements import SX
 
 # Operations with jumps; np.maximum and np.abs only have kinks.
@@ -61,7 +66,7 @@ def evaluate_formula(part: str, what: str, function: Callable[..., Any], *symbol
     except BeamdaeError:
         raise
     except Exception as problem:
-        if "truth value" in str(problem):
+        if "truth value" in exception_text(problem):
             raise BeamdaeError(
                 f"{part}: {what} must be a formula without branches on arguments (if, "
                 f"while, and, or, min, max); use {_SMOOTH_ALTERNATIVES}."

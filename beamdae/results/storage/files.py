@@ -19,7 +19,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, is_valid_path, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    format_message,
+    is_valid_path,
+    short_repr,
+)
 from beamdae.results.outcome import Status
 
 if TYPE_CHECKING:
@@ -90,6 +95,15 @@ def _format_metadata(metadata: Mapping[str, Any]) -> str:
         "versions": metadata.get("versions", versions()),
         "written": datetime.now(UTC).isoformat(timespec="seconds"),
     }
+    for name, value in metadata.items():
+        try:
+            json.dumps({name: value})
+        except (TypeError, ValueError, RecursionError) as problem:
+            raise BeamdaeError(
+                f"to_csv: the entry {short_repr(name)} must be a JSON value (text, numbers, lists "
+                f"and dictionaries), got {short_repr(value)} ({format_message(problem)}); convert "
+                "it, for example an array with tolist()."
+            ) from None
     return json.dumps({**metadata, **origin}, indent=2) + "\n"
 
 

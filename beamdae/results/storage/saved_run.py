@@ -13,7 +13,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
 from beamdae.equations.model_hash import hash_model
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, MissingModelError
 from beamdae.read_only import read_only_data
 from beamdae.results.diagnostics.energy_balance import Quality
 from beamdae.results.outcome import Statistics, Status
@@ -131,6 +131,18 @@ class SavedRun(TimeSeries):
     _metadata: dict[str, Any]
     _columns: dict[str, Array] = field(repr=False)
     _coordinates: dict[str, Array] = field(repr=False)
+
+    def __getattr__(self, name: str) -> Any:
+        # Called only for attributes that a saved run does not have.
+        from beamdae.results.solution import Solution
+
+        is_known = hasattr(Solution, name) or name in Solution.__dataclass_fields__
+        if not name.startswith("_") and is_known:
+            raise MissingModelError(
+                f"SavedRun: {name} needs the equations of the run; load the run with its model, "
+                "bd.load(path, model)."
+            )
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     @property
     def label(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
@@ -20,6 +20,48 @@ def _nested(depth: int) -> list[Any]:
     for _ in range(depth):
         value = [value]
     return value
+
+
+def _raise(*arguments: Any, **options: Any) -> Any:
+    raise RuntimeError("this object raises")
+
+
+_METHODS_OF_OBJECTS = ("bool", "eq", "hash", "len", "repr", "str")
+_METHODS_OF_NUMBERS = ("abs", "add", "float", "ge", "gt", "index", "int", "le", "lt", "mul", "neg")
+_METHODS_OF_CONTAINERS = ("contains", "getitem", "iter", "reversed")
+
+
+def _hostile(base: type, names: Iterable[str], *arguments: Any, **members: Any) -> Any:
+    """Return an object of a subclass of `base` whose special methods raise."""
+    members |= {f"__{name}__": _raise for name in names}
+    return type("Hostile", (base,), members)(*arguments)
+
+
+_HOSTILE_VALUES: dict[str, Callable[[Any], Any]] = {
+    "object whose methods raise": lambda box: _hostile(
+        object, (*_METHODS_OF_OBJECTS, *_METHODS_OF_NUMBERS, *_METHODS_OF_CONTAINERS)
+    ),
+    "object whose attributes raise": lambda box: _hostile(object, ("getattr",)),
+    "number that raises": lambda box: _hostile(
+        float, (*_METHODS_OF_OBJECTS, *_METHODS_OF_NUMBERS), 1.0
+    ),
+    "list that raises": lambda box: _hostile(
+        list, (*_METHODS_OF_OBJECTS, *_METHODS_OF_CONTAINERS), [1.0, 2.0]
+    ),
+    "dictionary that raises": lambda box: _hostile(
+        dict, (*_METHODS_OF_OBJECTS, *_METHODS_OF_CONTAINERS), {"a": 1.0}, items=_raise
+    ),
+    "text that raises": lambda box: _hostile(
+        str, (*_METHODS_OF_OBJECTS, *_METHODS_OF_CONTAINERS), "abc", strip=_raise
+    ),
+    "path that raises": lambda box: _hostile(object, ("fspath", "str")),
+    "array that raises": lambda box: _hostile(object, ("array",), ndim=0, item=_raise),
+    "function whose error has no text": lambda box: _raise_hostile,
+}
+
+
+def _raise_hostile(*arguments: Any, **options: Any) -> Any:
+    raise type("HostileError", (Exception,), {"__str__": _raise, "__repr__": _raise})()
 
 
 # Functions of the sandbox, so that each trial gets a new value.
@@ -88,4 +130,4 @@ BAD_VALUES: dict[str, Callable[[Any], Any]] = {
     "a class": lambda box: int,
     "a module": lambda box: np,
     "Ellipsis": lambda box: ...,
-}
+} | _HOSTILE_VALUES

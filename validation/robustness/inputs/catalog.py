@@ -165,7 +165,9 @@ def _make_attempt(
                 # Named tuples are created from a list by _make.
                 bad = getattr(kind, "_make", kind)(entries)
             arguments[argument] = bad
-            words |= {str(bad), repr(bad).strip("'")} if isinstance(bad, (str, Path)) else set()
+            # The methods of a subclass of str may raise.
+            words |= {str(bad), repr(bad).strip("'")} if type(bad) is str else set()
+            words |= {str(bad)} if isinstance(bad, Path) else set()
         function = partial(call.call, sandbox) if call.call else getattr(bd, key.split(" ")[0])
         return call.use(sandbox, function(**arguments))
 

@@ -1,0 +1,157 @@
+"""Ordinary mistakes and hostile objects end in one sentence that names the part and the value."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from robustness.inputs.bad_values import _HOSTILE_VALUES as HOSTILE_VALUES
+from robustness.judge import check_sentence
+from typer.testing import CliRunner
+
+import beamdae as bd
+from beamdae.cli.app import app
+from beamdae.errors import as_real, as_text, require_mapping, require_sequence, unbox_scalar
+from beamdae.results.outcome import Status
+
+
+def falling(name="ball"):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    mech.observe(name, ball.point)
+    return mech
+
+
+def run(name="ball", **settings):
+    return bd.simulate(falling(name), t_end=0.1, output_step=0.05, **settings)
+
+
+def frame_with(**settings):
+    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.01, height=0.01)
+    points = {"A": (0.0, 0.0), "B": (1.0, 0.0)}
+    return bd.frame(bd.Mechanism(), "portal", points, ["AB"], strip, **settings)
+
+
+def driven(rate):
+    mech = bd.Mechanism()
+    disk = mech.add(bd.RigidBody("disk", 1.0, 1.0))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)))
+    law = lambda t: rate * t  # noqa: E731
+    mech.add(bd.Driver("drive", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0), law))
+    return bd.simulate(mech, t_end=0.1)
+
+
+def saved(tmp_path):
+    return bd.load(run().save(tmp_path / "run.beamdae"))
+
+
+MISTAKES = {
+    "activate without a part": (lambda _: bd.activate(), "activate: expected joints and forces"),
+    "difference without common columns": (
+        lambda _: run().difference(run("other")),
+        "difference: the runs have no observed column in common",
+    ),
+    "enormous rate of a driver": (
+        lambda _: driven(1e300),
+        "simulate: a number exceeds the range of floating-point numbers",
+    ),
+    "law at a text": (lambda _: bd.sine(1.0, 1.0).at("x"), "Law.at: t must be a number, got 'x'"),
+    "law that is no number": (
+        lambda _: bd.Law((lambda t: "much",)).at(1.0),
+        "Law.at: the law at t = 1 s must be a number",
+    ),
+    "array in metadata": (
+        lambda folder: run().to_csv(folder / "run.csv", measured=np.zeros(2)),
+        "to_csv: the entry 'measured' must be a JSON value",
+    ),
+    "set in metadata": (
+        lambda folder: run().to_csv(folder / "run.csv", kinds={1, 2}),
+        "to_csv: the entry 'kinds' must be a JSON value",
+    ),
+    "unknown setting of a frame": (
+        lambda _: frame_with(bogus=1),
+        "portal: there is no argument 'bogus'",
+    ),
+    "misspelled setting of a frame": (lambda _: frame_with(element=1), "did you mean 'elements'"),
+    **{
+        f"{name} of a saved run": (
+            lambda folder, name=name: getattr(saved(folder), name),
+            f"SavedRun: {name} needs the equations of the run",
+        )
+        for name in ("observe", "q", "trajectory", "section_forces")
+    },
+}
+
+
+@pytest.mark.parametrize("name", list(MISTAKES))
+def test_mistakes_end_in_a_sentence(name, tmp_path):
+    mistake, sentence = MISTAKES[name]
+    with pytest.raises(bd.BeamdaeError) as caught:
+        mistake(tmp_path)
+    assert sentence in str(caught.value)
+    assert check_sentence(str(caught.value)) == ""
+
+
+def test_saved_runs_have_no_attribute_that_needs_the_model(tmp_path):
+    assert not hasattr(saved(tmp_path), "observe")
+    with pytest.raises(AttributeError, match="'SavedRun' object has no attribute 'bogus'"):
+        _ = saved(tmp_path).bogus
+
+
+def test_new_with_a_long_name(tmp_path):
+    result = CliRunner().invoke(app, ["new", str(tmp_path / f"{'x' * 300}.py")])
+    assert result.exit_code == 2
+    assert "1 to 120 bytes" in result.output
+    assert not list(tmp_path.iterdir())
+
+
+def test_checkpoints_without_a_suffix(tmp_path):
+    path = run().checkpoint(tmp_path / "state")
+    later = bd.simulate(falling(), t_end=0.2, start=str(path))
+    assert later.t[0] == 0.1
+    with pytest.raises(bd.BeamdaeError, match="start must be 'as drawn', 'equilibrium'"):
+        run(start="equilibrum")
+
+
+def test_repr_names_the_columns_of_a_constrained_system():
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    system = bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=[1.0, 1.0],
+        force=ca.vertcat(0.0, -9.81),
+        constraints=ca.dot(q, q) - 1.0,
+        q0=[1.0, 0.0],
+        v0=[0.0, 0.0],
+        observe={"r [m]": ca.norm_2(q)},
+    )
+    assert repr(bd.simulate(system, t_end=0.01)).endswith("; observed: q0, q1, r>")
+
+
+def test_reasons_have_no_final_period():
+    """They are completed to a sentence where they are printed."""
+    assert Status("failed", "stopped at t = 0 s: no such part.").sentence.endswith("such part")
+    assert Status("failed", "the reason ...").sentence == "the reason"
+
+
+@pytest.mark.parametrize("name", list(HOSTILE_VALUES))
+def test_argument_checks_accept_hostile_objects(name):
+    value = HOSTILE_VALUES[name](None)
+    assert unbox_scalar(value) is value
+    assert as_real(value) is None
+    assert as_text(value) == ("abc" if isinstance(value, str) else None)
+    for check in (require_sequence, require_mapping):
+        with pytest.raises(bd.BeamdaeError, match=r"^part: name must be a list"):
+            check("part", "name", value, "a list")
+    for make in (
+        lambda: bd.PointMass("bob", value),
+        lambda: bd.Mechanism(gravity=value),
+        lambda: bd.Mechanism(start=value),
+        lambda: bd.Case(value),
+        lambda: bd.simulate(falling(), t_end=value),
+        lambda: bd.simulate(falling(), t_end=0.1, start=value),
+        lambda: bd.equilibrium(falling(), to=value),
+        lambda: bd.Force("push", falling().parts["ball"].point, (value, 0.0)),
+    ):
+        with pytest.raises(bd.BeamdaeError) as caught:
+            make()
+        assert check_sentence(str(caught.value)) == ""
