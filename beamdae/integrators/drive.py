@@ -14,7 +14,7 @@ from typing import cast
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.failure_diagnosis import diagnose_failure
 from beamdae.equations.formulations.first_order import State
 from beamdae.equations.smooth_intervals import SAME_TIME, branch_time
@@ -293,8 +293,7 @@ class _RunInProgress:
                 most = limits.steps_until_check(self.steps, steps_per_check)
                 self.steps += _take_steps(method, history, min(most, self._max_batch or most), end)
                 if self._detector and (event := self._detector.find_terminal_event(segment, first)):
-                    sentence = f"stopped by event {event.name} at t = {history.end:.6g} s"
-                    return Status("ok", sentence) if event.do == "stop" else PARTS_SWITCHED
+                    return self._status_at_event(event)
                 t = history.end
                 if t < end and (stop := limits.stop_reason(t, self.steps, steps_per_check)):
                     return Status("limited", f"stopped at t = {t:.6g} s: {stop}")
@@ -338,9 +337,16 @@ class _RunInProgress:
             return self._failure(f"event {event.name}: {problem}")
         self._begin_segment(t, result.branch, result.state)
         self._detector.record_switch(self._segments[-1], result.impulses, result.energy_lost)
+        if simultaneous := self._detector.next_simultaneous_event(self._segments[-1]):
+            return self._status_at_event(simultaneous)
         if t < self._interval_ends[0]:
             return self._integrate_to(self._interval_ends[0])
         return REACHED_END
+
+    def _status_at_event(self, event: EventTerm) -> Status:
+        """Return the status of a segment that ends with this event."""
+        sentence = f"stopped by event {event.name} at t = {self._history.end:.6g} s"
+        return Status("ok", sentence) if event.do == "stop" else PARTS_SWITCHED
 
 
 def _take_steps(method: Method, history: StepHistory, most: int, end: float) -> int:

@@ -148,7 +148,7 @@ def test_actions_on_active_and_inactive_parts_end_with_a_result_or_a_reason(kind
                     assert part.name in outcome
                     continue
                 assert outcome.status.sentence
-                if outcome.status.kind == "ok" and name != "impact":
+                if outcome.status.kind == "ok":
                     assert len(outcome.event_records) == count
 
 

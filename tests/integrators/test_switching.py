@@ -211,6 +211,30 @@ def test_simultaneous_events_all_happen():
     assert_allclose(solution.q[-1], [2.5, 0.5], rtol=1e-9)
 
 
+def test_events_at_the_time_of_an_impact_are_not_lost():
+    """Three events at the floor, in any order: the ball bounces, and both forces are switched."""
+    for order in ((0, 1, 2), (1, 0, 2), (2, 1, 0)):
+        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
+        side, lift = (mech.add(bd.Force(x, ball.point, (1.0, 0.0))) for x in ("side", "lift"))
+        mech.deactivate(lift)
+        gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(ball.point)
+        actions = (bd.impact(gap, 0.5), bd.deactivate(side), bd.activate(lift))
+        for k in order:
+            mech.when(gap, 0.0, "down", actions[k], name=str(k))
+        # The ball rises for 0.45 s after the impact.
+        solution = bd.simulate(mech, bd.Radau(1e-7), 0.8)
+        assert [record.name for record in solution.event_records] == [str(k) for k in order]
+        t = np.sqrt(2.0 / 9.81)
+        assert_allclose([record.t for record in solution.event_records], t, rtol=1e-9)
+        assert solution.trajectory.intervals[-1].configuration.inactive == {"side"}
+        assert_allclose(solution.v[-1, 1], 0.5 * 9.81 * t - 9.81 * (0.8 - t), rtol=1e-6)
+        mech.when(gap, 0.0, "down", "stop", name="stop")
+        stopped = bd.simulate(mech, bd.Radau(1e-7), 0.8)
+        assert stopped.event_records[-1].name == "stop"
+        assert_allclose(stopped.trajectory.end, t, rtol=1e-9)
+
+
 def test_checkpoint_stores_switched_parts(tmp_path):
     def catch_bar(integrator, t_end, **more):
         mech, bar = spinning()

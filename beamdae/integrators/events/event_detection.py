@@ -122,6 +122,9 @@ class EventDetector:
     _sides: dict[str, EventSide] = field(default_factory=dict)
     # Names of the events whose quantities cross their thresholds at the end of the segment.
     _at_end: set[str] = field(default_factory=set)
+    # Simultaneous crossings that follow the last event at the same time; until then, their signs
+    # are those before the crossing.
+    _pending: list[_Crossing] = field(default_factory=list)
 
     @property
     def may_stop(self) -> bool:
@@ -168,7 +171,7 @@ class EventDetector:
         was_impact = bool(select_impacts(self.last_event.do))
         for term in self.equations.events:
             side = self._sides[term.name]
-            if term.name not in self._at_end:
+            if term.name not in self._at_end or any(x.term is term for x in self._pending):
                 continue
             difference = self._start_difference(term, start)
             if was_impact:
@@ -178,6 +181,19 @@ class EventDetector:
         if self.last_event.direction == 0 and not was_impact:
             # The quantity may leave its threshold in either direction.
             self._sides[self.last_event.name].sign = 0.0
+
+    def next_simultaneous_event(self, segment: RunSegment) -> EventTerm | None:
+        """Record the next event at the time of the last one and return it; None if there is none.
+
+        `segment` begins with the state after the actions of the last event.
+        """
+        if not self._pending:
+            return None
+        crossing = self._pending.pop(0)
+        start = segment.interval(self.equations.m)
+        self._sides[crossing.term.name].sign = 1.0 if crossing.direction == UP else -1.0
+        self._record(crossing, segment.branch, State(*(x[0] for x in start.rows)))
+        return crossing.term
 
     def _departure_sign(self, term: EventTerm, start: Interval) -> float:
         """Return the sign of the rate of an event quantity at the start, 0 if it is negligible."""
@@ -232,32 +248,36 @@ class EventDetector:
         """Record events and update signs; return the event that ends the segment, or None."""
         terminal: EventTerm | None = None
         self._at_end.clear()
+        self._pending.clear()
         for crossing in crossings:
             name = crossing.term.name
             side, sign = self._sides[name], 1.0 if crossing.direction == UP else -1.0
             if crossing.t == end:
                 self._at_end.add(name)
             if terminal is not None and crossing.ends_segment:
-                # A simultaneous event is processed after the actions of the first event.
                 side.sign = -sign
+                self._pending.append(crossing)
                 continue
             side.sign = sign
             if crossing.is_event:
                 state = State(*(x[0] for x in interval.at(np.array([crossing.t]))))
-                needs_action = crossing.ends_segment and isinstance(crossing.term.do, tuple)
-                self.records.append(
-                    EventRecord(
-                        name,
-                        crossing.direction,
-                        crossing.t,
-                        interval.branch,
-                        state,
-                        done=not needs_action,
-                    )
-                )
+                self._record(crossing, interval.branch, state)
             if crossing.ends_segment:
                 terminal = crossing.term
         return terminal
+
+    def _record(self, crossing: _Crossing, branch: float, state: State) -> None:
+        needs_action = crossing.ends_segment and isinstance(crossing.term.do, tuple)
+        self.records.append(
+            EventRecord(
+                crossing.term.name,
+                crossing.direction,
+                crossing.t,
+                branch,
+                state,
+                done=not needs_action,
+            )
+        )
 
     def _side(self, term: EventTerm, difference: float) -> EventSide:
         """Return the side of a quantity; the first call initializes it from `difference`."""
