@@ -120,8 +120,7 @@ class Outcome:
     values
         Cost, quality, events and outputs by column of the case table.
     rows
-        Trajectory table, or a function that reads the table from the store; None without a
-        consistent start.
+        Trajectory table; None without a consistent start. `table` returns a copy.
     frames
         Shapes of the bodies over time for an animation; None unless requested.
     read
@@ -136,7 +135,7 @@ class Outcome:
 
     status: Status = REACHED_END
     values: dict[str, Any] = field(default_factory=dict)
-    rows: pd.DataFrame | Callable[[], pd.DataFrame] | None = field(default=None, repr=False)
+    rows: pd.DataFrame | None = field(default=None, repr=False)
     frames: dict[str, Any] | None = None
     read: dict[str, str | None] = field(default_factory=dict)
     file: str = ""
@@ -146,7 +145,7 @@ class Outcome:
     @property
     def table(self) -> pd.DataFrame | None:
         """Observed columns, energies and drift by time; None without a consistent start."""
-        return self.rows() if callable(self.rows) else self.rows
+        return None if self.rows is None else self.rows.copy()
 
     @classmethod
     def failed(cls, sentence: str) -> Outcome:

@@ -90,15 +90,14 @@ def test_missing_trajectories_are_reported(filled):
     assert problem == f"{name}: the trajectory cannot be read: No such file or directory"
 
 
-def test_tables_are_parsed_on_first_access(filled):
-    """A resumed study needs few of them."""
-    parsed, pickled, late = (filled.load(TASK)[0] for _ in range(3))
-    pd.testing.assert_frame_equal(pickle.loads(pickle.dumps(pickled)).table, TABLE)
-    assert parsed.table is parsed.table
+def test_loaded_tables_are_complete_and_copied(filled):
+    """They do not depend on the file, which may change later."""
+    outcome = filled.load(TASK)[0]
     filled.rows_path(TASK).unlink()
-    assert parsed.table is not None
-    with pytest.raises(bd.BeamdaeError, match=r"\.csv: the trajectory cannot be read: No such"):
-        _ = late.table
+    table = outcome.table
+    table.iloc[:, 0] = 0.0
+    pd.testing.assert_frame_equal(outcome.table, TABLE, check_exact=True)
+    pd.testing.assert_frame_equal(pickle.loads(pickle.dumps(outcome)).table, TABLE)
 
 
 def raise_permission_error(*_):

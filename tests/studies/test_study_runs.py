@@ -69,7 +69,7 @@ def test_trajectory_file_is_the_csv_of_pandas():
 
 @pytest.mark.parametrize("table", [ROWS, ROWS[[]], ROWS.iloc[:0], ROWS.iloc[:1]])
 def test_trajectory_file_preserves_all_bits(table):
-    parsed = parse_trajectory(format_trajectory(table), list(table))
+    parsed = parse_trajectory(format_trajectory(table), table.index.name, list(table))
     pd.testing.assert_frame_equal(parsed, table, check_exact=True, check_column_type=False)
     assert np.array_equal(np.signbit(parsed), np.signbit(table))
 

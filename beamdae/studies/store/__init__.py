@@ -2,5 +2,5 @@
 
 May import: studies.tasks, results, model_functions and everything below.
 To extend: to hash a new type of value, edit `fingerprints`; to add a field to the records, edit
-`store`.
+`store` and `record_rules`.
 """

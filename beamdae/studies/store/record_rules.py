@@ -6,6 +6,7 @@ from dataclasses import fields
 from typing import Any, get_args
 
 import numpy as np
+import pandas as pd
 
 from beamdae.equations.measures import TIME
 from beamdae.results.outcome import Kind
@@ -40,7 +41,7 @@ from beamdae.studies.run_values import (
     is_event_time,
     is_output,
 )
-from beamdae.studies.store.trajectory_csv import read_times
+from beamdae.studies.store.trajectory_csv import parse_trajectory
 from beamdae.studies.tasks import Limits
 
 _ROUNDING_OF_TIMES = 1e-9  # relative difference of the end time and the last row
@@ -147,18 +148,28 @@ def check_outcome(content: Any) -> None:
         raise FieldError("must be different names", "columns", "rows")
 
 
-def check_trajectory(text: bytes, content: dict[str, Any]) -> None:
-    """Raise FieldError unless a trajectory has the columns, start and end time of its record."""
+def parse_rows(text: bytes, content: dict[str, Any]) -> pd.DataFrame:
+    """Return the trajectory of a record.
+
+    Raises
+    ------
+    FieldError
+        If the columns, the start or the end differ from the record, the times do not ascend, or a
+        cell is not a number.
+    """
     try:
-        times = read_times(text, TIME, content["rows"]["columns"])
+        table = parse_trajectory(text, TIME, content["rows"]["columns"])
     except ValueError as problem:
         raise FieldError(str(problem)) from None
+    times = table.index.to_numpy()
     if not (len(times) and np.isfinite(times).all() and times[0] == 0.0):
         raise FieldError("must contain finite times that begin with 0", TIME)
     require_ascending(TIME, times)
     reached = content["values"].get(REACHED_COLUMN)
-    if reached is None:
-        return
-    excess, rounding = times[-1] - reached, _ROUNDING_OF_TIMES * reached
-    if excess > rounding or (content["status"]["kind"] == "ok" and excess < -rounding):
-        raise FieldError(f"must end at {reached:g} s as in the record, got {times[-1]:g} s", TIME)
+    if reached is not None:
+        excess, rounding = times[-1] - reached, _ROUNDING_OF_TIMES * reached
+        if excess > rounding or (content["status"]["kind"] == "ok" and excess < -rounding):
+            raise FieldError(
+                f"must end at {reached:g} s as in the record, got {times[-1]:g} s", TIME
+            )
+    return table

@@ -7,7 +7,6 @@ import json
 import os
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
 from operator import methodcaller
 from pathlib import Path
 from typing import Any
@@ -28,8 +27,8 @@ from beamdae.results.storage.reader import (
 )
 from beamdae.results.storage.schema import anything, choice, record, text
 from beamdae.studies.store.file_reads import changed_files
-from beamdae.studies.store.record_rules import check_outcome, check_trajectory
-from beamdae.studies.store.trajectory_csv import format_trajectory, parse_trajectory
+from beamdae.studies.store.record_rules import check_outcome, parse_rows
+from beamdae.studies.store.trajectory_csv import format_trajectory
 from beamdae.studies.tasks import Outcome, Task
 
 _FORMAT = 3
@@ -123,24 +122,16 @@ class Store:
             content = self._load_content(task)
             if content is None or not _is_usable(task, content):
                 return None, ""
-            rows = None
-            if content["rows"] is not None:
-                rows = _StoredRows(
-                    self.rows_path(task), self.trajectory_path(task), **content["rows"]
-                )
-                csv_text = rows.read()
-                with translate_field_errors(rows.path, _TRAJECTORY):
-                    check_trajectory(csv_text, content)
-                self._link_trajectory(task, csv_text)
+            table = None if content["rows"] is None else self._load_rows(task, content)
         except FileContentError as problem:
             return None, f"{problem.path.name}: {problem.problem}"
         outcome = Outcome(
             Status(**content["status"]),
             content["values"],
-            rows,
+            table,
             content["frames"],
             content["read"],
-            rows.readable_path.name if rows else "",
+            "" if table is None else self.trajectory_path(task).name,
         )
         return outcome, ""
 
@@ -155,6 +146,17 @@ class Store:
             raise _KIND.error(path, "the content has changed since it was written")
         require_content(path, _KIND, check_outcome, content)
         return dict(content)
+
+    def _load_rows(self, task: Task, content: dict[str, Any]) -> pd.DataFrame:
+        """Return the trajectory of a task, and restore its file with the readable name."""
+        path, rows = self.rows_path(task), content["rows"]
+        csv_text = read_bytes(path, _TRAJECTORY)
+        if hashlib.sha256(csv_text).hexdigest() != rows["sha256"]:
+            raise _TRAJECTORY.error(path, "the trajectory has changed since it was written")
+        with translate_field_errors(path, _TRAJECTORY):
+            table = parse_rows(csv_text, content)
+        self._link_trajectory(task, csv_text)
+        return table
 
     def _link_trajectory(self, task: Task, text: bytes) -> None:
         source, path = self.rows_path(task), self.trajectory_path(task)
@@ -176,29 +178,6 @@ class Store:
         """Remove unfinished files left by processes that have ended."""
         for folder in (self.folder, self.folder / "outcomes", self.folder / "trajectories"):
             remove_stale_scratch_files(folder)
-
-
-@dataclass(frozen=True)
-class _StoredRows:
-    """Trajectory in a file, parsed on first access; see `Outcome.rows`."""
-
-    path: Path
-    readable_path: Path
-    sha256: str
-    columns: list[str]
-
-    def read(self) -> bytes:
-        text = read_bytes(self.path, _TRAJECTORY)
-        if hashlib.sha256(text).hexdigest() != self.sha256:
-            raise _TRAJECTORY.error(self.path, "the trajectory has changed since it was written")
-        return text
-
-    @cached_property
-    def table(self) -> pd.DataFrame:
-        return parse_trajectory(self.read(), self.columns)
-
-    def __call__(self) -> pd.DataFrame:
-        return self.table.copy()
 
 
 def _is_usable(task: Task, content: dict[str, Any]) -> bool:

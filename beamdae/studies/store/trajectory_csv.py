@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,17 +12,7 @@ import pandas as pd
 
 from beamdae.results.storage.files import escape_cell
 
-_DIGITS = b"0123456789"
 _NOT_SEPARATORS = bytes(k for k in range(256) if k not in b",\n")
-# Numbers without their digits, as `repr` writes them.
-_NUMBER_PATTERNS = {
-    sign + rest
-    for sign in (b"", b"-")
-    for rest in (b"", b".", b".e-", b".e+", b"e-", b"e+", b"inf")
-}
-_ZEROS = bytes.maketrans(_DIGITS, b"0" * len(_DIGITS))
-# Parts of numbers that lack a digit, or have one in the wrong place, with zeros for all digits.
-_WRONG_PARTS = tuple(b",. -. ,e -e .e -, +, 0- 0+ 0i f0 ,+".split())
 
 
 def format_trajectory(table: pd.DataFrame) -> bytes:
@@ -44,17 +35,15 @@ def _format_headers(index: str, columns: Sequence[str]) -> str:
     return text.getvalue()
 
 
-def read_times(content: bytes, index: str, columns: Sequence[str]) -> np.ndarray:
-    """Return the times (k,) [s] of a trajectory after checking the format of all its cells.
-
-    Checking takes a tenth of the time of parsing, and parsing cannot fail afterwards.
+def parse_trajectory(content: bytes, index: str, columns: Sequence[str]) -> pd.DataFrame:
+    """Return the table written by `format_trajectory`.
 
     Parameters
     ----------
     content
         Content of the file.
     index, columns
-        Expected headers of the times and of the other columns.
+        Expected headers of the times and of the other columns, not escaped.
 
     Raises
     ------
@@ -64,30 +53,24 @@ def read_times(content: bytes, index: str, columns: Sequence[str]) -> np.ndarray
     headers = _format_headers(index, columns).encode(errors="replace")
     if not content.startswith(headers):
         raise ValueError("does not begin with the headers of the record")
-    # The newline in front of the first cell is included.
-    body = content[len(headers) - 1 :]
-    row = b"," * len(columns) + b"\n"
-    rows = body.count(b"\n") - 1
-    if body.translate(None, _NOT_SEPARATORS) != b"\n" + row * rows or not body.endswith(b"\n"):
+    body = content[len(headers) :]
+    rows = body.count(b"\n")
+    if body.translate(None, _NOT_SEPARATORS) != (b"," * len(columns) + b"\n") * rows:
         raise ValueError("does not have one cell per column in each row")
-    cells = body.replace(b"\n", b",")
-    patterns = set(cells.translate(None, _DIGITS).split(b","))
-    zeros = cells.translate(_ZEROS)
-    if not patterns <= _NUMBER_PATTERNS or any(x in zeros for x in _WRONG_PARTS):
+    # Empty cells are nan; a second replacement is needed for neighbors.
+    cells = b"," + body.replace(b"\n", b",")
+    if b",," in cells:
+        cells = cells.replace(b",,", b",nan,").replace(b",,", b",nan,")
+    with warnings.catch_warnings():
+        # Text that is not a number is a warning of NumPy, and will be an error.
+        warnings.simplefilter("error")
+        try:
+            # Rounds correctly, unlike the default parser of pandas, in half the time of float().
+            numbers = np.fromstring(cells[1:-1], sep=",")
+        except (ValueError, DeprecationWarning):
+            raise ValueError("contains cells that are not numbers") from None
+    if len(numbers) != rows * (1 + len(columns)) or not body.endswith(b"\n"):
         raise ValueError("contains cells that are not numbers")
-    first_cells = [line.partition(b",")[0] for line in body.split(b"\n")[1:-1]]
-    if not all(first_cells):
-        raise ValueError("has rows without a time")
-    return np.array([float(cell) for cell in first_cells])
-
-
-def parse_trajectory(content: bytes, columns: Sequence[str]) -> pd.DataFrame:
-    """Return the table written by `format_trajectory`; `columns` are the unescaped headers."""
-    text = io.StringIO(content.decode(), newline="")
-    index, *_ = next(csv.reader(text))
-    # float() rounds correctly, unlike the default parser of pandas.
-    lines = text.read().split()
-    cells = ",".join(lines).split(",") if lines else []
-    numbers = np.array([float(x or "nan") for x in cells]).reshape(-1, 1 + len(columns))
+    numbers = numbers.reshape(rows, -1)
     times = pd.Index(numbers[:, 0], name=index)
     return pd.DataFrame(numbers[:, 1:], times, pd.Index(columns))
