@@ -18,7 +18,9 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.failure_diagnosis import diagnose_failure
 from beamdae.equations.formulations.first_order import State
 from beamdae.equations.smooth_intervals import SAME_TIME, branch_time
+from beamdae.equations.surface_gaps import compile_surface_gaps
 from beamdae.errors import BeamdaeError
+from beamdae.integrators.events.contact_onsets import ContactOnsetDetector
 from beamdae.integrators.events.event_detection import STEPS_PER_EVENT_CHECK, EventDetector
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
@@ -45,6 +47,10 @@ from beamdae.results.trajectory import Trajectory
 Array = np.ndarray
 
 PARTS_SWITCHED = Status("ok", "an event switched parts")
+
+# Number of steps between two checks for contacts that steps passed over, so large that the checks
+# take a small part of the time.
+_STEPS_PER_ONSET_CHECK = 256
 
 _NO_MEMORY = "out of memory; use longer steps, fewer elements or an earlier end time"
 _NOT_FINITE = "the state is not finite; check laws, masses and start values"
@@ -131,6 +137,8 @@ def _drive(
     limits = RunLimits(progress, settings.get("time_limit"), settings.get("max_steps"), run_began)
     if integrator.accuracy.name == "rtol" and limits.max_steps is None:
         limits.stall_detector = StallDetector(plan.intervals[-1][1])
+    gaps = compile_surface_gaps(equations)
+    onset_detector = ContactOnsetDetector(gaps, equations.length) if gaps else None
     run: _RunInProgress | None = None
     status, compile_time = REACHED_END, 0.0
 
@@ -139,7 +147,7 @@ def _drive(
     ) -> _RunInProgress:
         nonlocal compile_time
         began = clock.perf_counter()
-        run = _RunInProgress(equations, plan, method_on, limits, label)
+        run = _RunInProgress(equations, plan, method_on, limits, onset_detector, label)
         compile_time += clock.perf_counter() - began
         return run
 
@@ -193,18 +201,20 @@ class _RunInProgress:
         plan: RunPlan,
         method_on: Callable[[RunPlan], Method],
         limits: RunLimits,
+        onset_detector: ContactOnsetDetector | None,
         label: str = "",
     ) -> None:
         """Prepare a run.
 
-        `equations` contain all parts, active or not; `label` is appended to the message of an
-        interrupted run.
+        `equations` contain all parts, active or not; `onset_detector` is None without contacts;
+        `label` is appended to the message of an interrupted run.
         """
         self._equations, self._plan, self._limits, self._label = equations, plan, limits, label
         self.method = method_on(plan)
         self._configuration = initial_configuration(equations)
         self.methods = MethodCache(method_on, self.method, self._configuration)
         self._detector = EventDetector(equations) if equations.events else None
+        self._onset_detector = onset_detector
         stops = self._detector is not None and self._detector.may_stop
         self._max_batch = STEPS_PER_EVENT_CHECK if stops else None
         self.steps = 0
@@ -286,12 +296,17 @@ class _RunInProgress:
         segment, method, limits = self._segments[-1], self.method, self._limits
         history, branch = segment.history, segment.branch
         steps_per_check = method.steps_per_check
+        unchecked, steps_checked = history.count, self.steps
         try:
             method.begin(history.end, end, branch, history.last_state)
             while history.end < end:
                 first = history.count
                 most = limits.steps_until_check(self.steps, steps_per_check)
                 self.steps += _take_steps(method, history, min(most, self._max_batch or most), end)
+                is_due = self.steps >= steps_checked + _STEPS_PER_ONSET_CHECK
+                if self._onset_detector and (is_due or self._max_batch or history.end >= end):
+                    end = self._truncate_at_onset(unchecked, end)
+                    unchecked, steps_checked = history.count, self.steps
                 if self._detector and (event := self._detector.find_terminal_event(segment, first)):
                     return self._status_at_event(event)
                 t = history.end
@@ -312,6 +327,22 @@ class _RunInProgress:
             reason = problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY
             return Status("limited", f"stopped at t = {history.end:.6g} s: {reason}")
         return REACHED_END
+
+    def _truncate_at_onset(self, unchecked: int, end: float) -> float:
+        """Drop the steps after the first contact that a step passed over; return the new end [s].
+
+        Without such a contact in the rows from `unchecked` on, return `end`. Otherwise, the run
+        restarts at the onset of the contact, and again inside the surface, where the error test
+        sees the contact force.
+        """
+        assert self._onset_detector is not None
+        segment = self._segments[-1]
+        tail = segment.tail(unchecked, self._equations.m)
+        if tail is None or (onset := self._onset_detector.find_first(*tail)) is None:
+            return end
+        segment.truncate(tail[0], onset.t)
+        self._interval_ends = (segment.history.end, onset.probe, *self._interval_ends)
+        return segment.history.end
 
     def _switch_parts(self) -> Status:
         """Apply the actions of the last event, then integrate the rest of the interval."""

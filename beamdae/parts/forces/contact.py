@@ -164,9 +164,8 @@ class Contact(Part):
         Regularization velocity [m/s] of Coulomb friction, at which friction reaches 76 % of its
         full value. At lower velocities, friction is nearly viscous, so a sticking contact creeps.
     longest_step
-        Largest step of adaptive integrators [s]. Defaults to no limit, which suits lines. A point
-        in free flight may step over a small circle; use a tenth of the time for crossing the
-        circle.
+        Largest step of adaptive integrators [s]. Defaults to no limit: a step that passes over a
+        contact is repeated from the onset of the contact.
 
     Raises
     ------

@@ -1,0 +1,79 @@
+"""Gaps between points and surfaces of penalty forces, evaluated for many states at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamdae.equations.assembly.building import NumberStore, build_observable
+from beamdae.equations.assembly.coordinate_map import map_coordinates
+from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceGapTerm:
+    """Gap of one part, negative inside the surface.
+
+    Attributes
+    ----------
+    part
+        Name of the part.
+    observable, numbers
+        Compiled gap, and the numbers to which it refers.
+    lengths
+        Displacement [m] of a point per unit of each coordinate, at most, (n,); 0 for coordinates on
+        which the gap does not depend.
+    length
+        Characteristic length of the mechanism [m].
+    """
+
+    part: str
+    observable: Observable
+    numbers: Array
+    lengths: Array
+    length: float
+
+    def evaluate(self, t: Array, branch: float, q: Array) -> Array:
+        """Return the gap [m] at times (rows,) and coordinates (rows, n)."""
+        o = self.observable
+        times = np.column_stack([t, np.full(len(t), branch)])
+        local = np.asarray(o.operator @ q.T).T
+        no_multipliers = np.zeros((len(t), 0))
+        # Gaps depend on positions only.
+        return o.function(times, local, local, self.numbers[o.data], no_multipliers)[:, 0]
+
+    def bound_rates(self, v: Array, a: Array) -> tuple[Array, Array]:
+        """Return upper bounds on relative speeds [m/s] and accelerations [m/s^2] at the gap.
+
+        The arguments are velocities and accelerations of the coordinates, (rows, n); the results
+        have the shape (rows,).
+        """
+        speeds, accelerations = (np.abs(x) @ self.lengths for x in (v, a))
+        return speeds, accelerations + speeds**2 / self.length
+
+
+def compile_surface_gaps(equations: EquationsOfMotion) -> Sequence[SurfaceGapTerm]:
+    """Return the gaps of all parts of a mechanism, active or not; none for constrained systems."""
+    mechanism = equations.mechanism
+    if mechanism is None:
+        return ()
+    gaps = [(part.name, gap.quantity) for part in mechanism.parts.values() for gap in part.gaps]
+    coordinate_map, numbers = map_coordinates(mechanism), NumberStore()
+    observables = [
+        build_observable(name, quantity, coordinate_map, numbers, {}) for name, quantity in gaps
+    ]
+    lengths = equations.length / equations.position_scales
+    return tuple(
+        SurfaceGapTerm(
+            o.name,
+            o,
+            numbers.all,
+            np.asarray(abs(o.operator).sum(axis=0)).ravel() * lengths,
+            equations.length,
+        )
+        for o in observables
+    )
