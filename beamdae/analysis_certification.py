@@ -13,10 +13,12 @@ import numpy as np
 
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, modes
 from beamdae.analysis.periodic.periodic_solution import periodic
+from beamdae.analysis.periodic.shooting import DEFAULT_RTOL
 from beamdae.analysis.statics.static_equilibrium import equilibrium
 from beamdae.beams.beam import EXACT_FORMULATION
 from beamdae.beams.remeshing import BaseMesh, choose_base_meshes, with_meshes
 from beamdae.errors import BeamdaeError, require_count, require_positive, short_repr
+from beamdae.integrators import Integrator
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
@@ -24,6 +26,7 @@ from beamdae.results.analysis_certificate import AnalysisCertificate
 from beamdae.results.certificate import MAX_ACCURACY
 from beamdae.results.columns import (
     mark_required_columns,
+    mark_resting_columns,
     require_certified_columns,
     require_observed,
 )
@@ -40,19 +43,23 @@ _SAFETY_FACTOR = 2.0
 # Largest ratio of successive differences; if they decrease more slowly, the error of a geometric
 # series with this ratio is assumed.
 _MAX_RATIO = 0.9
-# Smallest stated error relative to the accuracy.
-_FLOOR = 1e-3
-# Columns whose scale is below this fraction of the largest one are at rest.
-_REST_TO_OTHERS_RATIO = 1e-9
+# Smallest stated error: rounding errors and tolerances of Newton's method and of eigenvalues.
+_FLOOR = 1e-8
+# The same for periodic motions: time error of an amplitude / rtol, at least; measured 0.1 to 0.9.
+_PERIODIC_ERROR_TO_RTOL_RATIO = 3.0
 
 
 class _Values(NamedTuple):
-    """Values of an analysis on one mesh, and the values to which their errors are relative."""
+    """Values of an analysis on one mesh, and the values to which their errors are relative.
+
+    Values whose mask `at_rest` is True have no error.
+    """
 
     result: Any
     columns: tuple[str, ...]
     values: Array
     scales: Array
+    at_rest: Array
 
 
 @interruptible
@@ -98,7 +105,9 @@ def certify_equilibrium(
         rows = np.stack(list(path.columns.values()), axis=1)
         # A path of a single row begins at the equilibrium.
         scales = 0.5 * np.ptp(rows, axis=0) if len(rows) > 1 else np.abs(rows[-1])
-        return _Values(path, tuple(path.columns), rows[-1], scales)
+        columns = tuple(path.columns)
+        at_rest = mark_resting_columns(columns, rows, scales, path.equations.length)
+        return _Values(path, columns, rows[-1], scales, at_rest)
 
     start = settings.get("start")
     return _certify("certify_equilibrium", model, accuracy, columns, evaluate, start)
@@ -152,7 +161,10 @@ def certify_modes(
     def evaluate(mechanism: Mechanism) -> _Values:
         result: Modes = modes(mechanism, n=count, **settings)
         names = tuple(f"mode {k} [Hz]" for k in range(1, len(result) + 1))
-        return _Values(result, names, result.frequencies, result.frequencies)
+        frequencies = result.frequencies
+        # Motions without strain have the frequency 0.
+        at_rest = mark_resting_columns(names, frequencies[None], frequencies, 0.0)
+        return _Values(result, names, frequencies, frequencies, at_rest)
 
     about = settings.get("about")
     return _certify("certify_modes", model, accuracy, None, evaluate, about)
@@ -208,10 +220,17 @@ def certify_periodic(
         observed = motion.solution.columns
         require_observed("certify_periodic", observed)
         amplitudes = np.array([half_range(column) for column in observed.values()])
-        return _Values(motion, tuple(observed), amplitudes, amplitudes)
+        columns, rows = tuple(observed), np.stack(list(observed.values()), axis=1)
+        at_rest = mark_resting_columns(columns, rows, amplitudes, motion.solution.equations.length)
+        return _Values(motion, columns, amplitudes, amplitudes, at_rest)
 
+    integrator = settings.get("integrator")
+    name, value = "rtol", DEFAULT_RTOL
+    if isinstance(integrator, Integrator):  # `periodic` rejects other objects
+        name, value = integrator.accuracy
+    floor = _PERIODIC_ERROR_TO_RTOL_RATIO * value if name == "rtol" else _FLOOR
     start = settings.get("start")
-    return _certify("certify_periodic", model, accuracy, columns, evaluate, start)
+    return _certify("certify_periodic", model, accuracy, columns, evaluate, start, floor)
 
 
 def _certify(
@@ -221,10 +240,11 @@ def _certify(
     columns: Sequence[str] | str | None,
     evaluate: Callable[[Mechanism], _Values],
     start: Any,
+    floor: float = _FLOOR,
 ) -> AnalysisCertificate:
     """Evaluate an analysis on successively finer meshes; `name` begins the messages.
 
-    Beams with coordinates named in `start` keep their meshes.
+    Beams with coordinates named in `start` keep their meshes. `floor` is the smallest stated error.
     """
     accuracy = require_positive(name, "accuracy", accuracy)
     if accuracy > MAX_ACCURACY:
@@ -245,7 +265,6 @@ def _certify(
     refinable = [base for base in bases.values() if not base.fixed_by]
     levels = [_evaluate(model, bases, 0, True, evaluate)]
     required = mark_required_columns(name, names, levels[0].columns)
-    floor = _FLOOR * accuracy
     if not refinable:
         # Without beams, there is no mesh error.
         error = np.full(len(levels[0].values), floor if not bases else np.nan)
@@ -264,7 +283,7 @@ def _certify(
     if any(not base.is_exact for base in refinable):
         written = _evaluate(model, bases, len(levels) - 1, False, evaluate)
     fine = levels[-1]
-    theory = _relative(_resize(written.values, len(fine.values)) - fine.values, fine.scales)
+    theory = _relative(_resize(written.values, len(fine.values)) - fine.values, fine)
     return _finish(levels, error, theory, required, accuracy, bases, notes)
 
 
@@ -291,7 +310,7 @@ def _estimate_errors(levels: Sequence[_Values]) -> Array:
     coarse, middle, fine = (_resize(level.values, count) for level in levels[-3:])
     before, last = np.abs(middle - coarse), np.abs(fine - middle)
     ratio = np.minimum(last / np.maximum(before, np.finfo(float).tiny), _MAX_RATIO)
-    error = _relative(_SAFETY_FACTOR * ratio / (1.0 - ratio) * last, levels[-1].scales)
+    error = _relative(_SAFETY_FACTOR * ratio / (1.0 - ratio) * last, levels[-1])
     return np.where(np.isnan(coarse) | np.isnan(middle), np.inf, error)
 
 
@@ -305,11 +324,10 @@ def _resize(values: Array, count: int) -> Array:
     return resized
 
 
-def _relative(differences: Array, scales: Array) -> Array:
-    """Return |differences| / scales, or 0 where a scale is at most 1e-9 of the largest."""
-    at_rest = scales <= _REST_TO_OTHERS_RATIO * np.max(scales, initial=0.0)
+def _relative(differences: Array, fine: _Values) -> Array:
+    """Return |differences| / scales, or 0 for values at rest."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(at_rest, 0.0, np.abs(differences) / scales)
+        return np.where(fine.at_rest, 0.0, np.abs(differences) / fine.scales)
 
 
 def _is_within(error: Array, required: Array, accuracy: float) -> bool:

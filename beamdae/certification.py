@@ -1,8 +1,9 @@
 """Runs with an estimated total error: time integration, mesh and beam theory.
 
-The error of a run is estimated from its differences to runs with a looser tolerance, a coarser mesh
-or another formulation of the beams. The constants below were calibrated on the mechanisms of
-validation/certificates.
+The error of a run is estimated from its differences to runs with looser tolerances and coarser
+meshes. Two successive differences give the observed ratio of the errors, and the extrapolation of
+Richardson gives the error of the finest run. The constants below were calibrated on the mechanisms
+of validation/certificates.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import time as clock
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -54,13 +55,18 @@ from beamdae.simulation import as_equations, compute_output_times, unpack_model
 Array = np.ndarray
 
 _MIN_ACCURACY = 1e-6
-# First runs: number of elements of a beam without attachments between its ends, which is larger for
-# accuracies below a limit, and rtol.
-_FIRST_ELEMENTS, _FIRST_ELEMENTS_FOR_SMALL_ERRORS = 2, 4
+# First runs: elements in the coarsest mesh of a beam without attachments between its ends, which
+# are more for accuracies below a limit, and rtol.
+_FIRST_ELEMENTS, _FIRST_ELEMENTS_FOR_SMALL_ERRORS = 1, 2
 _SMALL_ERROR = 3e-3
 _FIRST_RTOL_RATIO = 0.1  # rtol / accuracy
 _MAX_FIRST_RTOL = 1e-3
+_MAX_RTOL = 0.1  # of Radau
 _RTOL_STEP = 10.0
+# The first meshes are three, or two if a beam has more elements in the coarsest one, because of its
+# curvature or attachments.
+_FIRST_HALVINGS = 2
+_MAX_COARSEST_ELEMENTS = 4
 
 # Limits of the refinement.
 _MIN_RTOL = 1e-9
@@ -76,25 +82,32 @@ _TARGET_SHARE = 0.4
 _MIN_REDUCTION = 1.5
 _MAX_STAGNATIONS = 2
 
-# Error of the finer of two runs / their difference: near the 95 % quantiles of the ratios that
-# validation/certificates/calibrate.py measured.
+# Error estimate. Errors decrease in a geometric sequence: if a refinement multiplies them by q, the
+# error of the finer of two runs is q / (1 - q) times their difference.
+_TIME_SAFETY_FACTOR = 1.25
+_MESH_SAFETY_FACTOR = 1.25
+# Limits of the observed ratios q of a decade of rtol and of a halving of all elements.
+_MIN_TIME_RATIO, _MAX_TIME_RATIO = 0.1, 0.5
+_MIN_MESH_RATIO, _MAX_MESH_RATIO = 0.02, 0.5
+# Contacts, stick-slip and impacts reduce the order in time, which two differences need not show.
+_MIN_NONSMOOTH_TIME_RATIO = 0.3
+# Runs of few steps have not reached the order of the method.
+_MIN_TIME_RATIO_OF_FEW_STEPS = 0.2
+_FEW_STEPS = 200
+# The curvature jumps at ends of elements, which reduces the order if points slide over them.
+_MIN_MESH_RATIO_WITH_SLIDERS = 0.2
+# A difference by tolerance that exceeds the accuracy is extrapolated only as far as the numbers of
+# steps support: errors are proportional to (number of steps)^-5. If a decade of rtol multiplies the
+# steps by more than the limit, the finer run resolves vibrations that the coarser one passes over.
 _ORDER_IN_STEP = 5  # of Radau
-_TIME_SAFETY_FACTOR = 2.5
-_MIN_TIME_RATIO, _MAX_TIME_RATIO = 0.03, 1.0
-# If a decade of rtol multiplies the number of steps by more, the finer run resolves vibrations that
-# the coarser run passes over, and the difference shows the error of the coarser run only.
 _MAX_STEP_RATIO_PER_DECADE = 1.9
-_NEWLY_RESOLVED_RATIO = 1.0
-# Errors at contacts, impacts and stick-slip do not decrease with the order of the method.
-_NONSMOOTH_RATIO = 1.0
+# Ratio of a halving if only two meshes are possible; two elements are halved, or more.
 _MESH_RATIO_OF_TWO_ELEMENTS = 0.15
 _MESH_RATIO = 0.1
-_MESH_RATIO_OF_QUARTERED_ELEMENTS = 0.03
-_MESH_RATIO_WITH_SLIDERS = 0.3
-_MESH_RATIO_WITHOUT_ALIGNMENT = 1.0
 _THEORY_SAFETY_FACTOR = 1.25
-# Smallest stated error relative to the accuracy.
-_FLOOR = 1e-3
+# Smallest stated error relative to the accuracy. Much smaller differences contain rounding errors
+# and errors of Newton's method, and do not decrease in a geometric sequence.
+_FLOOR = 3e-6
 # The formulations of the model are kept if exact beams cost more by this factor, and the theory
 # error is at most this part of the accuracy.
 _MAX_EXACT_COST = 3.0
@@ -134,8 +147,10 @@ def certify(
     or mesh must not change, or floating frames are accurate enough and much faster; the budget also
     lists the theory error of the formulations that the model specifies.
 
-    The budget is an estimate by comparison of runs, not a proof. It does not include errors of the
-    beam theory of Reissner itself, materials, joints and data.
+    The errors of the solution are extrapolated from its differences to runs with looser tolerances
+    and coarser meshes, with the observed ratio of two successive differences. The budget is an
+    estimate by comparison of runs, not a proof. It does not include errors of the beam theory of
+    Reissner itself, materials, joints and data.
 
     Parameters
     ----------
@@ -236,10 +251,9 @@ class _Task:
     time_limit: float | None
     progress: Progress | None
     description: dict[str, Any]
-    begin: float = 0.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "begin", clock.perf_counter())
+    begin: float = field(default_factory=clock.perf_counter)
+    # Equations by halvings and formulation, shared by runs with different tolerances.
+    equations: dict[tuple[int, bool], EquationsOfMotion] = field(default_factory=dict)
 
     @cached_property
     def base_meshes(self) -> dict[str, BaseMesh]:
@@ -252,6 +266,11 @@ class _Task:
 
     def build(self, halvings: int, exact: bool) -> EquationsOfMotion:
         """Return the equations on a mesh; `exact` replaces floating frames by exact beams."""
+        if (halvings, exact) not in self.equations:
+            self.equations[halvings, exact] = self._assemble(halvings, exact)
+        return self.equations[halvings, exact]
+
+    def _assemble(self, halvings: int, exact: bool) -> EquationsOfMotion:
         if not self.base_meshes:
             return as_equations("certify", self.model, self.start)
         meshes = {name: base.refined(halvings) for name, base in self.base_meshes.items()}
@@ -435,6 +454,9 @@ class _Certification:
         self._theory_as_written: Array | float = 0.0
         self._time: Array = np.zeros(0)
         self._mesh: Array = np.zeros(0)
+        # Factors of the errors for a decade of rtol and for a halving of all elements.
+        self._time_ratio: Array = np.zeros(0)
+        self._mesh_ratio: Array = np.zeros(0)
         self._last_difference: _Difference | None = None
         self._exact = True
 
@@ -442,9 +464,9 @@ class _Certification:
 
     @property
     def _last(self) -> _Run:
-        """The last run with the chosen formulation, or the last run if there is none."""
-        chosen = [run for run in self._runs if run.exact == self._exact]
-        return chosen[-1] if chosen else self._runs[-1]
+        """The finest run with the chosen formulation, or of all runs if there is none."""
+        chosen = [run for run in self._runs if run.exact == self._exact] or self._runs
+        return max(chosen, key=lambda run: (run.halvings, -run.rtol))
 
     @cached_property
     def _required(self) -> Array:
@@ -462,12 +484,29 @@ class _Certification:
         return bool(refinable) and 2 * max(refinable) <= _MAX_ELEMENTS
 
     @property
-    def _is_nonsmooth(self) -> bool:
-        """True if the model has contacts or friction, or if the last run had events."""
-        model = self.task.model
+    def _time_ratio_limits(self) -> tuple[float, float]:
+        model, last = self.task.model, self._last
         parts = model.parts.values() if isinstance(model, Mechanism) else ()
         has_contacts = any(isinstance(part, (Contact, Friction)) for part in parts)
-        return has_contacts or bool(self._last.solution.event_records)
+        lower = _MIN_TIME_RATIO
+        if has_contacts or last.solution.event_records:
+            lower = _MIN_NONSMOOTH_TIME_RATIO
+        elif last.steps < _FEW_STEPS:
+            lower = _MIN_TIME_RATIO_OF_FEW_STEPS
+        return lower, _MAX_TIME_RATIO
+
+    @property
+    def _mesh_ratio_limits(self) -> tuple[float, float]:
+        has_sliders = any(base.has_slider for base in self._beams)
+        return (_MIN_MESH_RATIO_WITH_SLIDERS if has_sliders else _MIN_MESH_RATIO), _MAX_MESH_RATIO
+
+    @property
+    def _first_halvings(self) -> int:
+        """Halvings of the finest of the first meshes."""
+        if not self._has_mesh:
+            return 0
+        counts = [base.mesh.elements for base in self._beams if not base.fixed_by]
+        return _FIRST_HALVINGS if max(counts) <= _MAX_COARSEST_ELEMENTS else 1
 
     @property
     def _has_mesh(self) -> bool:
@@ -511,35 +550,106 @@ class _Certification:
         return self._certificate(status)
 
     def _refine(self) -> Status:
-        accuracy = self.task.accuracy
-        rtol = min(_FIRST_RTOL_RATIO * accuracy, _MAX_FIRST_RTOL)
+        """Run the first meshes and tolerances, and refine them further if necessary.
+
+        The first run has the intermediate mesh and tolerance. Two coarser runs and two finer ones
+        give two differences by mesh and two by tolerance.
+        """
+        rtol = min(_FIRST_RTOL_RATIO * self.task.accuracy, _MAX_FIRST_RTOL)
         first = self._first_run(rtol)
         self._choose_formulation(first)
         first = next(run for run in self._runs if run.exact == self._exact)
+        coarse = self._run_coarser(first.halvings - 1, first.rtol) if first.halvings else None
+        base = coarse or first
+        loose = self._run_coarser(base.halvings, min(_RTOL_STEP * first.rtol, _MAX_RTOL))
         halvings = first.halvings + self._has_mesh
         finer = self._run(halvings, first.rtol / _RTOL_STEP, self._exact)
-        if not self._has_mesh:
-            difference = self._compare(first, finer)
-            time = _reduce(difference.largest, self._time_ratio(first, finer))
-            self._set(time, np.zeros(len(time)))
-            return self._refine_further()
-        middle = self.task.run(halvings, first.rtol, self._exact)
-        self._runs.insert(-1, middle)
-        mesh = _reduce(self._compare(first, middle).largest, self._mesh_ratio(first, middle))
-        time = _reduce(self._compare(middle, finer).largest, self._time_ratio(middle, finer))
+        middle = self._run(halvings, first.rtol, self._exact) if self._has_mesh else first
+        by_time = self._compare(middle, finer).largest
+        self._time_ratio = self._observe_ratio(
+            self._compare(loose, base).largest if loose else None,
+            by_time,
+            self._time_ratio_limits,
+        )
+        self._time_ratio = self._limit_ratio_by_steps(self._time_ratio, by_time, middle, finer)
+        time = _extrapolate(by_time, _TIME_SAFETY_FACTOR, self._time_ratio)
+        mesh = np.zeros(len(time))
+        self._mesh_ratio = np.full(len(time), _MAX_MESH_RATIO)
+        if self._has_mesh:
+            by_mesh = self._compare(first, middle).largest
+            self._mesh_ratio = self._observe_ratio(
+                self._compare(coarse, first).largest if coarse else None,
+                by_mesh,
+                self._mesh_ratio_limits,
+                self._expected_mesh_ratio(first),
+            )
+            mesh = _extrapolate(by_mesh, _MESH_SAFETY_FACTOR, self._mesh_ratio)
+            self._compare(first, finer)
         self._set(time, mesh)
-        self._last_difference = _compare(first, finer, self.task.accuracy)
         return self._refine_further()
 
     def _first_run(self, rtol: float) -> _Run:
         """Return the first run with exact beams, repeated once with finer settings if it fails."""
-        halvings = 0
+        halvings = max(self._first_halvings - 1, 0)
         try:
             return self._run(halvings, rtol, exact=True)
         except _RunError as problem:
             if problem.status.kind != "failed":
                 raise
         return self._run(halvings + self._has_mesh, rtol / _RTOL_STEP, exact=True)
+
+    def _run_coarser(self, halvings: int, rtol: float) -> _Run | None:
+        """Return a run from which the ratio of errors follows, or None if it fails."""
+        try:
+            return self._run(halvings, rtol, self._exact)
+        except _RunError as problem:
+            if problem.status.kind != "failed":
+                raise
+        return None
+
+    def _observe_ratio(
+        self,
+        before: Array | None,
+        last: Array,
+        limits: tuple[float, float],
+        expected: float | None = None,
+    ) -> Array:
+        """Return the ratio of the last two differences of each column.
+
+        The ratio of a column is at least the median of the required columns, because differences of
+        single columns may be small by chance. Without differences `before`, it is the expected
+        ratio, or the upper limit.
+        """
+        lower, upper = limits
+        if before is None:
+            return np.full(len(last), upper if expected is None else max(expected, lower))
+        is_moving = (before > 0.0) & (last > 0.0)
+        ratios = np.divide(last, before, out=np.full(len(last), np.nan), where=is_moving)
+        chosen = ratios[is_moving & self._required]
+        typical = float(np.median(chosen)) if len(chosen) else upper
+        return np.clip(np.fmax(ratios, typical), lower, upper)
+
+    def _limit_ratio_by_steps(
+        self, ratio: Array, differences: Array, coarse: _Run, fine: _Run
+    ) -> Array:
+        """Return ratios that are not smaller than the numbers of steps support.
+
+        Only columns whose difference exceeds the accuracy are changed: for the others, even the
+        error of the coarser run is within the accuracy.
+        """
+        lower, upper = self._time_ratio_limits
+        decades = np.log10(coarse.rtol / fine.rtol)
+        growth = fine.steps / max(coarse.steps, 1)
+        is_newly_resolved = growth > _MAX_STEP_RATIO_PER_DECADE**decades
+        supported = upper if is_newly_resolved else np.clip(growth**-_ORDER_IN_STEP, lower, upper)
+        return np.where(differences > self.task.accuracy, np.maximum(ratio, supported), ratio)
+
+    def _expected_mesh_ratio(self, coarse: _Run) -> float:
+        """Return the ratio of the errors for a halving if there are only two meshes."""
+        if not all(base.is_aligned for base in self._beams):
+            return _MAX_MESH_RATIO
+        fewest = min(self.task.element_counts(coarse.halvings).values())
+        return _MESH_RATIO_OF_TWO_ELEMENTS if fewest <= 2 else _MESH_RATIO
 
     def _choose_formulation(self, first: _Run) -> None:
         """Keep the model's formulations if they are accurate and much faster than exact beams."""
@@ -596,25 +706,30 @@ class _Certification:
         """Set the errors of `run` from its difference from `last`.
 
         If mesh and tolerance both change, the difference is divided between mesh and time in the
-        ratio of the errors of `last`.
+        ratio of the expected differences. If it is larger than expected, the errors decrease more
+        slowly than observed before.
         """
-        time_share = np.ones(len(self._time))
-        if run.halvings > last.halvings:
-            sums = np.maximum(self._time + self._mesh, np.finfo(float).tiny)
-            time_share = self._time / sums if run.rtol < last.rtol else np.zeros(len(sums))
+        decades = round(np.log10(last.rtol / run.rtol))
+        halvings = run.halvings - last.halvings
+        time_ratio, mesh_ratio = self._time_ratio**decades, self._mesh_ratio**halvings
+        time_change = (1.0 - time_ratio) * self._time
+        mesh_change = (1.0 - mesh_ratio) * self._mesh
+        expected = np.maximum(time_change + mesh_change, np.finfo(float).tiny)
         d = difference.largest
-        by_time = time_share * _reduce(d, self._time_ratio(last, run))
-        by_mesh = (1.0 - time_share) * _reduce(d, self._mesh_ratio(last, run))
+        slowness = np.maximum(d / expected, 1.0)
+        time_ratio = np.clip(slowness * time_ratio, *self._time_ratio_limits)
+        mesh_ratio = np.clip(slowness * mesh_ratio, *self._mesh_ratio_limits)
+        by_time, by_mesh = d * time_change / expected, d * mesh_change / expected
+        if decades:
+            time_ratio = self._limit_ratio_by_steps(time_ratio, by_time, last, run)
         self._set(
-            by_time if run.rtol < last.rtol else self._time,
-            by_mesh if run.halvings > last.halvings else self._mesh,
+            _extrapolate(by_time, _TIME_SAFETY_FACTOR, time_ratio) if decades else self._time,
+            _extrapolate(by_mesh, _MESH_SAFETY_FACTOR, mesh_ratio) if halvings else self._mesh,
         )
 
     def _set(self, time: Array, mesh: Array) -> None:
-        floor = _FLOOR * self.task.accuracy
-        mesh = np.maximum(mesh, floor) if self._has_mesh else np.zeros(len(time))
         # In one statement, so that an interrupt hardly ever separates them.
-        self._time, self._mesh = np.maximum(time, floor), mesh
+        self._time, self._mesh = np.maximum(time, _FLOOR * self.task.accuracy), mesh
 
     def _compare(self, coarse: _Run, fine: _Run) -> _Difference:
         self._last_difference = _compare(coarse, fine, self.task.accuracy)
@@ -629,35 +744,6 @@ class _Certification:
     def _largest_count(self) -> int:
         counts = self.task.element_counts(self._last.halvings)
         return max(counts[x.beam.name] for x in self._beams if not x.fixed_by)
-
-    def _time_ratio(self, coarse: _Run, fine: _Run) -> float:
-        """Return the time error of `fine` relative to its difference from `coarse`."""
-        if fine.rtol == coarse.rtol:
-            return 0.0
-        decades = np.log10(coarse.rtol / fine.rtol)
-        rho = fine.steps / max(coarse.steps, 1)
-        if rho > _MAX_STEP_RATIO_PER_DECADE**decades:
-            return _NEWLY_RESOLVED_RATIO
-        if self._is_nonsmooth:
-            return _NONSMOOTH_RATIO
-        growth = rho**_ORDER_IN_STEP - 1.0
-        if growth <= 0.0:
-            return _MAX_TIME_RATIO
-        return float(np.clip(_TIME_SAFETY_FACTOR / growth, _MIN_TIME_RATIO, _MAX_TIME_RATIO))
-
-    def _mesh_ratio(self, coarse: _Run, fine: _Run) -> float:
-        """Return the mesh error of `fine` relative to its difference from `coarse`."""
-        halvings = fine.halvings - coarse.halvings
-        if halvings == 0:
-            return 0.0
-        if not all(base.is_aligned for base in self._beams if not base.fixed_by):
-            return _MESH_RATIO_WITHOUT_ALIGNMENT
-        if any(base.has_slider for base in self._beams):
-            return _MESH_RATIO_WITH_SLIDERS
-        if halvings > 1:
-            return _MESH_RATIO_OF_QUARTERED_ELEMENTS
-        fewest = min(self.task.element_counts(coarse.halvings).values())
-        return _MESH_RATIO_OF_TWO_ELEMENTS if fewest <= 2 else _MESH_RATIO
 
     # The result.
 
@@ -739,6 +825,7 @@ class _Certification:
                 for base in self._beams
             },
             elements=self.task.element_counts(last.halvings),
+            # The run of the solution is the last one.
             runs=tuple(
                 CertificateRun(
                     EXACT_FORMULATION if run.exact else _AS_WRITTEN,
@@ -747,7 +834,7 @@ class _Certification:
                     run.steps,
                     run.processor_time,
                 )
-                for run in self._runs
+                for run in sorted(self._runs, key=lambda run: run is last)
             ),
             notes=tuple(notes),
         )
@@ -772,13 +859,14 @@ class _Certification:
         return float(difference.t[index]), growth_rate
 
 
-def _reduce(differences: Array, ratio: float) -> Array:
-    """Return the error of the finer run, given the ratio of error to difference.
+def _extrapolate(differences: Array, safety_factor: float, ratio: Array) -> Array:
+    """Return the error of the finer run if the refinement multiplies the error by `ratio`.
 
-    Differences above `_SATURATION` are returned unchanged: two runs of a chaotic motion eventually
-    differ by as much as the motion itself varies, at any tolerance.
+    Differences above `_SATURATION` are not reduced: two runs of a chaotic motion eventually differ
+    by as much as the motion itself varies, at any tolerance.
     """
-    return np.where(differences > _SATURATION, differences, ratio * differences)
+    errors = safety_factor * ratio / (1.0 - ratio) * differences
+    return np.where(differences > _SATURATION, np.maximum(differences, errors), errors)
 
 
 def _refinement(errors: Array, target: float, base: float, order: float) -> int:

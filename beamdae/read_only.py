@@ -19,6 +19,8 @@ import numpy as np
 from beamdae.errors import BeamdaeError
 
 _T = TypeVar("_T", bound=type)
+# Values and their read-only counterparts, by the id of the value.
+_Known = dict[int, tuple[Any, Any]]
 _MAX_DEPTH = 50  # of nested containers
 _SPARSE_ARRAYS = ("data", "indices", "indptr", "offsets", "row", "col")
 
@@ -39,21 +41,32 @@ class ReadOnlyDict(dict[Any, Any]):
         return ReadOnlyDict, (dict(self),)
 
 
-def read_only(value: Any, depth: int = 0) -> Any:
+def read_only(value: Any, depth: int = 0, known: _Known | None = None) -> Any:
     """Return a value whose arrays, dictionaries and lists, also nested ones, cannot be changed.
 
     Arrays are returned as read-only views of the same memory, sparse matrices as copies,
     dictionaries as `ReadOnlyDict` and lists as tuples. Values that are read-only already, and all
-    other objects, are returned unchanged. `depth` is the number of enclosing containers.
+    other objects, are returned unchanged. `depth` is the number of enclosing containers. The same
+    object in several places, also of several calls with the same `known`, has the same result.
     """
+    known = {} if known is None else known
+    if id(value) not in known:
+        # The value is kept, because the id of a deleted object may be used again.
+        known[id(value)] = value, _protect(value, depth, known)
+    return known[id(value)][1]
+
+
+def _protect(value: Any, depth: int, known: _Known) -> Any:
     if isinstance(value, np.ndarray):
         return _view(value)
     if depth > _MAX_DEPTH:
         return value
     if type(value) is dict:
-        return ReadOnlyDict({key: read_only(entry, depth + 1) for key, entry in value.items()})
+        return ReadOnlyDict(
+            {key: read_only(entry, depth + 1, known) for key, entry in value.items()}
+        )
     if type(value) in (list, tuple) or (isinstance(value, tuple) and hasattr(value, "_fields")):
-        entries = tuple([read_only(entry, depth + 1) for entry in value])
+        entries = tuple([read_only(entry, depth + 1, known) for entry in value])
         if isinstance(value, tuple) and all(map(is_, entries, value)):
             return value
         return getattr(type(value), "_make", tuple)(entries)
@@ -136,9 +149,10 @@ def _protect_fields(instance: Any) -> None:
     # Fields that are no arguments are caches.
     caches = {x.name for x in fields(instance) if not x.init} if is_dataclass(instance) else set()
     values = vars(instance)
+    known: _Known = {}
     for name, value in values.items():
         if name not in caches:
-            values[name] = read_only(value)
+            values[name] = read_only(value, known=known)
 
 
 def _table_property(name: str) -> property:

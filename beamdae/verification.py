@@ -279,8 +279,9 @@ def accuracy_warning(solution: Solution, errors: Mapping[str, Any]) -> str:
     largest, column = max(excessive, key=lambda row: row[0])
     if np.isinf(largest):
         return (
-            f"{column}: the error is unknown because no second run reached the end; check the "
-            "model and use another method."
+            f"{column}: the error is unknown, because all second runs, with other tolerances and "
+            "methods, stopped early, took the same steps, or are not finite in this column; check "
+            "the model and use another method."
         )
     return (
         f"{column}: the estimated error is {largest:.2g} of half the range, more than "

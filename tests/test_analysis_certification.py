@@ -40,6 +40,28 @@ def test_the_theory_error_of_linear_strains_in_a_frame_is_stated():
     assert stated["tip.x [m]"] > 0.5
 
 
+@pytest.mark.slow(reason="two certificates of a curved beam")
+def test_regression_small_deflections_beside_large_forces_are_not_at_rest():
+    """Columns below 1e-9 of the largest value in any unit counted as columns at rest."""
+    mech = bd.Mechanism()
+    stub = mech.add(bd.Beam("stub", bd.Arc(0.1, 0.1), STRIP, elements=2))
+    clamp = mech.add(bd.Weld("clamp", mech.ground.at(*stub.start.point), stub.start))
+    mech.add(bd.Force("load", stub.end, (0.0, -1e-4)))
+    mech.observe("tip", stub.end)
+    alone = bd.certify_equilibrium(mech)
+    # A preload of two ends against each other does not bend the stub.
+    post = mech.add(bd.RigidBody("post", 1.0, 0.1, (1.0, 0.0)))
+    weld = mech.add(bd.Weld("post foot", mech.ground.at(1.0, 0.0), post.at(1.0, 0.0)))
+    mech.add(bd.Force("preload", post.at(1.0, 0.0), (1e6, 0.0)))
+    mech.observe("clamp", clamp.reaction)
+    mech.observe("post foot", weld.reaction)
+    beside = bd.certify_equilibrium(mech)
+    assert alone.budget.loc["tip.y [m]", "mesh"] > 1e-8
+    assert beside.budget.loc["tip.y [m]", "mesh"] == pytest.approx(
+        alone.budget.loc["tip.y [m]", "mesh"], rel=0.1
+    )
+
+
 @pytest.mark.slow(reason="modes of 32 elements")
 def test_frequencies_are_covered():
     result = bd.certify_modes(cantilever(), accuracy=1e-3, n=4)

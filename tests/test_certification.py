@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from tolerances.cases import ALL
 
 import beamdae as bd
 from beamdae import certification
@@ -68,7 +69,26 @@ def test_the_budget_covers_the_error_of_every_required_column(certificate):
     errors = reference_errors(certificate.solution, pendulum())
     assert np.all(errors[required] <= budget["total"][required])
     assert np.all(budget["total"][required] <= 0.01)
+    # In many mechanisms, the median is below 3. With fixed ratios and a smallest stated error of
+    # 2e-5, it was 260 to 4000 in this one; the smallest stated error is now 3e-8.
+    tip = ["tip.x [m]", "tip.y [m]", "tip.angle [rad]"]
+    assert np.all(budget["total"][tip] < 5.0 * errors[tip] + 3e-8)
     assert np.allclose(budget["total"], budget["time"] + budget["mesh"] + budget["theory"])
+
+
+@pytest.mark.slow(reason="eight runs and a reference")
+def test_regression_steps_that_hardly_increase_do_not_support_extrapolation():
+    """A vibration of a thick strip is not resolved at rtol 1e-4; the error is as large as the
+    difference to the run at 1e-3, although the differences decreased before."""
+    case = next(case for case in ALL if case.name == "thick_strip_damped")
+    required = [*case.columns, *case.deflections]
+    settings = {"columns": required, "t_end": case.duration, "output_step": case.duration / 1000}
+    certificate = bd.certify(case.build(), accuracy=0.01, **settings)
+    assert certificate.success
+    finer = bd.certify(case.build(), accuracy=3e-4, **settings)
+    rows, fine = certificate.solution.observed[required], finer.solution.observed[required]
+    errors = (rows - fine).abs().max() / (0.5 * (fine.max() - fine.min()))
+    assert np.all(errors <= 0.01)
 
 
 @pytest.mark.slow(reason="kernels of another strain measure, and a reference")
@@ -109,7 +129,7 @@ def test_systems_without_beams_have_a_time_error_only():
     result = bd.certify(double_pendulum(0.3), accuracy=1e-3, t_end=1.0)
     assert result.success
     assert np.all(result.budget["mesh"] == 0.0)
-    assert len(result.runs) == 2
+    assert len(result.runs) == 3
     truth = bd.simulate(double_pendulum(0.3), bd.Radau(1e-9), t_end=1.0)
     off = (result.solution.observed - truth.observed).abs().max()
     half_range = result.budget["half the range"]
@@ -267,15 +287,23 @@ def _interrupt_call(monkeypatch, owner, name, call):
     monkeypatch.setattr(owner, name, interrupted)
 
 
-@pytest.mark.parametrize("name", ["as_equations", "_compare"])
-def test_an_interrupt_between_runs_returns_a_certificate(monkeypatch, name):
-    # The second assembly precedes the second run, the first comparison follows it.
-    _interrupt_call(monkeypatch, certification, name, 2 if name == "as_equations" else 1)
+@pytest.mark.parametrize(
+    ("build", "name", "call", "runs"),
+    [
+        # The second assembly, that of the model as written, precedes the second run.
+        (pendulum, "as_equations", 2, 1),
+        # Without beams, runs are compared after the third one.
+        (lambda: double_pendulum(0.3), "_compare", 1, 3),
+    ],
+    ids=["assembly", "comparison"],
+)
+def test_an_interrupt_between_runs_returns_a_certificate(monkeypatch, build, name, call, runs):
+    _interrupt_call(monkeypatch, certification, name, call)
     with pytest.warns(bd.BeamdaeWarning, match="not certified; interrupted between two runs"):
-        result = bd.certify(double_pendulum(0.3), t_end=0.1, partial="return")
+        result = bd.certify(build(), t_end=0.05, partial="return")
     assert result.status.kind == "interrupted"
     assert result.solution.status.success
-    assert len(result.runs) == (1 if name == "as_equations" else 2)
+    assert len(result.runs) == runs
 
 
 def test_an_interrupted_run_returns_a_certificate_or_raises(monkeypatch):

@@ -166,7 +166,24 @@ def test_an_error_without_a_second_run_is_unknown(reference):
     errors = bd.error_estimate(replace(reference, made_by=bd.Radau(1e-3)))
     errors[RELATIVE_ERROR] = np.inf
     warning = accuracy_warning(replace(reference, made_by=bd.Ida(1e-4)), errors)
-    assert "the error is unknown because no second run reached the end" in warning
+    assert "the error is unknown, because all second runs" in warning
+
+
+def test_regression_a_second_run_with_the_same_steps_is_not_said_to_stop(monkeypatch):
+    """The warning claimed that no second run reached the end, whatever the reason was."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
+    mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
+    mech.observe("bob", bob.point)
+    solution = bd.simulate(mech, bd.Radau(1e-4, max_step=1e-2), t_end=0.5)
+    failed = replace(solution, status=Status("failed", "no step is possible"))
+    for method in (bd.Ida, bd.GeneralizedAlpha):
+        monkeypatch.setattr(method, "integrate", lambda *_: failed)
+    errors = bd.error_estimate(solution)
+    assert np.isinf(errors[RELATIVE_ERROR]).any()
+    warning = accuracy_warning(solution, errors)
+    assert "took the same steps" in warning
+    assert "no second run reached the end" not in warning
 
 
 def test_columns_with_non_finite_values_have_no_estimate():

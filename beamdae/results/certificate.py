@@ -149,7 +149,7 @@ class Certificate(CertificateStatus):
     formulations, elements
         Formulation and number of elements of each beam in the solution, by name.
     runs
-        The runs in chronological order.
+        The runs in chronological order, except that the run of the solution is the last one.
     notes
         Limits of the certificate, such as beams whose formulation could not be compared.
     """

@@ -1,6 +1,7 @@
 """Everything that results hand out is read-only or a copy, and runs keep what they began with."""
 
 import pickle
+from copy import deepcopy
 
 import numpy as np
 import pytest
@@ -154,3 +155,14 @@ def test_parameters_are_copied():
     case = bd.Case(model, {"at": given})
     given[0] = 7.0
     assert case.parameters == {"at": [2.0, 3.0]}
+
+
+def test_regression_quantities_of_copied_mechanisms_can_be_rebuilt():
+    """Protecting the copy gave the same arrays in two places different views, so that observables
+    kept the coordinates of the old mesh and certificates of flexible models failed."""
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), STRIP))
+    mech.observe("tip", beam.end)
+    quantity = mech.observables["tip"]
+    assert quantity.can_be_rebuilt
+    assert deepcopy(quantity).can_be_rebuilt
