@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Iterator
@@ -18,6 +19,8 @@ _BYTES_PER_KILOBYTE = 1024.0
 _ADDRESS_SPACE_RATIO = 2.8
 _STATUS_FILE = Path("/proc/self/status")
 _CLEAR_FILE = Path("/proc/self/clear_refs")
+# In messages of CasADi, and of the dynamic linker.
+_OUT_OF_MEMORY_WORDS = ("bad_alloc", "failed to map segment", "cannot allocate memory")
 # Writing this to clear_refs resets the peak of resident memory.
 _RESET_PEAK = "5"
 # Smallest limit above the present memory [GB]. The memory check of a run must stop the run before
@@ -72,6 +75,24 @@ def require_memory(part: str, purpose: str, required: float, remedy: str) -> Non
             f"{part}: {purpose} needs about {format_gigabytes(required)} of memory, "
             f"but only {format_gigabytes(available)} is available; {remedy}."
         )
+
+
+def is_out_of_memory(exception: BaseException) -> bool:
+    """Return True if the exception, or one of its causes, was raised for lack of memory.
+
+    Besides MemoryError, these are errors of CasADi, of the dynamic linker and of the system.
+    """
+    cause: BaseException | None = exception
+    while cause is not None:
+        is_from_system = isinstance(cause, OSError) and cause.errno == errno.ENOMEM
+        if isinstance(cause, MemoryError) or is_from_system:
+            return True
+        if isinstance(cause, (RuntimeError, ImportError, OSError)) and any(
+            words in str(cause) for words in _OUT_OF_MEMORY_WORDS
+        ):
+            return True
+        cause = cause.__cause__
+    return False
 
 
 def format_gigabytes(size: float) -> str:

@@ -36,7 +36,7 @@ from beamdae.interrupts import (
     attach_partial,
     interruptible,
 )
-from beamdae.memory import require_memory
+from beamdae.memory import is_out_of_memory, require_memory
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.results.equilibrium import Equilibrium
@@ -183,7 +183,7 @@ def simulate(
                 attach_partial(problem, describe(so_far))
             raise
     except (MemoryError, RuntimeError) as problem:
-        if not _is_out_of_memory(problem):
+        if not is_out_of_memory(problem):
             raise
         raise BeamdaeError(
             f"{name}: the run needs more memory than is available; use fewer elements."
@@ -389,7 +389,7 @@ def _collect_warnings(name: str, solution: Solution) -> tuple[Solution, tuple[st
         reason = f"interrupted at t = {solution.trajectory.end:.6g} s, while the run was checked"
         solution = replace(solution, status=Status("interrupted", reason))
     except (MemoryError, RuntimeError) as problem:
-        if not _is_out_of_memory(problem):
+        if not is_out_of_memory(problem):
             raise
         sentences = (
             f"{name}: the run could not be checked because no memory is left; use "
@@ -404,8 +404,3 @@ def _collect_warnings(name: str, solution: Solution) -> tuple[Solution, tuple[st
         f"{status.sentence}."
     )
     return solution, (unfinished, *sentences)
-
-
-def _is_out_of_memory(problem: Exception) -> bool:
-    """Return True if NumPy or CasADi raised the exception for lack of memory."""
-    return isinstance(problem, MemoryError) or "bad_alloc" in str(problem)

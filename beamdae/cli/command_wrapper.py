@@ -17,6 +17,7 @@ from beamdae.cli import signals, streams
 from beamdae.cli.output import CommandOutput, print_error, use_output
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.interrupts import Interrupted, interruptible
+from beamdae.memory import is_out_of_memory
 
 # Exit code of a usage or model error; a failed run ends with 1.
 USAGE_ERROR = 2
@@ -89,7 +90,7 @@ def _run_to_exit_code(command: Callable[[], None]) -> int:
         if signals.is_interrupted():
             # Other code converted the interrupt to a different exception.
             return _report_interrupt("")
-        if isinstance(problem, MemoryError):
+        if is_out_of_memory(problem):
             problem = BeamdaeError(_OUT_OF_MEMORY)
         if not isinstance(problem, BeamdaeError):
             raise

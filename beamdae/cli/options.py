@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
@@ -233,35 +232,3 @@ def parse_accuracy(text: str | None) -> float | None:
             f"run: --accuracy must be a number such as 1% or 0.01, got {short_repr(text)}."
         )
     return value
-
-
-def require_writable(folder: Path, files: tuple[str, ...] = (), option: str = "--out") -> None:
-    """Raise an error if the folder, or one of these files in it, cannot be created or written.
-
-    Commands call this before they compute anything.
-    """
-    if not str(folder).isprintable():
-        raise BeamdaeError(f"{option}: {short_repr(str(folder))} is not a valid folder name.")
-    try:
-        existing = folder.absolute()
-        while not existing.exists():
-            existing = existing.parent
-        blocked = next((folder / name for name in files if (folder / name).is_dir()), None)
-    except (OSError, ValueError) as problem:
-        reason = getattr(problem, "strerror", None) or problem
-        raise BeamdaeError(f"{option} {folder}: the folder cannot be written: {reason}.") from None
-    if not existing.is_dir():
-        raise BeamdaeError(
-            f"{option} {folder}: the folder cannot be written because {existing} is not a folder; "
-            "choose another folder."
-        )
-    if not os.access(existing, os.W_OK | os.X_OK):
-        raise BeamdaeError(
-            f"{option} {folder}: the folder cannot be written because {existing} does "
-            "not allow new files; choose another folder."
-        )
-    if blocked is not None:
-        raise BeamdaeError(
-            f"{option} {folder}: the files cannot be written because {blocked} is a "
-            "folder; remove this folder or choose another."
-        )

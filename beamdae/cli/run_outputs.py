@@ -197,8 +197,10 @@ def write_tables(run: Run, parts: RunParts, solution: Solution, checkpoint: Path
             write_metadata(parts.latest, solution.metadata(**_certificate_results(run, solution)))
         if checkpoint is not None or can_resume(solution.status):
             default = run.table.with_name(f"{run.table.stem}_end.json")
-            run.checkpoint = solution.checkpoint(checkpoint or default)
-            run.files.paths.append(run.checkpoint)
+            path = checkpoint or default
+            run.files.write(path.name, lambda: [solution.checkpoint(path)])
+            if path in run.files.paths:
+                run.checkpoint = path
     run.interrupted = signals.is_interrupted()
 
 

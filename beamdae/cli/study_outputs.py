@@ -13,8 +13,8 @@ import typer
 
 from beamdae.cli import signals
 from beamdae.cli.command_wrapper import NOT_RUN_CODE
-from beamdae.cli.options import require_writable
 from beamdae.cli.output import WrittenFiles, create_console, print_error, print_written_files
+from beamdae.cli.output_paths import require_writable
 from beamdae.cli.progress import show_study_progress
 from beamdae.errors import BeamdaeError, require_positive
 from beamdae.interrupts import Interrupted, acknowledge
@@ -33,6 +33,7 @@ MISSING_KINDS = ("interrupted", "not run")
 # Longer tables are only written to files and the page.
 MAX_SCREEN_ROWS = 16
 _MAX_FOLDER_NAME = 100  # characters
+_FILE_SUFFIXES = {".csv", ".html", ".png", ".svg"}
 _RESUME_HINT = "run the same command again to resume"
 
 
@@ -116,7 +117,7 @@ def run_and_write(
     BeamdaeError
         If the folder cannot be written, or no Parquet engine is installed for --parquet.
     """
-    require_writable(outputs.folder / "outcomes")
+    require_writable(("--out", _planned_files(outputs.folder)))
     if outputs.parquet and not (find_spec("pyarrow") or find_spec("fastparquet")):
         raise BeamdaeError(
             "--parquet: no Parquet engine is installed; run pip install 'beamdae[parquet]'."
@@ -147,6 +148,13 @@ def run_and_write(
         raise typer.Exit(NOT_RUN_CODE)
     if results.failed or outputs.files.failed:
         raise typer.Exit(1)
+
+
+def _planned_files(folder: Path) -> list[Path]:
+    """Return paths of which none may be a folder: tables, pages and pictures, and one record."""
+    existing = [path for path in folder.glob("*.*") if path.suffix in _FILE_SUFFIXES]
+    planned = [folder / "cases.csv", folder / "outcomes" / "record.json"]
+    return list(dict.fromkeys([*existing, *planned]))
 
 
 def _run_study(outputs: StudyOutputs, create_executor: Callable[[], Executor]) -> None:

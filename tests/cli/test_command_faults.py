@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from beamdae.cli import signals
 from beamdae.cli.app import _format_warning, app
-from beamdae.errors import KernelWarning
+from beamdae.errors import BeamdaeError, KernelWarning
 from beamdae.studies.execution.executors import SerialPool
 
 MODEL = '''
@@ -173,6 +173,23 @@ def test_an_interrupted_run_keeps_its_results(here, lines, files, words, number)
     if files:
         assert line.endswith("; the results so far are in results/arm.csv")
         assert len(pd.read_csv("results/arm.csv")) >= 1
+
+
+@pytest.mark.slow(reason="starts processes")
+@pytest.mark.parametrize(
+    ("at", "files", "words"),
+    [("{5}", ALL_FILES, "of the pilot run"), ("{150}", RESUMABLE_FILES, "interrupted at t = 0")],
+    ids=["pilot run", "integrating"],
+)
+def test_an_interrupted_run_of_ida_keeps_its_results(here, at, files, words):
+    lines = AT_STEP.format(at=at).replace("radau", "ida").replace("RadauStepper", "IdaStepper")
+    Path("model.py").write_text(MODEL.replace("# importing", lines), encoding="utf-8")
+    command = process("run", "model.py", "--rtol", "1e-9", "--integrator", "ida", "--t-end", "0.5")
+    _, errors = command.communicate(timeout=120)
+    assert command.returncode == 130, errors
+    (line,) = errors.splitlines()
+    assert words in line
+    assert {path.name for path in Path().glob("results/*")} == files
 
 
 @pytest.mark.slow(reason="starts processes")
@@ -351,6 +368,12 @@ def test_a_study_takes_its_time_limit_from_the_command(here, monkeypatch):
         (["--set", "mass=\ud800"], r"\ud800"),
         (["--set", "mass=1e400"], "must be finite"),
         (["--output-step", "1e-300"], "output_step"),
+        (["--checkpoint", "model.py/end.json"], "--checkpoint model.py: the folder"),
+        (["--checkpoint", "/proc/nowhere/end.json"], "--checkpoint /proc/nowhere: the folder"),
+        (["--checkpoint", "results"], "the path is the folder of other results"),
+        (["--checkpoint", "results/arm.csv"], "--out writes the same file"),
+        (["--checkpoint", "x" * 300], "File name too long"),
+        (["--checkpoint", ""], "is not a valid file name"),
     ],
 )
 def test_unusual_options_are_refused_in_one_line(here, arguments, words):
@@ -358,6 +381,56 @@ def test_unusual_options_are_refused_in_one_line(here, arguments, words):
     assert result.exit_code == 2, result.output
     (line,) = result.stderr.splitlines()
     assert words in line
+    assert not Path("results").exists()
+
+
+@pytest.mark.parametrize("command", ["run", "draw", "static", "modes", "compare"])
+@pytest.mark.parametrize("out", ["/proc/nowhere", "model.py"])
+def test_outputs_are_checked_before_every_command(here, command, out):
+    """`draw` ended with exit code 1, and `run` wrote some of its files."""
+    result = CliRunner().invoke(app, [command, "model.py", "--out", out])
+    assert result.exit_code == 2, result.output
+    (line,) = result.stderr.splitlines()
+    assert line.startswith(f"error: --out {out}")
+
+
+def test_a_checkpoint_that_fails_late_leaves_the_other_files(here, monkeypatch):
+    def fail(self, path):
+        raise BeamdaeError(f"{path}: the file cannot be written: No space left on device.")
+
+    monkeypatch.setattr("beamdae.results.solution.Solution.checkpoint", fail)
+    result = CliRunner().invoke(app, ["run", "model.py", "--checkpoint", "end.json"])
+    assert result.exit_code == 1
+    assert result.stderr.startswith("failed: end.json: the file cannot be written")
+    assert {path.name for path in Path("results").iterdir()} == ALL_FILES
+
+
+@pytest.mark.slow(reason="starts processes")
+def test_listing_does_not_wait_for_scripts(here):
+    """`list` executed a script without a guard for 120 s, also after SIGTERM."""
+    wait = "import time\ntry:\n    time.sleep(600)\nexcept BaseException:\n    time.sleep(600)"
+    Path("script.py").write_text(MODEL.replace("# importing", wait), encoding="utf-8")
+    code, output, _ = shell("{beamdae} list .")
+    assert code == 1
+    assert "model.py" in output
+    assert "the import takes over 10 s" in " ".join(output.split())
+    command = process("list", ".")
+    time.sleep(3.0)
+    command.send_signal(signal.SIGTERM)
+    _, errors = command.communicate(timeout=60)
+    assert (command.returncode, has_no_traceback(errors)) == (143, True)
+
+
+@pytest.mark.slow(reason="starts processes")
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="limits of the address space")
+@pytest.mark.parametrize("limit", [100_000, 300_000, 600_000])
+def test_little_memory_is_reported_in_one_sentence(here, limit):
+    """BLAS ended the process with its own words, or waited forever."""
+    code, output, errors = shell(f"ulimit -v {limit}; {{beamdae}} run model.py")
+    assert (code, output) == (2, "")
+    (line,) = errors.splitlines()
+    assert "beamdae needs" in line
+    assert "(ulimit -v)" in line
 
 
 def test_a_folder_in_the_place_of_a_file_is_reported_before_the_run(here, monkeypatch):

@@ -12,7 +12,6 @@ from beamdae.cli.options import (
     Out,
     Settings,
     load_configured_model,
-    require_writable,
 )
 from beamdae.cli.output import (
     WrittenFiles,
@@ -20,6 +19,7 @@ from beamdae.cli.output import (
     print_written_files,
     record_results,
 )
+from beamdae.cli.output_paths import require_writable
 from beamdae.errors import BeamdaeError
 
 
@@ -36,6 +36,8 @@ def draw_command(
     from beamdae.cli.model_files.model_file import ModelFile
 
     model = load_configured_model(ModelFile(path), model_name, settings)
+    picture = out / f"{model.name}_drawing.png"
+    require_writable(("--out", (picture,)))
     from beamdae.parts.mechanism import Mechanism
     from beamdae.report.pictures.drawing import draw
     from beamdae.report.terminal import text_tables
@@ -46,8 +48,6 @@ def draw_command(
             f"draw: {model.name} consists of equations without a shape; only a Mechanism can be "
             "drawn."
         )
-    picture = out / f"{model.name}_drawing.png"
-    require_writable(out, (picture.name,))
     types = {name: type(part).__name__ for name, part in mechanism.parts.items()}
     record_results(lambda: {"parts": types})
     console = create_console()

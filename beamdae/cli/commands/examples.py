@@ -15,8 +15,8 @@ from beamdae.cli.model_files.example_files import (
     example_names,
     examples_folder,
 )
-from beamdae.cli.options import require_writable
 from beamdae.cli.output import create_console, print_written_files, record_results
+from beamdae.cli.output_paths import require_writable
 from beamdae.errors import BeamdaeError
 
 # Names that the starter model imports; a model function must not replace them.
@@ -94,7 +94,7 @@ def new_command(
     require_file_name("new", name)
     if path.exists():
         raise BeamdaeError(f"{path}: the file exists; choose another name.")
-    require_writable(path.parent, (), "new")
+    require_writable(("new", (path,)))
     text = _STARTER.replace("NAME", name)
     if like is not None:
         text = example_file(like.removeprefix(PREFIX)).read_text(encoding="utf-8")

@@ -14,7 +14,6 @@ from beamdae.cli.options import (
     Out,
     Settings,
     load_configured_model,
-    require_writable,
 )
 from beamdae.cli.output import (
     WrittenFiles,
@@ -23,6 +22,7 @@ from beamdae.cli.output import (
     print_written_files,
     record_results,
 )
+from beamdae.cli.output_paths import require_writable
 from beamdae.errors import BeamdaeError, require_choice, require_count
 
 _STATES = ("reference", "equilibrium")
@@ -75,7 +75,7 @@ def modes_command(
         raise BeamdaeError("modes: --animate does not support several speeds; give one --speed.")
     files = {kind: out / f"{model.name}_modes.{kind}" for kind in ("csv", "png")}
     files |= {f"{k}": out / f"{model.name}_mode_{k}.gif" for k in animated_modes}
-    require_writable(out, tuple(file.name for file in files.values()))
+    require_writable(("--out", files.values()))
     from beamdae.analysis.linear_dynamics.campbell_diagram import campbell
     from beamdae.analysis.linear_dynamics.natural_modes import modes
     from beamdae.analysis.linear_dynamics.steady_rotation import rotation

@@ -25,9 +25,9 @@ from beamdae.cli.options import (
     load_configured_model,
     parse_accuracy,
     parse_start,
-    require_writable,
 )
 from beamdae.cli.output import create_console, print_error, print_written_files, record_results
+from beamdae.cli.output_paths import require_writable
 from beamdae.cli.run_outputs import Run
 from beamdae.errors import BeamdaeError
 
@@ -144,10 +144,9 @@ def run_command(
         )
     run = Run(model, method, out / f"{model.name}.csv")
     other_files = (run.table.with_suffix(".json"), run.picture, run.page)
-    require_writable(out, (run.table.name, *(file.name for file in other_files)))
+    checkpoints = () if checkpoint is None else (checkpoint,)
+    require_writable(("--out", (run.table, *other_files)), ("--checkpoint", checkpoints))
     parts = _previous_parts(run.table, resume_from)
-    if checkpoint is not None:
-        require_writable(checkpoint.parent, (checkpoint.name,), "--checkpoint")
     initial_state = parse_start(start) if resume_from is None else resume_from
     # The table is written before anything is printed. Pictures take longer than most runs.
     with run.continue_after_interrupt(), signals.defer_interrupts(immediate=1):

@@ -19,7 +19,6 @@ from beamdae.cli.options import (
     load_configured_model,
     parse_assignments,
     parse_start,
-    require_writable,
 )
 from beamdae.cli.output import (
     WrittenFiles,
@@ -29,6 +28,7 @@ from beamdae.cli.output import (
     print_written_files,
     record_results,
 )
+from beamdae.cli.output_paths import require_writable
 from beamdae.errors import BeamdaeError, BeamdaeWarning
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def static_command(
     model = load_configured_model(ModelFile(path), model_name, settings)
     name = f"{model.name}_static"
     table, picture = out / f"{name}.csv", out / f"{name}.png"
-    require_writable(out, (table.name, table.with_suffix(".json").name, picture.name))
+    require_writable(("--out", (table, table.with_suffix(".json"), picture)))
     from beamdae.analysis.statics.static_equilibrium import equilibrium
     from beamdae.report.pictures.path_plots import save_path_figure
 

@@ -1,0 +1,161 @@
+"""Models and studies of files, imported in a separate process with a time limit."""
+
+from __future__ import annotations
+
+import inspect
+import pickle
+import signal
+import sys
+from collections.abc import Generator, Iterable
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from beamdae.errors import BeamdaeError
+
+if TYPE_CHECKING:
+    from beamdae.model_functions import Model
+
+# A file of models is imported in less than a second; a script that runs simulations is not.
+_MAX_IMPORT_TIME = 10.0  # s
+# Includes the import of beamdae in the process, which takes seconds on a busy machine.
+_MAX_START_TIME = 60.0  # s
+
+
+@dataclass(frozen=True)
+class FileContent:
+    """Rows that describe the models and studies of a file.
+
+    Attributes
+    ----------
+    models, studies
+        One dict per model or study.
+    problem
+        Reason why the file cannot be imported, otherwise empty.
+    """
+
+    models: list[dict[str, Any]] = field(default_factory=list)
+    studies: list[dict[str, Any]] = field(default_factory=list)
+    problem: str = ""
+
+
+def read_files(files: Iterable[Path]) -> Generator[FileContent, None, None]:
+    """Yield the content of each file.
+
+    Files that take too long are reported as problems. The process is killed when the generator is
+    closed, also by an interrupt.
+    """
+    process = _ListingProcess()
+    try:
+        for file in files:
+            content = process.read(file)
+            if content is None:
+                process.kill()
+                process = _ListingProcess()
+                content = FileContent(
+                    problem=f"{file}: the import takes over {_MAX_IMPORT_TIME:g} s or ends the "
+                    "process; move code that computes below if __name__ == '__main__'."
+                )
+            yield content
+    finally:
+        process.kill()
+
+
+class _ListingProcess:
+    """Process that imports files, one at a time."""
+
+    def __init__(self) -> None:
+        context = get_context("spawn")
+        self._connection, other = context.Pipe()
+        self._process = context.Process(target=_serve_files, args=(other,), daemon=True)
+        # The main program must not run again in the process.
+        main = sys.modules["__main__"]
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            with other:
+                self._process.start()
+        finally:
+            sys.modules["__main__"] = main
+        self._is_ready = False
+
+    def read(self, file: Path) -> FileContent | None:
+        """Return the content of a file, or None if the process does not answer."""
+        try:
+            if not self._is_ready:
+                if not self._connection.poll(_MAX_START_TIME):
+                    return None
+                self._connection.recv_bytes()
+                self._is_ready = True
+            self._connection.send_bytes(str(file).encode("utf-8", "surrogateescape"))
+            if not self._connection.poll(_MAX_IMPORT_TIME):
+                return None
+            content = pickle.loads(self._connection.recv_bytes())
+        except (EOFError, OSError):
+            return None
+        assert isinstance(content, FileContent)
+        return content
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.join()
+        self._connection.close()
+
+
+def _serve_files(connection: Connection) -> None:
+    """Main function of the process; interrupts are handled by the main process, which kills it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Import first, because the import of beamdae does not count.
+    import beamdae.cli.model_files.model_file
+
+    connection.send_bytes(b"ready")
+    while True:
+        try:
+            file = Path(connection.recv_bytes().decode("utf-8", "surrogateescape"))
+        except (EOFError, OSError):
+            return
+        try:
+            model_file = beamdae.cli.model_files.model_file.ModelFile(file)
+            content = _describe_content(file, model_file)
+        except BeamdaeError as problem:
+            content = FileContent(problem=str(problem))
+        connection.send_bytes(pickle.dumps(content))
+
+
+def _describe_content(file: Path, model_file: Any) -> FileContent:
+    studies = model_file.studies
+    return FileContent(
+        # A study file imports the models of other files.
+        [
+            {
+                "name": model.name,
+                "t_end": model.t_end,
+                "file": str(file),
+                "parameters": {name: _plain(x) for name, x in model.parameters.items()},
+                "about": model.summary,
+            }
+            for model in model_file.models.values()
+            if not studies or _is_defined_in(model, file)
+        ],
+        [
+            {
+                "name": study.name,
+                "cases": len(study.cases),
+                "file": str(file),
+                "models": list(dict.fromkeys(case.model.name for case in study.cases)),
+            }
+            for study in studies.values()
+        ],
+    )
+
+
+def _plain(value: Any) -> Any:
+    """Return a value that every process can load: values of other types as text."""
+    return value if value is None or type(value) in (bool, int, float, str) else str(value)
+
+
+def _is_defined_in(model: Model, file: Path) -> bool:
+    source = inspect.unwrap(model.build).__code__.co_filename
+    return Path(source).resolve() == file.resolve()
