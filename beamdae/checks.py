@@ -329,9 +329,9 @@ def _collect_warnings(
     sentences = [*idle_part_warnings(equations, 0.0, end)]
     if state is not None:
         sentences += start_inside_warnings(equations, starter.equations, time, state)
-        v = sample_velocities(equations, state.v)
-        times, q = (np.broadcast_to(x, (len(v), len(x))) for x in (time, state.q))
-        sentences += supplied_energy_warnings(equations, times, q, v)
+        sentences += supplied_energy_warnings(
+            equations, lambda: sample_velocities(equations, time, state)
+        )
     return tuple(sentences)
 
 

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -395,8 +395,27 @@ def _is_balanced(
     return abs(float(x.force @ state.a)) <= _MAX_IMBALANCE * abs(float(x.force @ alone))
 
 
+class MotionSamples(NamedTuple):
+    """States at which the damping of user-written laws is evaluated.
+
+    Attributes
+    ----------
+    times
+        Rows (t, branch), ascending in a run; equal for arbitrary states, (k, 2) [s].
+    q, v
+        Coordinates and velocities, (k, n).
+    exchanged_energy
+        Energy exchanged in the run, but not less than its rounding noise [J]; 0 without a run.
+    """
+
+    times: Array
+    q: Array
+    v: Array
+    exchanged_energy: float = 0.0
+
+
 def supplied_energy_warnings(
-    equations: EquationsOfMotion, times: Array, q: Array, v: Array, exchanged_energy: float = 0.0
+    equations: EquationsOfMotion, sample: Callable[[], MotionSamples]
 ) -> Iterator[str]:
     """Yield one warning per part whose user-written damping supplies energy.
 
@@ -404,28 +423,29 @@ def supplied_energy_warnings(
     ----------
     equations
         Equations of motion of a mechanism.
-    times
-        (t, branch) of states of a run, ascending, (k, 2) [s]; or equal times of arbitrary states.
-    q, v
-        Coordinates and velocities of these states, (k, n).
-    exchanged_energy
-        Energy exchanged in the run, but not less than its rounding noise [J].
+    sample
+        Function that returns the states; called only if there are such parts.
     """
     mechanism = equations.mechanism
     if mechanism is None:
         return
     coordinates = map_coordinates(mechanism)
+    checked = {}
+    for part in _active_parts(equations):
+        if not coordinates.sizes[id(part)]:
+            statements = part.forces(mechanism.gravity)
+            checked[part.name] = [x for x in statements if _has_checked_damping(x)]
+    if not any(checked.values()):
+        return
+    times, q, v, exchanged_energy = sample()
     is_run = bool(times[-1, 0] > times[0, 0])
     weights = np.gradient(times[:, 0]) if is_run else np.ones(len(times))
-    for part in _active_parts(equations):
-        if coordinates.sizes[id(part)]:
-            continue
+    for name, statements in checked.items():
         dissipated, work_rate = np.zeros(len(times)), np.zeros(len(times))
-        for statement in part.forces(mechanism.gravity):
-            if _has_checked_damping(statement):
-                powers = _dissipated_powers(statement, coordinates, times, q, v)
-                dissipated += powers[0]
-                work_rate += powers[1]
+        for statement in statements:
+            powers = _dissipated_powers(statement, coordinates, times, q, v)
+            dissipated += powers[0]
+            work_rate += powers[1]
         supplied = float(weights @ np.maximum(-dissipated, 0.0))
         limits = (
             _MAX_SUPPLIED_SHARE * float(weights @ np.abs(dissipated)),
@@ -435,7 +455,7 @@ def supplied_energy_warnings(
         if supplied > max(limits):
             amount = f"{supplied:.3g} J" if is_run else "energy at some velocities"
             yield (
-                f"{part.name}: its law supplies {amount} although the law counts as damping; "
+                f"{name}: its law supplies {amount} although the law counts as damping; "
                 "check the signs of its rate terms."
             )
 
@@ -457,7 +477,9 @@ def _dissipated_powers(
     return np.array([x.powers[1] for x in rows]), np.abs(np.sum(forces * v, axis=1))
 
 
-def sample_velocities(equations: EquationsOfMotion, v: Array) -> Array:
-    """Return random velocities around `v` (n,), at which `check` evaluates damping, (k, n)."""
+def sample_velocities(equations: EquationsOfMotion, time: Array, state: State) -> MotionSamples:
+    """Return random velocities around those of a state, at which `check` evaluates damping."""
     random = np.random.default_rng(_SEED).standard_normal((_VELOCITY_SAMPLES, equations.n))
-    return v + random * equations.position_scales
+    v = state.v + random * equations.position_scales
+    times, q = (np.broadcast_to(x, (len(v), len(x))) for x in (time, state.q))
+    return MotionSamples(times, q, v)

@@ -15,6 +15,7 @@ import numpy as np
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.part_warnings import (
+    MotionSamples,
     idle_part_warnings,
     start_inside_warnings,
     supplied_energy_warnings,
@@ -191,10 +192,12 @@ class RunData:
             time = np.array([first.t[0], first.branch])
             yield from start_inside_warnings(equations, active, time, state)
         if end > start:
-            times, states = self.trajectory.at(np.linspace(start, end, _POWER_SAMPLES))
-            yield from supplied_energy_warnings(
-                equations, times, states.q, states.v, self._energy_ledger.energy.scale
-            )
+            yield from supplied_energy_warnings(equations, self._sample_motion)
+
+    def _sample_motion(self) -> MotionSamples:
+        start, end = self.trajectory.start, self.trajectory.end
+        times, states = self.trajectory.at(np.linspace(start, end, _POWER_SAMPLES))
+        return MotionSamples(times, states.q, states.v, self._energy_ledger.energy.scale)
 
     def summary(self) -> dict[str, Any]:
         """Return status, last time [s], statistics and quality as a flat dictionary."""
