@@ -7,6 +7,8 @@ from .analysis.linear_dynamics.natural_modes import modes as modes
 from .analysis.linear_dynamics.steady_rotation import rotation as rotation
 from .analysis.periodic.periodic_continuation import frequency_response as frequency_response
 from .analysis.periodic.periodic_solution import periodic as periodic
+from .analysis.statics.linear_buckling import Buckling as Buckling
+from .analysis.statics.linear_buckling import buckling as buckling
 from .analysis.statics.static_equilibrium import equilibrium as equilibrium
 from .analysis_certification import certify_equilibrium as certify_equilibrium
 from .analysis_certification import certify_modes as certify_modes

@@ -603,6 +603,8 @@ GROUPS = (
             Public("equilibrium", "beamdae.analysis.statics.static_equilibrium"),
             Public("Equilibrium", "beamdae.results.equilibrium"),
             Public("CriticalPoint", "beamdae.results.equilibrium"),
+            Public("buckling", "beamdae.analysis.statics.linear_buckling"),
+            Public("Buckling", "beamdae.analysis.statics.linear_buckling"),
         ),
     ),
     Group(

@@ -13,6 +13,7 @@ import typer
 
 from beamdae.cli import completion, signals, streams
 from beamdae.cli.command_wrapper import EXIT_CODES, Command, Commands, wrap_command
+from beamdae.cli.commands.buckling import buckling_command
 from beamdae.cli.commands.check import check_command
 from beamdae.cli.commands.compare import compare_command
 from beamdae.cli.commands.draw import draw_command
@@ -40,6 +41,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "check": check_command,
     "draw": draw_command,
     "static": static_command,
+    "buckling": buckling_command,
     "modes": modes_command,
     "list": list_command,
     "examples": examples_command,

@@ -10,6 +10,7 @@ import numpy as np
 
 from beamdae.analysis.eigenproblems.eigensolution import (
     UNSTABLE,
+    VIBRATION,
     classify_mode,
     solve_eigenproblem,
 )
@@ -80,6 +81,13 @@ class Modes:
         frequencies = ", ".join(f"{x:.4g}" for x in self.frequencies[:_REPR_FREQUENCIES])
         more = ", ..." if len(self) > _REPR_FREQUENCIES else ""
         return f"<Modes about {self.about}: {len(self)}, {frequencies}{more} Hz>"
+
+    def describe(self, k: int) -> str:
+        """Return number, frequency and damping ratio of mode `k`, counted from 0."""
+        ratio = self.damping_ratios[k]
+        damping = f", damping {ratio:.2g}" if self.kinds[k] == VIBRATION and ratio else ""
+        kind = f"{self.frequencies[k]:.4g} Hz" if self.frequencies[k] else self.kinds[k]
+        return f"{k + 1}: {kind}{damping}"
 
     @property
     def frequencies(self) -> Array:

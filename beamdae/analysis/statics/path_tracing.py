@@ -206,7 +206,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         is_last = k == len(loading.systems) - 1
         corrector = Corrector(system)
         begin = (
-            _find_unloaded_equilibrium(corrector, q)
+            find_unloaded_equilibrium(corrector, q)
             if k == 0
             else EquilibriumPoint(system, points[-1].x, 0.0)
         )
@@ -228,7 +228,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             factors.append(row.copy())
             factors[-1][k : k + 1] = point.mu
         for one in path.critical:
-            coordinate = _dominant_coordinate(system.equations, one.mode)
+            coordinate = dominant_coordinate(system.equations, one.mode)
             factor = path.points[one.row].mu
             critical.append(CriticalPoint(one.kind, first + one.row, factor, coordinate))
         iterations += corrector.iterations
@@ -239,7 +239,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
     return EquilibriumPath(points, all_factors, tuple(critical), status, iterations)
 
 
-def _find_unloaded_equilibrium(corrector: Corrector, q: Array) -> EquilibriumPoint:
+def find_unloaded_equilibrium(corrector: Corrector, q: Array) -> EquilibriumPoint:
     """Return the equilibrium at which the path begins, under all loads if none is scaled.
 
     Relaxation is used if Newton's method fails or moves the mechanism too far.
@@ -367,10 +367,11 @@ def free_coordinate(e: EquationsOfMotion, point: EquilibriumPoint) -> str:
     if not stability.free_count:
         return ""
     softest = int(np.argmin(np.abs(stability.eigenvalues)))
-    return _dominant_coordinate(e, stability.modes[:, softest])
+    return dominant_coordinate(e, stability.modes[:, softest])
 
 
-def _dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
+def dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
+    """Return the name of the coordinate that moves most in a mode, relative to its natural size."""
     size = np.abs(mode / e.position_scales)
     largest = np.flatnonzero(size >= (1.0 - _EQUAL_MOTION_TOLERANCE) * np.max(size)).tolist()
     # If amplitudes are equal, an angle describes the mode better than the points it moves.
@@ -404,7 +405,7 @@ def _remedy(path: StagePath, e: EquationsOfMotion, control: str) -> str:
     if not 0.0 < now < _SOFT_RATIO * before:
         return "; use control='arc length' to continue past the maximum of a load"
     stability = path.end.stability
-    coordinate = _dominant_coordinate(e, stability.mode(stability.negative_count))
+    coordinate = dominant_coordinate(e, stability.mode(stability.negative_count))
     return (
         f", where {coordinate} has lost {1.0 - now / before:.0%} of the initial "
         "stiffness, which suggests a limit point; use control='arc length' to continue past "

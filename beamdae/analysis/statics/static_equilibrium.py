@@ -131,7 +131,7 @@ def equilibrium(
         model = model()
     t = require_finite(_NAME, "t", t)
     settings = PathSettings.from_arguments(to, control, step, switch, most_points)
-    equations, q = _initial_positions(model, start)
+    equations, q = initial_positions(_NAME, model, start)
     loading = build_loading(model, equations, loads, t)
     with single_threaded:
         path = trace_path(loading, q, settings)
@@ -163,14 +163,17 @@ def equilibrium(
     return result
 
 
-def _initial_positions(model: Any, start: Any) -> tuple[EquationsOfMotion, Array]:
-    """Return the equations of the model and the positions near which the path begins."""
+def initial_positions(name: str, model: Any, start: Any) -> tuple[EquationsOfMotion, Array]:
+    """Return the equations of a model and the positions near which its path begins.
+
+    `name` is the calling function, for messages.
+    """
     if isinstance(start, Equilibrium):
-        equations = as_equations(_NAME, model, AS_DRAWN)
+        equations = as_equations(name, model, AS_DRAWN)
         return equations, start.to_checkpoint().start_equations(equations).q0
     if start is None and isinstance(model, Mechanism):
         start = model.start
     if start is not None:
-        start = require_start(_NAME, start, ", or another equilibrium")
-    equations = as_equations(_NAME, model, AS_DRAWN if start == EQUILIBRIUM else start)
+        start = require_start(name, start, ", or another equilibrium")
+    equations = as_equations(name, model, AS_DRAWN if start == EQUILIBRIUM else start)
     return equations, equations.q0

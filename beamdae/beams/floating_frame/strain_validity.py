@@ -79,4 +79,3 @@ def strain_defect_kernel(element: FloatingFrameElement) -> StrainDefectKernel:
         stiffness += weight * (slopes.T @ ca.diag(elasticity) @ slopes)
     u, v, phi = (slice(k, None, NODE_SIZE) for k in range(NODE_SIZE))
     return StrainDefectKernel(local, slice(FRAME_SIZE, None), (u, v), phi, force, stiffness)
-

@@ -10,6 +10,7 @@ import numpy as np
 
 from beamdae.analysis.linear_dynamics.campbell_diagram import Campbell
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
+from beamdae.analysis.statics.linear_buckling import Buckling
 from beamdae.errors import BeamdaeError, require_count, short_repr
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.page.motion_player import build_motion_player
@@ -59,7 +60,7 @@ _DISPLAYED_PERIOD = 2.0  # duration of one period in an animation [s]
 class _ModeScenes:
     """Scenes of modes about a state, all scaled to the same largest displacement."""
 
-    def __init__(self, name: str, modes: Modes) -> None:
+    def __init__(self, name: str, modes: Modes | Buckling) -> None:
         self._modes, self._mechanism = modes, _require_drawable(name, modes)
         self.rest = self._build(CoordinatePoses(self._mechanism, modes.q[None]), 1)
         low, high = self.rest.extent()
@@ -83,9 +84,10 @@ class _ModeScenes:
 
 
 def _require_drawable(name: str, modes: Any) -> Mechanism:
-    if not isinstance(modes, Modes):
+    if not isinstance(modes, Modes | Buckling):
         raise BeamdaeError(
-            f"{name}: modes must be a result of beamdae.modes, got {short_repr(modes)}."
+            f"{name}: modes must be a result of beamdae.modes or beamdae.buckling, "
+            f"got {short_repr(modes)}."
         )
     if modes.mechanism is None or not len(modes):
         raise BeamdaeError(
@@ -97,15 +99,15 @@ def _require_drawable(name: str, modes: Any) -> Mechanism:
     return modes.mechanism
 
 
-def draw_modes(modes: Modes) -> Plot:
-    """Draw up to twelve mode shapes, superimposed on the state about which they vibrate.
+def draw_modes(modes: Modes | Buckling) -> Plot:
+    """Draw up to twelve mode shapes, superimposed on the state about which they vibrate or buckle.
 
     Displacements are linearized about the state of the modes and scaled to be visible.
 
     Parameters
     ----------
     modes
-        Modes of a mechanism, see `beamdae.modes`.
+        Modes of a mechanism, see `beamdae.modes` and `beamdae.buckling`.
 
     Returns
     -------
@@ -115,13 +117,13 @@ def draw_modes(modes: Modes) -> Plot:
     Raises
     ------
     BeamdaeError
-        If `modes` is not a result of `beamdae.modes`, or there are no modes or no mechanism with
-        parts that can be drawn.
+        If `modes` is not a result of `beamdae.modes` or `beamdae.buckling`, or there are no modes
+        or no mechanism with parts that can be drawn.
     """
     return Plot(create_modes_figure(modes))
 
 
-def create_modes_figure(modes: Modes, title: str = "") -> Figure:
+def create_modes_figure(modes: Modes | Buckling, title: str = "") -> Figure:
     """Create a figure with up to twelve mode shapes; see `draw_modes`."""
     scenes = _ModeScenes("draw_modes", modes)
     panels = [scenes.vibrating(k, np.ones(1)) for k in range(min(len(modes), MAX_PANELS))]
@@ -141,20 +143,20 @@ def create_modes_figure(modes: Modes, title: str = "") -> Figure:
         axis.set_axis_off()
         SceneArtists(axis, scenes.rest, is_pale=True)
         SceneArtists(axis, scene)
-        axis.set_title(_describe_mode(modes, k), fontsize=9)
+        axis.set_title(modes.describe(k), fontsize=9)
     disable_math_text(figure)
     return figure
 
 
 def animate_mode(
-    modes: Modes, mode: int, path: str | Path | None = None, frames: int = 32
+    modes: Modes | Buckling, mode: int, path: str | Path | None = None, frames: int = 32
 ) -> Animation | Path:
     """Animate one undamped period of a mode in a notebook or in a file.
 
     Parameters
     ----------
     modes
-        Modes of a mechanism, see `beamdae.modes`.
+        Modes of a mechanism, see `beamdae.modes` and `beamdae.buckling`.
     mode
         Number of the mode, starting at 1.
     path
@@ -179,9 +181,9 @@ def animate_mode(
     number = require_count("animate_mode", "frames", frames, least=2, most=MAX_FRAMES)
     # With this phase, a real mode shape starts from zero displacement.
     phases = np.exp(2j * np.pi * (np.arange(number) / number - 0.25))
-    scene, caption = scenes.vibrating(k, phases), f"mode {_describe_mode(modes, k)}"
+    scene, caption = scenes.vibrating(k, phases), f"mode {modes.describe(k)}"
     if path is None:
-        frequency = float(modes.frequencies[k])
+        frequency = float(modes.frequencies[k]) if isinstance(modes, Modes) else 0.0
         period = 1.0 / frequency if frequency > 0.0 else _DISPLAYED_PERIOD
         low, high = scene.extent()
         width, height = (high - low).tolist()
@@ -194,13 +196,6 @@ def animate_mode(
     add_caption(axis).set_text(caption)
     artists, rate = SceneArtists(axis, scene), max(round(number / _DISPLAYED_PERIOD), 1)
     return FigureAnimation(figure, artists.show, number, rate).save("animate_mode", path)
-
-
-def _describe_mode(modes: Modes, k: int) -> str:
-    ratio = modes.damping_ratios[k]
-    damping = f", damping {ratio:.2g}" if modes.kinds[k] == "vibration" and ratio else ""
-    kind = f"{modes.frequencies[k]:.4g} Hz" if modes.frequencies[k] else modes.kinds[k]
-    return f"{k + 1}: {kind}{damping}"
 
 
 def draw_campbell(diagram: Campbell) -> Plot:

@@ -252,6 +252,16 @@ def failure_sentences(table: pd.DataFrame) -> list[str]:
     return [make_printable(f"{label}: {reason}") for label, reason in reasons]
 
 
+def buckling_table(table: pd.DataFrame) -> ResponsiveTable:
+    """Return a table of load factors and moving coordinates, given `Buckling.table()`."""
+    columns = [Column("load factor\n[-]"), Column("moves most", 1, sentences=True)]
+    rows = [
+        (str(row["mode"]), format_number(row["load factor [-]"], 6), str(row["moves most"]))
+        for _, row in table.iterrows()
+    ]
+    return ResponsiveTable("mode", columns, rows, "the CSV file")
+
+
 def modes_table(table: pd.DataFrame) -> ResponsiveTable:
     """Return a table of frequencies, damping and moving parts, given `Modes.table()`."""
     columns = [

@@ -1,0 +1,311 @@
+"""Linear buckling: load factors at which the linearized tangent stiffness is singular."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
+
+from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
+from beamdae.analysis.statics.load_scaling import build_loading
+from beamdae.analysis.statics.path_controls import LoadControl, PathDirection, StepNorm
+from beamdae.analysis.statics.path_tracing import (
+    dominant_coordinate,
+    find_unloaded_equilibrium,
+    free_coordinate,
+)
+from beamdae.analysis.statics.static_equilibrium import initial_positions
+from beamdae.errors import BeamdaeError, require_count, require_finite
+from beamdae.linear.blas_threads import single_threaded
+from beamdae.linear.factorizations import SingularMatrixError, create_factorization
+from beamdae.model_functions import Model
+from beamdae.parts.mechanism import Mechanism
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = np.ndarray
+
+_NAME = "buckling"
+# Motion, in natural sizes, over which the tangent stiffness is differenced along the path.
+_DIFFERENCE_MOTION = 1e-4
+# Factors at which the linear response exceeds this motion, in natural sizes, are meaningless: for
+# example, a shear instability of a column that is stretched by half its length.
+_MAX_MOTION = 0.5
+# Largest accepted relative change of the first factor if it is computed at half of its load.
+_MAX_CHANGE = 0.05
+# Largest number of unknowns for dense path.
+_MAX_DENSE_UNKNOWNS = 400
+# Inverse factors below this fraction of the largest are lost in rounding; imaginary parts up to the
+# second fraction are rounding.
+_MIN_INVERSE_RATIO = 1e-9
+_IMAGINARY_TOLERANCE = 1e-6
+# Number of factors shown in the repr.
+_REPR_FACTORS = 5
+
+
+@dataclass(frozen=True, repr=False)
+class Buckling:
+    """Buckling loads and mode shapes of the linearized tangent stiffness; see `buckling`.
+
+    Attributes
+    ----------
+    factors
+        Positive factors of the scaled loads at which the structure buckles [-], (k,), ascending.
+    shapes
+        Mode shapes, (k, n), scaled so that the largest absolute coordinate, relative to its natural
+        size, is 1.
+    moves
+        Name of the coordinate that moves most in each mode.
+    loads
+        Names of the scaled loads.
+    q
+        Coordinates of the unloaded equilibrium, (n,).
+    mechanism
+        Mechanism for pictures of the modes; None if the model is not a `Mechanism`.
+    warnings
+        Warnings that displacements before buckling are not negligible, that there are fewer
+        factors, or that the loads have no potential.
+    """
+
+    factors: Array
+    shapes: Array = field(repr=False)
+    moves: tuple[str, ...]
+    loads: tuple[str, ...]
+    q: Array = field(repr=False)
+    mechanism: Mechanism | None = field(repr=False)
+    warnings: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.factors)
+
+    def __repr__(self) -> str:
+        factors = ", ".join(f"{x:.6g}" for x in self.factors[:_REPR_FACTORS])
+        more = ", ..." if len(self) > _REPR_FACTORS else ""
+        return f"<Buckling under {', '.join(self.loads)}: {factors or 'no factors'}{more}>"
+
+    @property
+    def about(self) -> str:
+        """Description of the state to which the shapes are added."""
+        return "the unloaded equilibrium"
+
+    def describe(self, k: int) -> str:
+        """Return number and load factor of mode `k`, counted from 0."""
+        return f"{k + 1}: load factor {self.factors[k]:.5g}"
+
+    def table(self) -> pd.DataFrame:
+        """Return a table with number, load factor [-] and the coordinate that moves most."""
+        import pandas as pd
+
+        numbers = np.arange(1, len(self) + 1)
+        return pd.DataFrame(
+            {"mode": numbers, "load factor [-]": self.factors, "moves most": list(self.moves)}
+        )
+
+
+class _LinearizedPath(NamedTuple):
+    """Linearization of the path at the unloaded equilibrium.
+
+    Attributes
+    ----------
+    tangent
+        Tangent of the static equations, (n + m, n + m).
+    rate
+        Its derivative with respect to the load factor.
+    response
+        Derivative of the path with respect to the load factor.
+    motion
+        Largest motion of a coordinate per load factor, in natural sizes.
+    """
+
+    tangent: sp.csc_array
+    rate: sp.csc_array
+    response: PathDirection
+    motion: float
+
+
+@single_threaded
+def buckling(
+    model: Any, modes: int = 5, loads: Any = None, t: float = 0.0, start: Any = None
+) -> Buckling:
+    """Compute linear buckling loads: factors mu with det(K_0 + mu K_1) = 0.
+
+    K_0 is the tangent stiffness of the unloaded equilibrium, with the constraints, and K_1 its
+    derivative with respect to the load factor along the linear response to the loads. The factors
+    are exact if the displacements before buckling are negligible, as for straight columns and rings
+    under pressure. Otherwise, `Buckling.warnings` gives the first factor from the equilibrium at
+    half of its load, and `equilibrium` finds the right one.
+
+    Parameters
+    ----------
+    model
+        A model function (with its defaults) or a mechanism.
+    modes
+        Number of positive factors to return, the smallest ones.
+    loads
+        Names of the loads that mu scales, as in `equilibrium`, in one stage. Loads that are not
+        named act in full.
+    t
+        Time [s] at which laws are evaluated.
+    start
+        Positions near which the unloaded equilibrium is sought, as in `equilibrium`.
+
+    Returns
+    -------
+    Buckling
+        Load factors and mode shapes; `draw_modes` draws them.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid, no load is scaled, or the unloaded mechanism can move freely.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.002)
+    >>> column = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (0.0, 1.0)), strip))
+    >>> clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), column.start))
+    >>> press = mech.add(bd.Force("press", column.end, (0.0, -strip.EI)))
+    >>> [round(float(x), 2) for x in bd.buckling(mech, modes=2).factors]
+    [2.47, 22.21]
+    """
+    count = require_count(_NAME, "modes", modes)
+    if isinstance(model, Model):
+        model = model()
+    equations, q = initial_positions(_NAME, model, start)
+    loading = build_loading(model, equations, loads, require_finite(_NAME, "t", t))
+    if len(loading.stages) != 1:
+        raise BeamdaeError(
+            f"{_NAME}: loads must be one list of names, got {len(loading.stages)} stages; name the "
+            "loads to scale, and add a load if there is none."
+        )
+    system = loading.systems[0]
+    corrector = Corrector(system)
+    begin = find_unloaded_equilibrium(corrector, q)
+    if begin.stability.free_count:
+        raise BeamdaeError(
+            f"{_NAME}: {free_coordinate(system.equations, begin)} can move without stiffness; add "
+            "a joint or a spring."
+        )
+    try:
+        path = _linearize_along_path(corrector, begin)
+        factors, vectors, reversed_factor = _solve(path, count)
+        warnings = _check_prebuckling(corrector, begin, path.response, factors)
+    except (CorrectorError, SingularMatrixError, ArpackError, la.LinAlgError) as error:
+        raise BeamdaeError(
+            f"{_NAME}: the unloaded equilibrium has no unique linear response ({error}); check "
+            "joints and supports."
+        ) from None
+    e = system.equations
+    shapes = vectors[: e.n] / e.position_scales[:, None]
+    largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])]
+    shapes = shapes * e.position_scales[:, None] / largest
+    asymmetry = abs(path.rate - path.rate.T).max()
+    has_potential = asymmetry <= _IMAGINARY_TOLERANCE * abs(path.rate).max()
+    if not has_potential:
+        warnings.append(
+            f"{_NAME}: the loads have no potential, so the structure may flutter, which linear "
+            "buckling does not show; use equilibrium."
+        )
+    elif len(factors) < count:
+        text = f"{_NAME}: the structure has {len(factors)} of {count} buckling loads"
+        if np.isfinite(reversed_factor):
+            text += f"; under reversed loads, it buckles at the factor {-reversed_factor:g}"
+        warnings.append(text + ".")
+    return Buckling(
+        factors,
+        shapes.T,
+        tuple(dominant_coordinate(e, shape) for shape in shapes.T),
+        loading.stages[0],
+        begin.x[: e.n],
+        model if isinstance(model, Mechanism) else None,
+        tuple(warnings),
+    )
+
+
+def _linearize_along_path(corrector: Corrector, begin: EquilibriumPoint) -> _LinearizedPath:
+    """Return the tangent at the beginning of the path and its rate along the linear response.
+
+    Raises
+    ------
+    CorrectorError
+        If the tangent is singular.
+    """
+    system = corrector.system
+    response = corrector.path_tangent(begin, LoadControl())
+    norm = StepNorm(system.equations.position_scales, np.inf)
+    motion = norm.max_norm(response.x)
+    step = _DIFFERENCE_MOTION / motion if motion > 0.0 else 1.0
+    before, after = (
+        system.tangent(begin.x + side * step * response.x, begin.mu + side * step)
+        for side in (-1.0, 1.0)
+    )
+    rate = (after - before) / (2.0 * step)
+    tangent = system.tangent(begin.x, begin.mu)
+    return _LinearizedPath(system.matrix(tangent), system.matrix(rate), response, motion)
+
+
+def _check_prebuckling(
+    corrector: Corrector, begin: EquilibriumPoint, response: PathDirection, factors: Array
+) -> list[str]:
+    """Return a warning if the factors change when they are computed from a loaded equilibrium.
+
+    Turning a slender beam by its thickness over its length makes the linearized stiffness useless,
+    so that displacements before buckling must be negligible by this measure, not by their size.
+    """
+    if not len(factors):
+        return []
+    half = 0.5 * float(factors[0])
+    change = f"{_NAME}: displacements before buckling are not negligible"
+    advice = "; use equilibrium instead."
+    try:
+        point = corrector.correct(LoadControl(), half, begin.x + half * response.x, half)
+        later, _, _ = _solve(_linearize_along_path(corrector, point), 1)
+    except (CorrectorError, SingularMatrixError, ArpackError):
+        return [f"{change}, so that no equilibrium was found at the load factor {half:.5g}{advice}"]
+    second = half + float(later[0]) if len(later) else np.inf
+    if abs(second - factors[0]) <= _MAX_CHANGE * factors[0]:
+        return []
+    return [
+        f"{change}: from the equilibrium at half the load, the first factor is {second:.5g} "
+        f"instead of {factors[0]:.5g}{advice}"
+    ]
+
+
+def _solve(path: _LinearizedPath, count: int) -> tuple[Array, Array, float]:
+    """Return positive factors, their vectors and the negative factor nearest to zero (or -inf).
+
+    The eigenvalues of -K_0^-1 K_1 are the inverse factors.
+
+    Raises
+    ------
+    SingularMatrixError
+        If K_0 is singular.
+    """
+    size = path.tangent.shape[0]
+    solver = create_factorization(path.tangent)
+    solver.factorize(path.tangent.data)
+    number = 2 * count + 4
+    if size <= _MAX_DENSE_UNKNOWNS or number >= size - 1:
+        columns = path.rate.toarray().T
+        inverses, vectors = la.eig(-np.stack([solver.solve(column) for column in columns], axis=1))
+    else:
+        operator = LinearOperator(
+            (size, size), lambda x: -solver.solve(path.rate @ np.ravel(x)), dtype=float
+        )
+        inverses, vectors = eigs(operator, number, v0=np.cos(np.arange(size) ** 2.0))
+    largest = np.max(np.abs(inverses), initial=0.0)
+    is_real = np.abs(inverses.imag) <= _IMAGINARY_TOLERANCE * np.abs(inverses)
+    is_real &= np.abs(inverses) > _MIN_INVERSE_RATIO * largest
+    is_real &= np.abs(inverses) > path.motion / _MAX_MOTION
+    factors, vectors = 1.0 / inverses[is_real].real, vectors[:, is_real].real
+    reversed_factor = float(np.max(factors[factors < 0.0], initial=-np.inf))
+    order = np.flatnonzero(factors > 0.0)
+    order = order[np.argsort(factors[order])][:count]
+    return factors[order], vectors[:, order], reversed_factor

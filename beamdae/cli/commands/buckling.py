@@ -1,0 +1,76 @@
+"""`beamdae buckling`: linear buckling loads of a model, as a table and a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from beamdae.cli.options import (
+    ModelName,
+    ModelPath,
+    Out,
+    Settings,
+    Starts,
+    load_configured_model,
+    parse_start,
+    require_writable,
+)
+from beamdae.cli.output import (
+    WrittenFiles,
+    create_console,
+    print_warnings,
+    print_written_files,
+    record_results,
+)
+
+
+def buckling_command(
+    path: ModelPath,
+    settings: Settings = None,
+    model_name: ModelName = None,
+    number: Annotated[int, typer.Option("-n", "--number", help="Number of load factors.")] = 5,
+    load: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Load to scale, or 'gravity'; repeatable. Defaults to all loads.",
+        ),
+    ] = None,
+    t: Annotated[float, typer.Option(help="Time in seconds at which laws are evaluated.")] = 0.0,
+    start: Starts = None,
+    out: Out = Path("results"),
+) -> None:
+    """Compute linear buckling loads of a model; write a table (CSV) and a picture (PNG).
+
+    Exits with 0 on success, 1 if the picture failed, and 2 for a usage or model error.
+    """
+    from beamdae.cli.model_files.model_file import ModelFile
+
+    model = load_configured_model(ModelFile(path), model_name, settings)
+    name = f"{model.name}_buckling"
+    table_path, picture = out / f"{name}.csv", out / f"{name}.png"
+    require_writable(out, (table_path.name, picture.name))
+    from beamdae.analysis.statics.linear_buckling import buckling
+    from beamdae.report.pictures.figures import save_figure
+    from beamdae.report.pictures.mode_shapes import create_modes_figure
+    from beamdae.report.terminal import text_tables
+    from beamdae.results.storage.files import escape_table, write_text
+
+    result = buckling(model, number, load, t, parse_start(start))
+    table = result.table()
+    files = WrittenFiles([write_text(table_path, escape_table(table).to_csv(index=False))])
+    console = create_console()
+    record_results(lambda: {"loads": list(result.loads), "modes": table.to_dict("records")})
+    console.print(model.name, style="bold")
+    console.print(text_tables.buckling_table(table))
+    print_warnings(console, result.warnings)
+    if result.mechanism is not None and len(result):
+        title = f"{model.name}, linear buckling"
+        files.write(
+            picture.name, lambda: [save_figure(create_modes_figure(result, title), picture)]
+        )
+    print_written_files(console, files.paths)
+    if files.failed:
+        raise typer.Exit(1)

@@ -1,0 +1,147 @@
+"""Linear buckling loads against closed forms, paths and each other."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+
+STEEL = bd.Material.of("steel")
+FORMULATIONS = ["exact", "floating frame"]
+
+
+def column(height=2e-3, elements=8, formulation="exact", axes="inertial", sign=-1.0):
+    """Return a cantilever column under a force of EI / L^2, downwards by default."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(STEEL, width=0.02, height=height)
+    line = bd.Line((0.0, 0.0), (0.0, 1.0))
+    beam = mech.add(bd.Beam("column", line, section, elements, formulation=formulation))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("press", beam.end, (0.0, sign * section.EI), axes=axes))
+    return mech
+
+
+def portal(span=1.0):
+    """Return a portal frame with clamped feet and rigid corners, EI / L^2 on each column."""
+    section = bd.Section.rectangle(STEEL, width=0.02, height=2e-3)
+    mech = bd.Mechanism()
+    corners = [(0.0, 0.0), (0.0, 1.0), (span, 1.0), (span, 0.0)]
+    beams = [
+        mech.add(bd.Beam(name, bd.Line(a, b), section, 6, formulation="exact"))
+        for name, a, b in zip(("left", "top", "right"), corners, corners[1:], strict=False)
+    ]
+    mech.add(bd.Weld("left foot", mech.ground.at(*corners[0]), beams[0].start))
+    mech.add(bd.Weld("left corner", beams[0].end, beams[1].start))
+    mech.add(bd.Weld("right corner", beams[1].end, beams[2].start))
+    mech.add(bd.Weld("right foot", beams[2].end, mech.ground.at(*corners[3])))
+    for side, point in (("left", beams[0].end), ("right", beams[1].end)):
+        mech.add(bd.Force(f"on the {side}", point, (0.0, -section.EI)))
+    return mech
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("height", [1e-2, 1e-3, 1e-4])
+def test_column_has_the_loads_of_euler(height, formulation):
+    result = bd.buckling(column(height, formulation=formulation), modes=3)
+    # ((2 k - 1) pi / 2)^2; compression and shear lower the third load by up to 1e-3 at 10 mm, and
+    # the mesh of floating frames raises it by 1e-6.
+    assert_allclose(
+        result.factors, ((np.arange(3) + 0.5) * np.pi) ** 2, rtol=2e-3 if height == 1e-2 else 3e-5
+    )
+    assert result.warnings == ()
+    assert all(name.startswith("column.") for name in result.moves)
+
+
+def test_shapes_are_those_of_euler():
+    result = bd.buckling(column(), modes=1)
+    positions = {f"column.x{k}": 1.0 - np.cos(0.5 * np.pi * k / 24) for k in range(25)}
+    names = bd.equations_of_motion(column()).q_names
+    shape = dict(zip(names, result.shapes[0], strict=True))
+    expected = np.array(list(positions.values()))
+    computed = np.array([shape[name] for name in positions])
+    assert_allclose(computed / computed[-1], expected, atol=1e-4)
+
+
+def test_portal_sways_at_the_load_of_theory():
+    # Sway, feet clamped, corners rigid: k cot k = -6 for equal members.
+    result = bd.buckling(portal(), modes=2)
+    k = np.sqrt(result.factors[0])
+    assert k / np.tan(k) == pytest.approx(-6.0, rel=2e-3)
+
+
+def test_dense_and_sparse_matrices_agree(monkeypatch):
+    dense = bd.buckling(column(), modes=3)
+    monkeypatch.setattr("beamdae.analysis.statics.linear_buckling._MAX_DENSE_UNKNOWNS", 0)
+    sparse = bd.buckling(column(), modes=3)
+    assert_allclose(sparse.factors, dense.factors, rtol=1e-7)
+
+
+def test_linear_buckling_agrees_with_the_path():
+    mech = portal()
+    result = bd.buckling(mech, modes=1)
+    path = bd.equilibrium(mech, to=1.2 * result.factors[0])
+    (point,) = path.critical
+    assert point.kind == "branch point"
+    # Prebuckling displacements are 1e-5 of the height.
+    assert result.factors[0] == pytest.approx(point.factor, rel=1e-4)
+
+
+def test_tension_does_not_buckle():
+    result = bd.buckling(column(sign=1.0), modes=2)
+    assert len(result) == 0
+    (warning,) = result.warnings
+    assert warning.startswith("buckling: the structure has 0 of 2 buckling loads; under reversed")
+    assert "factor 2.467" in warning
+
+
+def test_displacements_before_buckling_are_warned_of():
+    # A transverse force bends the column before it buckles.
+    mech = column()
+    mech.add(bd.Force("wind", mech.parts["column"].end, (0.05, 0.0)))
+    result = bd.buckling(mech, modes=1)
+    assert any("displacements before buckling are not negligible" in x for x in result.warnings)
+
+
+def test_follower_loads_are_warned_of():
+    result = bd.buckling(column(axes="body"), modes=2)
+    assert any("may flutter" in warning for warning in result.warnings)
+
+
+def test_loads_scale_by_name():
+    mech = column()
+    mech.add(bd.Force("more", mech.parts["column"].end, (0.0, -1.0)))
+    alone = bd.buckling(mech, modes=1, loads=["press"])
+    section = bd.Section.rectangle(STEEL, width=0.02, height=2e-3)
+    expected = 0.25 * np.pi**2 - 1.0 / section.EI
+    assert alone.factors[0] == pytest.approx(expected, rel=1e-5)
+    assert alone.loads == ("press",)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"modes": 0}, "modes must be"),
+        ({"loads": [["press"], ["gravity"]]}, "no gravity"),
+        ({"loads": []}, "loads must be one list of names, got 0 stages"),
+    ],
+)
+def test_arguments_are_checked(arguments, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.buckling(column(), **arguments)
+
+
+def test_a_mechanism_has_no_buckling_load():
+    mech = bd.Mechanism()
+    body = mech.add(bd.RigidBody("bob", 1.0, 0.1, (0.0, 1.0)))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
+    mech.add(bd.Force("press", body.at(0.0, 1.0), (0.0, -1.0)))
+    with pytest.raises(bd.BeamdaeError, match=r"bob\.angle can move without stiffness"):
+        bd.buckling(mech)
+
+
+def test_result_is_a_table_and_a_picture(tmp_path):
+    result = bd.buckling(column(), modes=2)
+    table = result.table()
+    assert list(table) == ["mode", "load factor [-]", "moves most"]
+    assert "2.46" in repr(result)
+    assert bd.draw_modes(result).save(tmp_path / "modes.png").stat().st_size > 1000

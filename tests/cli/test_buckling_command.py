@@ -1,0 +1,54 @@
+"""`beamdae buckling`: table, picture and usage errors."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from beamdae.cli.app import app
+
+MODEL = """
+import beamdae as bd
+
+
+@bd.model(t_end=1.0)
+def column(height=0.002):
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=height)
+    beam = mech.add(bd.Beam("strut", bd.Line((0.0, 0.0), (0.0, 1.0)), section))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("press", beam.end, (0.0, -section.EI)))
+    return mech
+"""
+
+
+@pytest.fixture
+def buckling(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("column.py").write_text(MODEL, encoding="utf-8")
+    return lambda *arguments: CliRunner().invoke(app, ["buckling", "column.py", *arguments])
+
+
+def test_a_table_and_a_picture_are_written(buckling):
+    result = buckling("-n", "2", "--set", "height=0.001")
+    assert result.exit_code == 0, result.output
+    assert "2.467" in result.stdout
+    table = pd.read_csv("results/column_buckling.csv")
+    assert table["load factor [-]"].tolist() == pytest.approx([2.467, 22.207], rel=1e-3)
+    assert Path("results/column_buckling.png").stat().st_size > 1000
+
+
+def test_json_contains_the_factors(buckling):
+    result = buckling("-n", "1", "--json")
+    document = json.loads(result.stdout)
+    assert document["loads"] == ["press"]
+    assert document["modes"][0]["load factor [-]"] == pytest.approx(2.467, rel=1e-3)
+
+
+def test_an_unknown_load_is_one_line(buckling):
+    result = buckling("--load", "pres")
+    assert result.exit_code == 2
+    assert "pres" in result.stderr
+    assert not Path("results/column_buckling.csv").exists()
