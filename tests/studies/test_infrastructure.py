@@ -194,7 +194,10 @@ def test_regression_workers_end_with_a_killed_study(tmp_path):
     wait_until(lambda: len([*tmp_path.glob("[23].0.txt"), *tmp_path.rglob("outcomes/*.json")]) == 3)
     assert len(find_processes(tmp_path.name)) > 2
     process.kill()
-    process.communicate()
+    process.wait()
+    # Orphans would keep the pipes open.
+    for stream in (process.stdout, process.stderr):
+        stream.close()
     wait_until(lambda: not find_processes(tmp_path.name))
     (tmp_path / "go").touch()
     resumed = run_beamdae(tmp_path, *command)

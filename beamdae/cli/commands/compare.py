@@ -53,7 +53,8 @@ def compare_command(
 
     Finished cases are stored in the results folder: run the same command again to resume. Exits
     with 0 on success, 1 if all cases failed or a reference or output file is missing, 2 for a usage
-    or model error, 130 after Ctrl-C, and 143 after SIGTERM.
+    or model error, 3 if processes or a cluster failed before all cases were run, 130 after Ctrl-C,
+    and 143 after SIGTERM.
     """
     study = _select_study(path, model_name, parse_assignments(settings))
     study = apply_limits("compare", study, time_limit, t_end, output_step)

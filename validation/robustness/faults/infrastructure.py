@@ -69,13 +69,21 @@ def _stored(bench: Bench) -> int:
     return len(list(bench.folder.glob("results/*/outcomes/*.json")))
 
 
+def _kill_process(process: subprocess.Popen[str]) -> None:
+    """Kill a process without waiting for its pipes, which orphans would keep open."""
+    process.kill()
+    process.wait()
+    for stream in (process.stdout, process.stderr):
+        if stream is not None:
+            stream.close()
+
+
 def _kill(bench: Bench, command: tuple[str, ...], seconds: float) -> None:
     """Kill a command after so many seconds, and check that no process continues."""
     process = bench.start(bench.command(*command))
     with suppress(subprocess.TimeoutExpired):
         process.wait(seconds)
-    process.kill()
-    process.communicate()
+    _kill_process(process)
     end = time.perf_counter() + _ORPHAN_TIME_LIMIT
     while (orphans := _find_processes(bench)) and time.perf_counter() < end:
         time.sleep(0.05)
@@ -146,8 +154,7 @@ def large_sweep_killed_and_resumed(bench: Bench) -> None:
             ),
             500.0,
         )
-        process.kill()
-        process.communicate()
+        _kill_process(process)
     kept = _stored(bench)
     result = bench.run(*command, time_limit=500.0)
     _expect_all_cases(bench, result, _LARGE_SWEEP)
