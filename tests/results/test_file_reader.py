@@ -309,12 +309,15 @@ def test_trajectories_are_parsed_exactly_or_refused():
             parse_trajectory(wrong, "t [s]", ["=a", "b"])
 
 
-def test_hashes_of_pipes_do_not_wait(tmp_path):
+@posix
+def test_hashes_and_outlines_of_pipes_do_not_wait(tmp_path):
+    from beamdae.cli.model_files.outline import Outline, read_outline
     from beamdae.studies.store.file_hashes import digest_file
 
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "file").write_bytes(b"content")
     assert digest_file(str(tmp_path / "pipe")) is None
+    assert read_outline(tmp_path / "pipe") == Outline()
     assert digest_file(str(tmp_path / "file")) == hashlib.sha256(b"content").hexdigest()
 
 

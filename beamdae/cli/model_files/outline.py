@@ -35,9 +35,11 @@ class Outline:
 def read_outline(file: Path) -> Outline:
     """Return the outline of a file.
 
-    The outline of an unreadable file is empty. If the file has a syntax error, `defines` is True if
+    The outline of an unreadable file, and of a pipe or device, is empty. If the file has a syntax error, `defines` is True if
     the file mentions beamdae.
     """
+    if not file.is_file():
+        return Outline()
     try:
         source = file.read_bytes()
         tree = ast.parse(source)
