@@ -310,8 +310,9 @@ class DaskPool:
                     reason = f"the workers of the task died: {format_message(problem)}"
                     yield TaskResult(task, Outcome.failed(reason), storable=False)
                 # `run_task` raises no exceptions, so the cause is the cluster.
-                except CancelledError:
-                    reason = "the connection to the Dask scheduler was lost"
+                # Dask cancels tasks if the scheduler ends; a lost result is an OSError.
+                except (CancelledError, OSError):
+                    reason = "the connection to the Dask cluster was lost"
                     yield TaskResult(task, Outcome(Status("not run", reason)), storable=False)
                 except Exception as problem:
                     reason = f"the Dask cluster failed: {describe_exception(problem)}"

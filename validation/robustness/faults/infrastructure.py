@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import signal
 import socket
@@ -177,6 +178,9 @@ def few_processes(bench: Bench) -> None:
         raise UnsupportedMachineError("only root can start a process of a user without others")
     _write_model(bench)
     os.chown(bench.folder, _USER, _USER)
+    for folder in bench.folder.parents:
+        if folder.name.startswith("robustness-"):
+            folder.chmod(0o711)
     # These capabilities only let the other user read Python.
     rights = "+dac_override,+dac_read_search"
     other = f"--reuid={_USER} --regid={_USER} --clear-groups"
@@ -199,7 +203,8 @@ def working_folder_deleted_in_a_sweep(bench: Bench) -> None:
         folder = bench.folder / "work"
         folder.mkdir()
         arguments = ("sweep", str(bench.folder / "model.py"), *_OVER, "--jobs", jobs)
-        process = bench.start(bench.command(*arguments), cwd=folder)
+        line = shlex.join(bench.command(*arguments))
+        process = bench.start(["bash", "-c", f"cd work; exec {line}"])
         wait_for(
             lambda process=process, folder=folder: (
                 process.poll() is not None or (folder / "results").exists()
@@ -212,10 +217,11 @@ def working_folder_deleted_in_a_sweep(bench: Bench) -> None:
 
 def two_sweeps_in_one_folder(bench: Bench) -> None:
     """The second sweep in one results folder ends with a message that names the first one."""
-    _write_model(bench, "time.sleep(1.0)")
+    _write_model(bench, "while not os.path.exists('go'): time.sleep(0.05)")
     first = bench.start(bench.command(*_SWEEP))
-    wait_for(lambda: first.poll() is not None or _stored(bench))
+    wait_for(lambda: first.poll() is not None or [*bench.folder.glob("results/*/.lock")])
     second = expect_exit(bench.run(*_SWEEP), 2)
+    bench.write("go", "")
     expect(f"process {first.pid}" in second.err, second.error_tail)
     _expect_all_cases(bench, bench.finish(first))
 
@@ -337,7 +343,7 @@ def dask_scheduler_lost(bench: Bench) -> None:
     table = pd.read_csv(path)
     expect(set(table["status"]) == {"ok", "not run"}, f"statuses {set(table['status'])}")
     reasons = set(table["reason"].dropna())
-    expect(reasons == {"the connection to the Dask scheduler was lost"}, f"reasons {reasons}")
+    expect(reasons == {"the connection to the Dask cluster was lost"}, f"reasons {reasons}")
     expect(len(path.read_text().splitlines()) == len(table) + 1, "a cell has a line break")
     _expect_all_cases(bench, bench.run(*_SWEEP, time_limit=STUDY_TIME_LIMIT))
 
