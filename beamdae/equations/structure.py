@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache, wraps
+from functools import wraps
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
 import scipy.sparse as sp
 
+from beamdae.bounded_cache import bounded_cache
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.force_kernel import ForceKernel
 from beamdae.symbolic.rotations import LocalRotation
@@ -26,7 +26,9 @@ P = ParamSpec("P")
 T = TypeVar("T")
 K = TypeVar("K", bound=CacheOwner)
 
-_MAX_STRUCTURES = 16  # number of structures cached for later models
+# Largest total number of coordinates of the structures cached for later models. With everything
+# derived from them, they take about 5 kB per coordinate.
+_MAX_CACHED_COORDINATES = 4000
 # Larger structures are not cached: their sums need memory in proportion to their size, while the
 # time to build them becomes negligible compared with the run.
 _MAX_COORDINATES = 1000
@@ -115,19 +117,14 @@ def _comparison_key(value: Any) -> Any:
     return value if isinstance(value, int | LocalRotation | None) else id(value)
 
 
-_interning = threading.Lock()
-
-
 def intern_structure(structure: Structure) -> Structure:
     """Return an equal structure of an earlier model if one is cached, or else `structure`."""
     if structure.n > _MAX_COORDINATES:
         return structure
-    # Without the lock, concurrent threads could return different objects for equal structures.
-    with _interning:
-        return _intern_equal(structure)
+    return _intern_equal(structure)
 
 
-@lru_cache(maxsize=_MAX_STRUCTURES)
+@bounded_cache(_MAX_CACHED_COORDINATES, lambda structure: structure.n)
 def _intern_equal(structure: Structure) -> Structure:
     return structure
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Iterator
-from functools import lru_cache
 from itertools import chain
 from typing import NamedTuple
 
@@ -17,6 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU
 
+from beamdae.bounded_cache import array_bytes, bounded_cache
 from beamdae.linear.elimination import EliminationPlan
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.linear.orderings import (
@@ -28,10 +28,11 @@ from beamdae.linear.orderings import (
 
 Array = np.ndarray
 
-# Maximum number of cached orderings, and of cached plans.
-_MAX_CACHED_PATTERNS = 32
 # Number of unknowns up to which orderings and plans are cached.
 _MAX_CACHED_SIZE = 3000
+# Largest memory of the cached orderings, and of the cached plans [bytes]. A run needs a few
+# patterns; those of the largest cached size take about 1 MB each.
+_MAX_CACHED_BYTES = 8 * 2**20
 
 
 def propose_plans(pattern: sp.csc_array, nonzeros: Array) -> Iterator[EliminationPlan]:
@@ -119,7 +120,7 @@ def _order_pattern(key: _PatternKey) -> _OrderedPattern:
     )
 
 
-_cached_order_pattern = lru_cache(maxsize=_MAX_CACHED_PATTERNS)(_order_pattern)
+_cached_order_pattern = bounded_cache(_MAX_CACHED_BYTES, array_bytes)(_order_pattern)
 
 
 def _natural_order(key: _PatternKey) -> _OrderedPattern:
@@ -181,7 +182,7 @@ def _analyze_pattern(key: _PatternKey, row_bytes: bytes, column_bytes: bytes) ->
     )
 
 
-_cached_analyze_pattern = lru_cache(maxsize=_MAX_CACHED_PATTERNS)(_analyze_pattern)
+_cached_analyze_pattern = bounded_cache(_MAX_CACHED_BYTES, array_bytes)(_analyze_pattern)
 
 
 def _flatten_columns(columns: list[list[int]]) -> tuple[Array, Array]:

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
 Array = np.ndarray
 
 _MAX_MAPPED_ROWS = 128
+# Number of mapped functions that are cached per function: runs differ in their last, shorter block.
+MAX_MAPPED_FUNCTIONS = 16
+
+
+def keep_latest(functions: dict[Any, ca.Function], key: Any, mapped: ca.Function) -> None:
+    """Add a mapped function to a cache, and remove the oldest one if there are too many."""
+    functions[key] = mapped
+    if len(functions) > MAX_MAPPED_FUNCTIONS:
+        functions.pop(next(iter(functions)), None)
 
 
 class Compiled:
@@ -97,13 +108,13 @@ class RowFunction:
     def _map(self, count: int, shared: list[int]) -> ca.Function:
         """Return the function over `count` rows; cached, as mapping costs as much as a call."""
         function, key = self._function, (count, *shared)
-        if key not in self._mapped_functions:
-            self._mapped_functions[key] = (
-                function.map(function.name(), "serial", count, shared, [])
-                if count > 1
-                else function
-            )
-        return self._mapped_functions[key]
+        # A concurrent thread may remove the entry between a test and an access.
+        mapped = self._mapped_functions.get(key)
+        if mapped is None:
+            name = function.name()
+            mapped = function.map(name, "serial", count, shared, []) if count > 1 else function
+            keep_latest(self._mapped_functions, key, mapped)
+        return mapped
 
     def jacobians(self, *arguments: Array) -> list[Array]:
         """Return dense Jacobians: one array (size, k) for each argument of shape (k,)."""

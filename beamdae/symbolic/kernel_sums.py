@@ -29,7 +29,7 @@ from beamdae.native.loop_functions import (
     pick,
 )
 from beamdae.native.object_code import is_native_enabled
-from beamdae.symbolic.compiled import Compiled
+from beamdae.symbolic.compiled import Compiled, keep_latest
 from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V, SHARED_BRANCH, SHARED_T
 
 Array = np.ndarray
@@ -78,11 +78,12 @@ class Kernel:
 
     def map_copies(self, count: int) -> ca.Function:
         """Return the function of `count` copies; cached, as mapping costs as much as a call."""
-        if count not in self._mapped_functions:
+        mapped = self._mapped_functions.get(count)
+        if mapped is None:
             function = self.function
             mapped = function.map("copies", "serial", count, [0], []) if count > 1 else function
-            self._mapped_functions[count] = mapped
-        return self._mapped_functions[count]
+            keep_latest(self._mapped_functions, count, mapped)
+        return mapped
 
     @property
     def native(self) -> LaneKernel | None:

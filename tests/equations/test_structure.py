@@ -101,9 +101,14 @@ def test_other_connections_of_bodies_have_another_structure():
     assert chain([(0, 1), (1, 2)]) is not chain([(0, 1), (0, 2)])
 
 
-def test_the_number_and_size_of_cached_structures_is_limited(empty_caches, monkeypatch):
+def test_the_total_size_of_cached_structures_is_limited(empty_caches, monkeypatch):
     first = equations().structure
-    assert structure._intern_equal.cache_info().maxsize == structure._MAX_STRUCTURES
+    assert equations().structure is first
+    sizes = [bd.equations_of_motion(hub_beam(elements=k)).n for k in range(100, 106)]
+    assert max(sizes) < structure._MAX_COORDINATES
+    assert first.n + sum(sizes) > structure._MAX_CACHED_COORDINATES
+    assert equations().structure is not first
+    first = equations().structure
     monkeypatch.setattr(structure, "_MAX_COORDINATES", first.n - 1)
     assert equations().structure is not first
 

@@ -1,0 +1,63 @@
+"""Caches of functions that are bounded by the total size of their results."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar, cast
+
+Parameters = ParamSpec("Parameters")
+Result = TypeVar("Result")
+
+
+def bounded_cache(
+    limit: float, measure_size: Callable[[Any], float]
+) -> Callable[[Callable[Parameters, Result]], Callable[Parameters, Result]]:
+    """Return a decorator that caches the latest results of a function.
+
+    A bound on the number of results, as in `functools.lru_cache`, does not bound the memory: in a
+    process that runs models with many mesh sizes, results differ by orders of magnitude in size.
+
+    Parameters
+    ----------
+    limit
+        Largest total size of the cached results. A larger result is not cached.
+    measure_size
+        Function that returns the size of a result.
+    """
+
+    def decorate(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
+        results: OrderedDict[Hashable, tuple[Any, float]] = OrderedDict()
+        lock = threading.Lock()
+
+        @wraps(function)
+        def cached(*arguments: Parameters.args, **options: Parameters.kwargs) -> Result:
+            key = (arguments, tuple(sorted(options.items())))
+            with lock:
+                if key in results:
+                    results.move_to_end(key)
+                    return cast(Result, results[key][0])
+            result = function(*arguments, **options)
+            size = measure_size(result)
+            if size > limit:
+                return result
+            with lock:
+                # Concurrent threads obtain the same object for equal arguments.
+                result = cast(Result, results.setdefault(key, (result, size))[0])
+                while sum(entry_size for _, entry_size in results.values()) > limit:
+                    results.popitem(last=False)
+            return result
+
+        cast(Any, cached).cache_clear = results.clear
+        return cached
+
+    return decorate
+
+
+def array_bytes(arrays: Any) -> float:
+    """Return the memory of an array, or of all arrays of a tuple [bytes]."""
+    if isinstance(arrays, tuple):
+        return float(sum(map(array_bytes, arrays)))
+    return float(getattr(arrays, "nbytes", 0))
