@@ -3,7 +3,7 @@
 from functools import cache
 
 import pytest
-from robustness import mechanisms, starts
+from robustness import interrupts, mechanisms, starts
 from robustness.faults import catalog as fault_catalog
 from robustness.inputs import catalog as input_catalog
 from robustness.inputs.bad_input import MODEL_GROUPS
@@ -60,6 +60,11 @@ def test_methods_agree_on_random_mechanisms_or_warn(seed):
 @pytest.mark.parametrize("name", starts.TRIALS.sample(starts.QUICK_START_COUNT, SEED))
 def test_starts_inside_a_surface_are_reported_and_no_others(name):
     assert not starts.try_start(name).complaint
+
+
+@pytest.mark.parametrize("name", interrupts.TRIALS.sample(interrupts.QUICK_INTERRUPT_COUNT, SEED))
+def test_interrupts_end_every_call_and_command(name):
+    assert not interrupts.try_interrupt(name).complaint
 
 
 @pytest.mark.parametrize("name", list(fault_catalog.collect_faults(slow=False)))

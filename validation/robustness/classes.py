@@ -14,6 +14,7 @@ CLASSES = {
     "mechanisms": "robustness.mechanisms:TRIALS",
     "starts": "robustness.starts:TRIALS",
     "faults": "robustness.faults.catalog:TRIALS",
+    "interrupts": "robustness.interrupts:TRIALS",
     "files": "robustness.files.catalog:TRIALS",
 }
 
