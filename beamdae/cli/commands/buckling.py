@@ -15,7 +15,6 @@ from beamdae.cli.options import (
     Starts,
     load_configured_model,
     parse_start,
-    require_writable,
 )
 from beamdae.cli.output import (
     WrittenFiles,
@@ -24,6 +23,7 @@ from beamdae.cli.output import (
     print_written_files,
     record_results,
 )
+from beamdae.cli.output_paths import require_writable
 
 
 def buckling_command(
@@ -51,7 +51,7 @@ def buckling_command(
     model = load_configured_model(ModelFile(path), model_name, settings)
     name = f"{model.name}_buckling"
     table_path, picture = out / f"{name}.csv", out / f"{name}.png"
-    require_writable(out, (table_path.name, picture.name))
+    require_writable(("--out", (table_path, picture)))
     from beamdae.analysis.statics.linear_buckling import buckling
     from beamdae.report.pictures.figures import save_figure
     from beamdae.report.pictures.mode_shapes import create_modes_figure
