@@ -44,8 +44,8 @@ def test_results_reproduce_the_table():
         row = stored.loc[(name, result.setting, result.quantity)]
         # Collocation to 1e-8; heights at a limit load, a flat extremum, to the square root of it.
         assert result.reference == pytest.approx(float(row["published"]), rel=2e-6)
-        # The eigenvalue of the column changes by 0.08 J per load factor, and rounding of the largest
-        # stiffness, 9e8 J, is 1e-7 J. Flutter is as sensitive.
+        # The eigenvalue of the column changes by 0.08 J per load factor, and rounding of its
+        # stiffness, up to 9e8 J, is 1e-7 J. Flutter is as sensitive.
         rounding = 3e-6 if result.quantity.startswith(("branch point", "flutter point")) else 1e-8
         assert result.computed == pytest.approx(float(row["ours"]), rel=rounding)
 
