@@ -20,9 +20,16 @@ from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
 from beamdae.parts.events import Impact
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.part import Part
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.statements import RangeStatement, StrainDefectKernel, Variable
+from beamdae.symbolic.statements import (
+    ConstraintStatement,
+    ForceStatement,
+    RangeStatement,
+    StrainDefectKernel,
+    Variable,
+)
 
 Array = np.ndarray
 FrozenGaps = Mapping[str, FrozenGap]
@@ -237,6 +244,14 @@ class PartCoordinates(NamedTuple):
         return slice(self.rigid.stop if self.rigid_count else self.rows.stop, self.rows.stop)
 
 
+class PartStatements(NamedTuple):
+    """Constraints and forces of a part; see `Part`."""
+
+    part: Part
+    constraints: tuple[ConstraintStatement, ...]
+    forces: tuple[ForceStatement, ...]
+
+
 class Start(NamedTuple):
     """Requested initial conditions other than "as drawn".
 
@@ -314,6 +329,9 @@ class EquationsOfMotion:
     mechanism
         Mechanism from which the equations were assembled, for pictures and for observables added
         after a run; None for a constrained system.
+    statements
+        Statements of the parts of the mechanism. They contain the formulas of laws as they were
+        when the equations were assembled.
     """
 
     coordinates: tuple[Variable, ...]
@@ -335,6 +353,7 @@ class EquationsOfMotion:
     events: tuple[EventTerm, ...] = field(default=(), repr=False)
     configurations: Configurations | None = field(default=None, repr=False)
     mechanism: Mechanism | None = field(default=None, repr=False)
+    statements: tuple[PartStatements, ...] = field(default=(), repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property

@@ -24,6 +24,7 @@ from beamdae.equations.assembly.statement_checks import (
 from beamdae.equations.equations_of_motion import (
     EquationsOfMotion,
     PartCoordinates,
+    PartStatements,
 )
 from beamdae.equations.singular_laws import collect_varying_laws
 from beamdae.equations.starts.initial_conditions import apply_initial_conditions
@@ -101,6 +102,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         _BYTES_PER_COORDINATE * n,
         "use fewer bodies or fewer elements",
     )
+    statements: list[PartStatements] = []
     forces: list[ForceStatement] = []
     constraints: list[ConstraintStatement] = []
     ranges: list[RangeStatement] = []
@@ -112,6 +114,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         )
         if mechanism.gravity_laws is not None:
             part_forces = mechanism.gravity_laws.statements(part.forces)
+        statements.append(PartStatements(part, tuple(part_constraints), tuple(part_forces)))
         forces += part_forces
         constraints += part_constraints
         ranges += part_ranges
@@ -142,7 +145,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         events=[*mechanism.events, *(event for part in parts for event in part.events)],
         configurations=configurations,
     )
-    equations = replace(equations, mechanism=snapshot)
+    equations = replace(equations, mechanism=snapshot, statements=tuple(statements))
     if mechanism.redundant == MINIMUM_NORM:
         if configurations is not None:
             raise BeamdaeError(

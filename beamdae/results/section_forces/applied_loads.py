@@ -5,7 +5,7 @@ A wrench is (Fx [N], Fy [N], M [N m]) in inertial components, with M about the s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -17,7 +17,7 @@ import numpy as np
 from beamdae.beams.beam import Beam
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.equations.assembly.coordinate_map import map_coordinates
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, PartStatements, State
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.results.section_forces.section_motions import (
@@ -82,7 +82,7 @@ def collect_applied_loads(
     gravity = gravity_factor * _evaluate_gravity(mechanism, times)
     collector.add_inertia_and_weight(gravity)
     constant_gravity = None if gravity_factor == 1.0 else gravity[0]
-    for statement in _list_statements(mechanism, constant_gravity):
+    for statement in _list_statements(equations.statements, constant_gravity):
         factor = factors.get(statement.part.name, 1.0)
         if statement.part is not beam and factor:
             collector.add_statement(statement, factor)
@@ -107,25 +107,25 @@ class _PartStatement(NamedTuple):
     lam: slice
 
 
-def _list_statements(mechanism: Mechanism, gravity: Array | None) -> list[_PartStatement]:
-    """List the statements of all parts; gravity defaults to the gravity of the mechanism."""
-    parts, laws = list(mechanism.parts.values()), mechanism.gravity_laws
-    if gravity is not None:
-        laws = None
-    else:
-        gravity = mechanism.gravity
+def _list_statements(
+    of_parts: Sequence[PartStatements], gravity: Array | None
+) -> list[_PartStatement]:
+    """List the statements of all parts; gravity defaults to the gravity of the mechanism.
+
+    The formulas are those of the run, even if objects to which laws refer have changed since.
+    """
     statements: list[_PartStatement] = []
     multipliers: dict[str, slice] = {}
     first = 0
-    for part in parts:
-        for constraint in part.constraints():
+    for part, constraints, _ in of_parts:
+        for constraint in constraints:
             last = first + len(constraint.multipliers)
             statements.append(_PartStatement(part, constraint, slice(first, last)))
             start = multipliers.get(part.name, slice(first, last)).start
             multipliers[part.name] = slice(start, last)
             first = last
-    for part in parts:
-        for force in part.forces(gravity) if laws is None else laws.statements(part.forces):
+    for part, _, forces in of_parts:
+        for force in forces if gravity is None else part.forces(gravity):
             lam = slice(0, 0) if force.joint is None else multipliers[force.joint]
             statements.append(_PartStatement(part, force, lam))
     return statements
