@@ -302,3 +302,28 @@ def test_regression_event_table_without_multipliers():
         events = bd.simulate(mech, bd.Radau(), 1.0).events
         assert len(events) == count
         assert "ball.y [m]" in events
+
+
+@pytest.mark.parametrize("depth", [1e-1, 1e-3, 1e-4])
+@pytest.mark.parametrize(
+    "integrator", [bd.Auto(), bd.Radau(), bd.GeneralizedAlpha(step=0.0213)], ids=lambda x: x.method
+)
+def test_crossings_within_a_quarter_of_a_step_are_found(depth, integrator):
+    # Steps are up to 0.15 s; below the highest point by 1e-4 m, the crossings are 9 ms apart.
+    top = 4.0**2 / (2.0 * 9.81)
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 4.0)))
+    mech.observe("ball", ball.point)
+    mech.when("ball.y", top - depth, "both", do="record", name="level")
+    solution = bd.simulate(mech, integrator, t_end=3.0)
+    times = solution.events["t [s]"].to_numpy()
+    exact = 4.0 / 9.81 + np.array([-1.0, 1.0]) * np.sqrt(2.0 * depth / 9.81)
+    assert times == pytest.approx(exact, abs=2e-3)
+
+
+def test_quantity_that_turns_before_its_threshold_does_not_cross_it():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 4.0)))
+    mech.observe("ball", ball.point)
+    mech.when("ball.y", 4.0**2 / (2.0 * 9.81) + 1e-4, "both", do="record", name="level")
+    assert bd.simulate(mech, t_end=3.0).events.empty

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -20,9 +21,15 @@ Array = np.ndarray
 # the event are wasted.
 STEPS_PER_EVENT_CHECK = 16
 
-# Fractions of a step at which quantities are sampled: two crossings less than a quarter of a step
-# apart may be missed.
+# Fractions of a step at which quantities are sampled. Between the samples, quantities that pass
+# their threshold and return are found by `_locate_reversal`.
 _SAMPLES = np.array([0.25, 0.5, 0.75, 1.0])
+# Fraction of the first and last sampling intervals at which quantities are sampled, too, so that
+# reversals in these intervals lie between three samples.
+_EDGE_SHARE = 1e-3
+# A reversal is located by repeated sampling, to (2 / 8)^6 = 2e-4 of two sampling intervals.
+_REVERSAL_SAMPLES = 9
+_REVERSAL_REFINEMENTS = 6
 # A quantity is at its threshold within this distance, relative to its largest magnitude so far.
 _VALUE_ROUNDING = 1e-13
 # Tolerance of the time of an event, relative to the time and to the step.
@@ -218,17 +225,15 @@ class EventDetector:
         if tail is None:
             return None
         interval, begin = tail
-        t = _sample_times(interval.t[interval.t >= begin])
-        state = interval.at(t)
+        t, all_differences = self._sample(interval, begin)
         crossings: list[_Crossing] = []
         signs_by_term = []
-        for term in self.equations.events:
-            differences = self._differences(term, t, segment.branch, state)
+        for term, differences in zip(self.equations.events, all_differences, strict=True):
             side = self._side(term, float(differences[0]))
             signs = side.signs(differences)
             signs_by_term.append(signs)
-            difference_at = self._dense_difference(term, interval)
-            located = _locate_crossings(t, differences, signs, side.sign, difference_at)
+            differences_at = partial(self._dense_differences, term, interval)
+            located = _locate_crossings(t, differences, signs, side.sign, differences_at)
             crossings += [_Crossing(when, term, direction) for when, direction in located]
         crossings.sort(key=lambda crossing: (crossing.t, crossing.ends_segment))
         end = next((crossing.t for crossing in crossings if crossing.ends_segment), float(t[-1]))
@@ -241,6 +246,32 @@ class EventDetector:
         if event is not None:
             segment.truncate(interval, end)
         return event
+
+    def _sample(self, interval: Interval, begin: float) -> tuple[Array, list[Array]]:
+        """Return sampling times after `begin` [s] and the differences of each event at them.
+
+        Times at which a quantity passes its threshold and returns between two samples are added.
+        """
+        # Quantities may start at their thresholds, where no further sample is taken.
+        t = _sample_times(interval.t[interval.t >= begin], is_start=begin == interval.t[0])
+        terms = self.equations.events
+        state = interval.at(t)
+        sampled = [self._differences(term, t, interval.branch, state) for term in terms]
+        reversals = [
+            time
+            for term, differences in zip(terms, sampled, strict=True)
+            for k in _list_possible_reversals(differences)
+            if (
+                time := _locate_reversal(
+                    t[k - 1], t[k + 1], partial(self._dense_differences, term, interval)
+                )
+            )
+        ]
+        if not reversals:
+            return t, sampled
+        t = np.union1d(t, reversals)
+        state = interval.at(t)
+        return t, [self._differences(term, t, interval.branch, state) for term in terms]
 
     def _record_crossings(
         self, crossings: list[_Crossing], end: float, interval: Interval
@@ -303,19 +334,55 @@ class EventDetector:
     def _start_difference(self, term: EventTerm, start: Interval) -> float:
         return float(self._differences(term, start.nodes, start.branch, start.rows)[0])
 
-    def _dense_difference(self, term: EventTerm, interval: Interval) -> Callable[[float], float]:
-        def difference_at(t: float) -> float:
-            times = np.array([t])
-            return float(self._differences(term, times, interval.branch, interval.at(times))[0])
-
-        return difference_at
+    def _dense_differences(self, term: EventTerm, interval: Interval, t: Array) -> Array:
+        return self._differences(term, t, interval.branch, interval.at(t))
 
 
-def _sample_times(steps: Array) -> Array:
-    """Return the ends of the steps and the sampling times between them, ascending."""
+def _sample_times(steps: Array, is_start: bool) -> Array:
+    """Return the ends of the steps and the sampling times between them, ascending.
+
+    `is_start` is True if the first step begins a segment.
+    """
     inside = steps[:-1, None] + np.diff(steps)[:, None] * _SAMPLES
     inside[:, -1] = steps[1:]
-    return np.concatenate([steps[:1], inside.ravel()])
+    times = np.concatenate([steps[:1], inside.ravel()])
+    first, last = _EDGE_SHARE * np.diff(times)[[0, -1]]
+    edges = [times[-1] - last] if is_start else [times[0] + first, times[-1] - last]
+    return np.sort(np.concatenate([times, edges]))
+
+
+def _list_possible_reversals(differences: Array) -> Array:
+    """Return samples around which a quantity may pass its threshold and return.
+
+    At these samples, the distance from the threshold is smaller than at both neighbors, with equal
+    signs, and smaller than its change to one of them.
+    """
+    before, distance, after = (
+        np.abs(x) for x in (differences[:-2], differences[1:-1], differences[2:])
+    )
+    signs = np.sign(differences)
+    is_one_sided = (signs[:-2] == signs[1:-1]) & (signs[1:-1] == signs[2:]) & (signs[1:-1] != 0.0)
+    is_smallest = (distance <= before) & (distance <= after)
+    is_near = distance < np.maximum(before, after) - distance
+    return 1 + np.flatnonzero(is_one_sided & is_smallest & is_near)
+
+
+def _locate_reversal(
+    start: float, end: float, differences_at: Callable[[Array], Array]
+) -> float | None:
+    """Return a time [s] at which a quantity is beyond its threshold, or None.
+
+    The quantity has the same sign at `start` and `end` [s].
+    """
+    sign = float(np.sign(differences_at(np.array([start]))[0]))
+    for _ in range(_REVERSAL_REFINEMENTS):
+        times = np.linspace(start, end, _REVERSAL_SAMPLES)
+        values = differences_at(times)
+        k = int(np.argmin(sign * values))
+        if sign * values[k] < 0.0:
+            return float(times[k])
+        start, end = times[max(k - 1, 0)], times[min(k + 1, len(times) - 1)]
+    return None
 
 
 def _locate_crossings(
@@ -323,21 +390,21 @@ def _locate_crossings(
     differences: Array,
     signs: Array,
     sign_before: float,
-    difference_at: Callable[[float], float],
+    differences_at: Callable[[Array], Array],
 ) -> list[tuple[float, str]]:
     """Return the time [s] and direction of every sign change."""
     located = []
     for k in np.flatnonzero(signs):
         sign = float(signs[k])
         if sign_before == -sign:
-            time = _locate_crossing(t, differences, int(k), sign, difference_at)
+            time = _locate_crossing(t, differences, int(k), sign, differences_at)
             located.append((time, UP if sign > 0.0 else DOWN))
         sign_before = sign
     return located
 
 
 def _locate_crossing(
-    t: Array, differences: Array, k: int, sign: float, difference_at: Callable[[float], float]
+    t: Array, differences: Array, k: int, sign: float, differences_at: Callable[[Array], Array]
 ) -> float:
     """Return the time [s] of the sign change detected at sample `k`.
 
@@ -349,6 +416,10 @@ def _locate_crossing(
     # The quantity was already at its threshold, or jumped.
     if not differences[k - 1] * sign < 0.0:
         return begin
+
+    def difference_at(t: float) -> float:
+        return float(differences_at(np.array([t]))[0])
+
     if difference_at(begin) * sign >= 0.0 or difference_at(end) * sign <= 0.0:
         return end
     # Imported here because the import takes as long as a short run.
