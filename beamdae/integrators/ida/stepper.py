@@ -53,9 +53,8 @@ _RETRY_FACTOR = 1e-4
 _MIN_FIRST_STEP = 1e-300
 # Errors are weighted by absolute tolerances; IDA requires a nonzero relative tolerance.
 _NEGLIGIBLE_RTOL = 1e-15
-# In validation/tolerances (rtol from 1e-3 to 1e-6), 23 % of such runs exceeded the bound, most of
-# them by factors below 7, and none with order 5. The processor time of Radau was 0.9, 0.7, 0.5 and
-# 0.3 of that of IDA at these tolerances (medians).
+# In validation/tolerances (rtol from 1e-3 to 1e-5), 20 % of such runs exceeded the bound, by
+# factors up to 6, and none with order 5.
 _RADAU_ADVICE = (
     "fast modes limit BDF to order 2, so errors, mainly of deflections, may exceed the bound and "
     "tight tolerances are expensive; use Radau(rtol) or Auto(rtol)"
