@@ -53,7 +53,7 @@ def test_bad_inputs_end_in_a_sentence(processes, group):
 
 
 @pytest.mark.parametrize("seed", SAMPLE_SEEDS)
-def test_methods_agree_on_random_mechanisms_or_warn(seed):
+def test_random_mechanisms_are_accurate_or_warn(seed):
     assert not [row for row in mechanisms.try_seed(str(seed)) if row.complaint]
 
 

@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 from isolated_trials import run_trial
-from robustness import mechanisms
+from robustness import mechanisms, random_parts
 from robustness.faults.bench import CommandResult, WrongBehaviorError, expect_exit
 from robustness.inputs import catalog
 from robustness.inputs.bad_input import BadInput, try_input
@@ -152,22 +152,33 @@ def test_sample_has_each_value_of_each_public_name(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("run", "complaint"),
+    ("row", "complaint"),
     [
-        (("ok", "", 1e-3, 50.0, ""), ""),
-        (("ok", "", 0.2, 50.0, ""), "energies do not close"),
-        (("ok", "", np.nan, 50.0, ""), "energies do not close"),
-        (("ok", "", 0.2, 50.0, "beam: it bends far."), ""),
-        (("ok", "", 1e-3, 101.0, ""), "from the other methods"),
-        (("ok", "", 1e-3, 101.0, "tip: the estimated error is 0.1."), ""),
-        (("failed", "the residual is not finite", np.nan, np.nan, ""), ""),
-        (("failed", "", 1e-3, 1.0, ""), "it ended failed"),
-        (("interrupted", "by the user", 1e-3, 1.0, ""), "it ended interrupted"),
+        ({}, ""),
+        ({"imbalance": 0.2}, "energies do not close"),
+        ({"imbalance": np.nan}, "energies do not close"),
+        ({"imbalance": 0.2, "warnings": "beam: it bends far."}, ""),
+        ({"error": 101.0}, "101 rtol off"),
+        ({"error": 101.0, "warnings": "tip: the estimated error is 0.1."}, ""),
+        ({"ended": "failed", "reason": "the residual is not finite"}, ""),
+        ({"ended": "failed", "reason": ""}, "it ended failed"),
+        ({"ended": "interrupted", "reason": "by the user"}, "it ended interrupted"),
     ],
 )
-def test_run_balances_its_energy_and_agrees_or_warns(run, complaint):
-    assert complaint in mechanisms.find_run_complaint(*run)
-    assert bool(mechanisms.find_run_complaint(*run)) == bool(complaint)
+def test_run_balances_its_energy_and_is_accurate_or_warns(row, complaint):
+    right = {"ended": "ok", "error": 50.0, "column": "tip.x [m]", "imbalance": 1e-3}
+    message = mechanisms.find_run_complaint(
+        mechanisms.MechanismRow("0", "ball", "Auto", **{**right, **row})
+    )
+    assert complaint in message
+    assert bool(message) == bool(complaint)
+
+
+def test_random_mechanisms_are_reproducible_and_contain_every_addition():
+    names = [name for seed in range(300) for name in random_parts.describe_mechanism(seed)[1]]
+    assert set(names) == set(random_parts.ADDITIONS)
+    first, again = (list(random_parts.random_mechanism(seed=3).parts) for _ in range(2))
+    assert first == again
 
 
 def test_fault_is_judged_by_exit_code_and_messages():
