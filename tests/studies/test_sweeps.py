@@ -28,7 +28,7 @@ def test_all_combinations_are_rows_and_failures_have_a_reason(speed_radius_sweep
     assert list(speed_radius_sweep.table["speed"]) == [4.0] * 3 + [1.0] * 3 + [2.0] * 3
     assert list(speed_radius_sweep.table["radius"]) == [0.5, 0.0, 2.0] * 3
     assert list(speed_radius_sweep.table["status"]) == ["ok", "failed", "ok"] * 3
-    assert speed_radius_sweep.table["reason"][1] == "turning: radius must be positive, got 0.0."
+    assert speed_radius_sweep.table["reason"][1] == "turning: radius must be positive, got 0.0"
     assert speed_radius_sweep.table["tip.x max [m]"][[1, 4, 7]].isna().all()
     assert repr(speed_radius_sweep) == (
         "<SweepResults of turning_sweep over speed, radius: 9 cases, 6 reached the end time>"
@@ -74,7 +74,7 @@ def test_outputs_are_columns():
     ("output", "reason"),
     [
         (lambda run: run["tipp"], "the output 'peak' failed: BeamdaeError: "),
-        (lambda run: 1 / 0, "the output 'peak' failed: ZeroDivisionError: division by zero."),
+        (lambda run: 1 / 0, "the output 'peak' failed: ZeroDivisionError: division by zero"),
         (lambda run: run["tip.x"], "the output 'peak' must be a number, a bool, a string or"),
     ],
 )
