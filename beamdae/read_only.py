@@ -34,8 +34,8 @@ class ReadOnlyDict(dict[Any, Any]):
     def _reject(self, *arguments: Any, **options: Any) -> NoReturn:
         raise BeamdaeError("dictionary of a result: it is read-only; change a copy, dict(...).")
 
-    __setitem__ = __delitem__ = __ior__ = _reject  # type: ignore[assignment]
-    clear = pop = popitem = setdefault = update = _reject  # type: ignore[assignment]
+    __setitem__ = __delitem__ = __ior__ = _reject
+    clear = pop = popitem = setdefault = update = _reject
 
     def __reduce__(self) -> Any:
         return ReadOnlyDict, (dict(self),)
@@ -104,7 +104,8 @@ def _copy(value: Any, copies: dict[int, Any], depth: int) -> Any:
         entries += [_copy(entry, copies, depth + 1) for entry in value]
         return entries
     if kind in (dict, ReadOnlyDict):
-        copies[id(value)] = items = {}
+        items: dict[Any, Any] = {}
+        copies[id(value)] = items
         items |= {key: _copy(entry, copies, depth + 1) for key, entry in value.items()}
         return items
     if kind is tuple:
@@ -118,7 +119,8 @@ def read_only_data(cls: _T) -> _T:
     Fields that contain tables return copies. This is a decorator of classes whose instances have a
     `__dict__`, also of frozen dataclasses; subclasses need it, too.
     """
-    initialize: Callable[..., None] = cls.__init__
+    decorated: Any = cls
+    initialize: Callable[..., None] = decorated.__init__
     restore = getattr(cls, "__setstate__", None)
 
     @wraps(initialize)
@@ -134,8 +136,8 @@ def read_only_data(cls: _T) -> _T:
             restore(self, state)
         _protect_fields(self)
 
-    cls.__init__ = initialize_and_protect
-    cls.__setstate__ = restore_and_protect
+    decorated.__init__ = initialize_and_protect
+    decorated.__setstate__ = restore_and_protect
     for name, annotation in get_annotations(cls).items():
         if "DataFrame" in str(annotation):
             setattr(cls, name, _table_property(name))
