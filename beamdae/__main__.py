@@ -38,8 +38,8 @@ def main() -> None:
     # Runs use one thread. By default, NumPy and SciPy each start one thread per core, which delays
     # the start of the process.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    _require_address_space()
     try:
+        _require_address_space()
         from beamdae.cli import signals
 
         signals.install_handlers()

@@ -28,6 +28,7 @@ CALLS = {
     "simulate, alpha": "bd.simulate(model, bd.GeneralizedAlpha(step=1e-3))",
     "equilibrium": "bd.equilibrium(model)",
     "modes": "bd.modes(model)",
+    "buckling": "bd.buckling(model)",
     "campbell": "bd.campbell(model, [0.0, 1.0])",
     "linearize": "bd.linearize(model)",
     "periodic": "bd.periodic(model, 0.5, settle=1)",
@@ -207,11 +208,12 @@ def _try_command(
     after, code = time.monotonic() - sent, process.returncode
     if not is_running or (code == 0 and after < _SIMULTANEOUS):
         return ("finished", "")
-    # The interrupt may hit the start of Python itself, before the first line of beamdae.
-    is_early = code in (-signal.SIGINT, 1) and "beamdae/" not in errors
+    # The interrupt may hit the start of Python and the import of the package, which precede the
+    # command line.
+    is_early = code in (-signal.SIGINT, 1) and "beamdae/cli/" not in errors
     if code != 128 + signal.SIGINT and not is_early:
         return (f"code {code}", errors[-200:] or "lost")
-    if "Traceback" in errors and "beamdae/" in errors:
+    if "Traceback" in errors and not is_early:
         return ("raised", f"traceback: {errors[-200:]}")
     is_late = after > _MAX_TIME_AFTER_INTERRUPT
     return ("raised", f"{after:.1f} s later" if is_late else "")

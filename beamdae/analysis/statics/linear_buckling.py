@@ -20,6 +20,7 @@ from beamdae.analysis.statics.path_tracing import (
 )
 from beamdae.analysis.statics.static_equilibrium import initial_positions
 from beamdae.errors import BeamdaeError, require_count, require_finite
+from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.linear.factorizations import SingularMatrixError, create_factorization
 from beamdae.model_functions import Model
@@ -129,6 +130,7 @@ class _LinearizedPath(NamedTuple):
 
 
 @single_threaded
+@interruptible
 def buckling(
     model: Any, modes: int = 5, loads: Any = None, t: float = 0.0, start: Any = None
 ) -> Buckling:
@@ -163,6 +165,8 @@ def buckling(
     ------
     BeamdaeError
         If an argument is invalid, no load is scaled, or the unloaded mechanism can move freely.
+    Interrupted
+        If Ctrl-C ends the call.
 
     Examples
     --------
