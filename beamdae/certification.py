@@ -87,7 +87,7 @@ _MAX_STAGNATIONS = 2
 _TIME_SAFETY_FACTOR = 1.25
 _MESH_SAFETY_FACTOR = 1.25
 # Limits of the observed ratios q of a decade of rtol and of a halving of all elements.
-_MIN_TIME_RATIO, _MAX_TIME_RATIO = 0.1, 0.5
+_MIN_TIME_RATIO, _MAX_TIME_RATIO = 0.1, 0.6
 _MIN_MESH_RATIO, _MAX_MESH_RATIO = 0.02, 0.5
 # Contacts, stick-slip and impacts reduce the order in time, which two differences need not show.
 _MIN_NONSMOOTH_TIME_RATIO = 0.3
