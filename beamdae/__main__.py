@@ -6,8 +6,8 @@ import sys
 _INTERRUPTED = 130  # exit code after Ctrl-C: 128 plus the number of SIGINT
 
 
-# Address space that commands need beyond that of Python [bytes]; a short run needs 0.7e9. With less,
-# BLAS ends the process or waits forever, and modules cannot be imported.
+# Address space that commands need beyond that of Python [bytes]; a short run needs 0.7e9. With
+# less, BLAS ends the process or waits forever, and modules cannot be imported.
 _MIN_ADDRESS_SPACE = 0.75e9
 _USAGE_ERROR = 2
 
