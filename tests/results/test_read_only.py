@@ -6,63 +6,10 @@ from copy import deepcopy
 import numpy as np
 import pytest
 from robustness.handed_out import list_changes
+from robustness.writes import RESULTS, STRIP, run
 
 import beamdae as bd
 from beamdae.read_only import ReadOnlyDict, copy_containers, read_only
-
-STRIP = bd.Section.rectangle(bd.Material.of("steel"), width=0.01, height=0.004)
-
-
-@bd.model(t_end=0.1)
-def arm(stiffness=50.0):
-    """Beam on a hinge with a spring, shaken at its tip."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81), start={"arm.x0": 0.0})
-    beam = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (1.0, 0.0)), STRIP, elements=2))
-    hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
-    mech.add(bd.TorsionSpring("spring", hinge.a, hinge.b, stiffness))
-    mech.add(bd.TorsionDamper("damper", hinge.a, hinge.b, 1.0))
-    mech.add(bd.Force("shaker", beam.end, (0.0, bd.sine(1.0, frequency=10.0))))
-    mech.observe("tip", beam.end)
-    mech.when("tip.y", crosses=-0.001, direction="down", do="record", name="low")
-    return mech
-
-
-@bd.model(t_end=0.1)
-def shaken(stiffness=100.0):
-    """Mass on a spring, shaken ten times per second."""
-    mech = bd.Mechanism()
-    bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
-    mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), bob.point, (1.0, 0.0)))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness, 50.0))
-    mech.add(bd.Force("shaker", bob.point, (bd.sine(1.0, frequency=10.0), 0.0)))
-    mech.observe("bob", bob.point)
-    return mech
-
-
-def run(**settings):
-    return bd.simulate(arm(), bd.Radau(1e-4), output_step=0.01, **settings)
-
-
-def saved_run(tmp_path):
-    return bd.load(run().save(tmp_path / "run.beamdae"))
-
-
-RESULTS = {
-    "Solution": lambda _: run(),
-    "SavedRun": saved_run,
-    "Solution.at": lambda _: run().at(0.05),
-    "SectionForces": lambda _: run().section_forces("arm"),
-    "Equilibrium": lambda _: bd.equilibrium(arm()),
-    "Modes": lambda _: bd.modes(arm(), n=2),
-    "LinearModel": lambda _: bd.linearize(arm(), inputs=["shaker"], outputs=["tip"]),
-    "PeriodicMotion": lambda _: bd.periodic(shaken(), 0.1),
-    "Check": lambda _: bd.check(shaken()),
-    "Certificate": lambda _: bd.certify(shaken()),
-    "AnalysisCertificate": lambda _: bd.certify_equilibrium(arm()),
-    "SweepResults": lambda _: bd.sweep(shaken, {"stiffness": [50.0, 60.0]}, jobs=1),
-    "Mechanism": lambda _: arm(),
-    "Model": lambda _: arm,
-}
 
 
 @pytest.mark.parametrize("name", list(RESULTS))

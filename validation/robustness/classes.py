@@ -13,6 +13,7 @@ CLASSES = {
     "inputs": "robustness.inputs.catalog:TRIALS",
     "mechanisms": "robustness.mechanisms:TRIALS",
     "starts": "robustness.starts:TRIALS",
+    "writes": "robustness.writes:TRIALS",
     "faults": "robustness.faults.catalog:TRIALS",
     "interrupts": "robustness.interrupts:TRIALS",
     "files": "robustness.files.catalog:TRIALS",

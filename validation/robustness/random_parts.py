@@ -83,7 +83,7 @@ class Site:
 
 
 def _contact_law(site: Site) -> dict[str, Any]:
-    """Return arguments of a contact: penetration of about 1e-5 to 1e-2 of the size by the weight."""
+    """Return arguments of a contact that the weight closes by 1e-5 to 1e-2 of the size."""
     exponent = float(site.rng.choice([1.0, 1.5, 1.5, 2.0]))
     law: dict[str, Any] = {
         "stiffness": site.weight / (site.log(1e-5, 1e-2) * site.size) ** exponent,
