@@ -19,6 +19,10 @@ from typing import Any
 _MEMORY_LIMIT = 6_000_000_000  # bytes of address space of a worker process
 _POLL_INTERVAL = 0.1  # s between checks of the time limit
 _PARENT_CHECK_INTERVAL = 1.0  # s
+# A trial exceeds its time limit by its processor time, or by this multiple of it in wall time: on a
+# loaded machine, processes get a small part of the time.
+_MAX_WALL_RATIO = 10.0
+_CPU_FIELDS = slice(11, 13)  # utime and stime after the name in /proc/PID/stat
 _MAX_CAPTURED_OUTPUT = 20_000  # bytes
 
 
@@ -47,7 +51,8 @@ class ProcessPool:
     ) -> Iterator[tuple[str, Any]]:
         """Yield (name, function(name)) in order of completion.
 
-        The result is None if the process died, and ... if it exceeded `time_limit` [s].
+        The result is None if the process died, and ... if it exceeded `time_limit` [s] of processor
+        time, or ten times as much wall time.
         """
         waiting = deque(names)
         while waiting or any(worker.name for worker in self._workers):
@@ -57,7 +62,7 @@ class ProcessPool:
             busy = [worker for worker in self._workers if worker.name]
             ready = wait([worker.connection for worker in busy], timeout=_POLL_INTERVAL)
             for worker in busy:
-                if worker.connection in ready or worker.elapsed > time_limit:
+                if worker.connection in ready or worker.exceeds(time_limit):
                     yield worker.finish_trial(worker.connection in ready)
 
 
@@ -77,13 +82,28 @@ class _Worker:
         other.close()
         self.connection.recv()
 
-    @property
-    def elapsed(self) -> float:
-        """Time since the start of the trial [s]."""
-        return time.monotonic() - self._start
+    def exceeds(self, time_limit: float) -> bool:
+        """Return True if the trial exceeds a limit of its processor time [s]."""
+        elapsed = time.monotonic() - self._start
+        if elapsed <= time_limit:
+            return False
+        processor_time = self._read_processor_time()
+        used = elapsed if processor_time is None else processor_time - self._start_processor_time
+        return used > time_limit or elapsed > _MAX_WALL_RATIO * time_limit
+
+    def _read_processor_time(self) -> float | None:
+        """Return the processor time of the process so far [s]; None if it is not available."""
+        try:
+            text = Path(f"/proc/{self._process.pid}/stat").read_text()
+        except OSError:
+            return None
+        # The name of the program, in parentheses, may contain spaces.
+        user, system = text.rpartition(")")[2].split()[_CPU_FIELDS]
+        return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
 
     def start_trial(self, function: Callable[[str], Any], name: str) -> None:
         self.name, self._start = name, time.monotonic()
+        self._start_processor_time = self._read_processor_time() or 0.0
         self.connection.send((function, name))
 
     def finish_trial(self, has_answer: bool) -> tuple[str, Any]:
