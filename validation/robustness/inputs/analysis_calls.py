@@ -153,6 +153,7 @@ PERIODIC_CALLS: dict[str, WorkingCall] = {
             "tolerance": 1e-3,
             "most_points": 4,
             "begin": 0.0,
+            "partial": "raise",
         },
         lambda box, response: response.table(),
     ),
@@ -181,6 +182,16 @@ def _bar_on_torsion_spring(sandbox: Sandbox) -> bd.Mechanism:
     return sandbox.mech
 
 
+def _column() -> bd.Mechanism:
+    """Return a clamped column of one element under its compressive load."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.002)
+    column = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (0.0, 1.0)), section, 1))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), column.start))
+    mech.add(bd.Force("press", column.end, (0.0, -section.EI)))
+    return mech
+
+
 STATIC_CALLS: dict[str, WorkingCall] = {
     "equilibrium": WorkingCall(
         lambda box: {
@@ -193,7 +204,12 @@ STATIC_CALLS: dict[str, WorkingCall] = {
             "most_points": 20,
             "t": 0.0,
             "start": {"bar.angle": -1.0},
+            "partial": "raise",
         },
+        lambda box, result: result.table(),
+    ),
+    "buckling": WorkingCall(
+        lambda box: {"model": _column(), "modes": 1, "loads": ["press"], "t": 0.0, "start": None},
         lambda box, result: result.table(),
     ),
     "equilibrium displaced": WorkingCall(
@@ -304,6 +320,7 @@ def _certify_arguments(sandbox: Sandbox) -> dict[str, Any]:
         "start": "as drawn",
         "time_limit": RUN_TIME_LIMIT,
         "progress": lambda t: None,
+        "partial": "raise",
     }
 
 

@@ -68,6 +68,7 @@ NOT_CALLABLE = {
     "AnalysisCertificate": "result of certify_equilibrium, certify_modes and certify_periodic",
     "Animation": "result of animate",
     "BeamRange": "row of Solution.validity",
+    "Buckling": "result of buckling",
     "BeamdaeError": "exception",
     "BeamdaeWarning": "warning category",
     "Interrupted": "raised by interrupts",

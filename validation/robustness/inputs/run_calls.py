@@ -70,6 +70,7 @@ SWEEP_CALLS: dict[str, WorkingCall] = {
             "jobs": 1,
             "scheduler": None,
             "progress": lambda standing: None,
+            "partial": "raise",
         },
         _get_table,
         _sweep_into_folder,
@@ -213,6 +214,7 @@ def _compare_arguments(sandbox: Sandbox) -> dict[str, Any]:
         "t_end": T_END,
         "output_step": OUTPUT_STEP,
         "progress": None,
+        "partial": "raise",
     }
 
 
@@ -280,6 +282,7 @@ MODEL_CALLS: dict[str, WorkingCall] = {
             "progress": lambda t: None,
             "start": "as drawn",
             "accept_changes": False,
+            "partial": "raise",
         },
         return_result,
     ),
