@@ -127,6 +127,16 @@ def count_periods(plan: RunPlan) -> float:
     return max(1.0, rate * plan.duration / (2.0 * np.pi))
 
 
+def reduce_tolerance(periods: float, exponent: float, long_exponent: float) -> float:
+    """Return the factor of the tolerance for a number of periods, over which errors accumulate.
+
+    The factor falls with the number of periods to the power -`exponent`, and with the power
+    -`long_exponent` beyond ten periods.
+    """
+    few, long = min(periods, _MANY_PERIODS), max(periods / _MANY_PERIODS, 1.0)
+    return few**-exponent * long**-long_exponent
+
+
 def motion_scales(plan: RunPlan) -> MotionScales:
     """Return the scales of the motion during a run."""
     equations, state, position = plan.equations, plan.state, plan.scales
@@ -185,9 +195,7 @@ class ErrorControl:
             return periods**-_PERIOD_EXPONENT
         if is_free:
             return periods**-_PERIOD_EXPONENT_ORBITS
-        long = max(periods / _MANY_PERIODS, 1.0)
-        few = min(periods, _MANY_PERIODS)
-        return few**-_PERIOD_EXPONENT_CONSTRAINED * long**-_PERIOD_EXPONENT_LONG
+        return reduce_tolerance(periods, _PERIOD_EXPONENT_CONSTRAINED, _PERIOD_EXPONENT_LONG)
 
     def absolute_tolerances(
         self, tolerance: float, scales: MotionScales, form: FirstOrderForm, iterated: bool = False
