@@ -89,8 +89,8 @@ def _run_attempt(bad_input: BadInput, words: set[str]) -> TrialOutcome:
     try:
         return _assess_result(bad_input.attempt(words))
     except bd.BeamdaeError as error:
-        text = str(error) if type(error) is bd.BeamdaeError else repr(error)
-        return TrialOutcome("refused", text)
+        # Subclasses, such as that of damaged files, have the same sentence.
+        return TrialOutcome("refused", str(error))
     except BaseException as error:  # SystemExit and KeyboardInterrupt are wrong outcomes, too.
         return outcome_of_exception(error)
 
