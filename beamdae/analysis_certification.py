@@ -6,7 +6,7 @@ meshes, each with elements half as long as those of the previous mesh.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from beamdae.errors import BeamdaeError, require_count, require_positive, short_
 from beamdae.integrators import Integrator
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
-from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.mechanism import Mechanism, require_start
 from beamdae.results.analysis_certificate import AnalysisCertificate
 from beamdae.results.certificate import MAX_ACCURACY
 from beamdae.results.columns import (
@@ -167,6 +167,8 @@ def certify_modes(
         return _Values(result, names, frequencies, frequencies, at_rest)
 
     about = settings.get("about")
+    if isinstance(about, Mapping):
+        settings["about"] = about = require_start("about", about)
     return _certify("certify_modes", model, accuracy, None, evaluate, about)
 
 

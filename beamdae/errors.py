@@ -100,7 +100,7 @@ def short_repr(value: Any) -> str:
     Memory addresses are removed. If `repr` fails, the type of the value is described instead.
     """
     try:
-        text = repr(value)
+        text = repr(plain_text(value))
     except Exception:
         # For example, integers with thousands of digits.
         return f"a value of type {type(value).__name__}"
@@ -178,20 +178,54 @@ def as_real(value: Any) -> float | None:
 def unbox_scalar(value: Any) -> Any:
     """Return a NumPy scalar or zero-dimensional array as a Python scalar, or `value` unchanged.
 
-    Masked values stay masked, because `item` would return the number behind the mask.
+    Strings of a subclass are returned as strings. Masked values stay masked, because `item` would
+    return the number behind the mask.
     """
     try:
         is_scalar = getattr(value, "ndim", None) == 0 and not bool(getattr(value, "mask", False))
-        return value.item() if is_scalar else value
+        return plain_text(value.item() if is_scalar else value)
     except Exception:
         # The attributes of a user's object may fail.
-        return value
+        return plain_text(value)
 
 
 def as_text(value: Any) -> str | None:
     """Return a string, also of a subclass, as a string, and None for other values."""
     # The methods of a subclass may fail.
     return str.__str__(value) if isinstance(value, str) else None
+
+
+def plain_text(value: Any) -> Any:
+    """Return a string, also of a subclass, as a string, and other values unchanged."""
+    text = as_text(value)
+    return value if text is None else text
+
+
+def path_as_text(value: Any) -> str | None:
+    """Return a string or a `Path` as a string, and None for other values."""
+    try:
+        return str(value) if isinstance(value, Path) else as_text(value)
+    except Exception:
+        # The methods of a subclass of Path may fail.
+        return None
+
+
+def read_attribute(value: Any, name: str) -> Any:
+    """Return an attribute of an object, or None if it is missing or fails."""
+    try:
+        return getattr(value, name, None)
+    except Exception:
+        # The attributes of a user's object may fail.
+        return None
+
+
+def is_instance(value: Any, protocol: type) -> bool:
+    """Return `isinstance(value, protocol)`, and False if the attributes of the value fail."""
+    try:
+        return isinstance(value, protocol)
+    except Exception:
+        # Protocols with data read the attributes of a user's object.
+        return False
 
 
 def require_finite(part: str, name: str, value: Any) -> float:
@@ -248,14 +282,14 @@ def require_count(part: str, name: str, value: Any, least: int = 1, most: int | 
 def require_sequence(part: str, name: str, value: Any, what: str) -> list[Any]:
     """Return the entries of a list, tuple or other sequence, or of an array.
 
-    Sets, strings and iterators are rejected with a BeamdaeError; `what` describes the expected
-    value in its message.
+    Entries that are strings of a subclass are converted to strings. Sets, strings and iterators
+    are rejected with a BeamdaeError; `what` describes the expected value in its message.
     """
     is_sequence = isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray))
     try:
         dimensions = getattr(value, "ndim", 0)
         if is_sequence or (isinstance(dimensions, int) and dimensions > 0):
-            return list(value)
+            return [plain_text(entry) for entry in value]
     except Exception as problem:
         # The methods of a user's sequence may fail.
         raise BeamdaeError(
@@ -270,11 +304,11 @@ def require_iterable(
 ) -> list[Any]:
     """Return the first `most` items of an iterable (None: all items).
 
-    Other values are rejected with a BeamdaeError; `what` describes the expected value in its
-    message.
+    Items that are strings of a subclass are converted to strings. Other values are rejected with
+    a BeamdaeError; `what` describes the expected value in its message.
     """
     try:
-        return list(islice(value, most))
+        return [plain_text(item) for item in islice(value, most)]
     except Exception:  # CasADi symbols declare __iter__ but cannot be iterated.
         raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.") from None
 
@@ -282,21 +316,27 @@ def require_iterable(
 def require_mapping(part: str, name: str, value: Any, what: str) -> dict[str, Any]:
     """Return a mapping with strings as keys as a dictionary.
 
-    Other values are rejected with a BeamdaeError; `what` describes the expected value in its
-    message.
+    Keys and values that are strings of a subclass are converted to strings. Other mappings and
+    values are rejected with a BeamdaeError; `what` describes the expected value in its message.
     """
+    entries = require_entries(part, name, value, what)
+    if not all(isinstance(key, str) for key in entries):
+        raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")
+    return entries
+
+
+def require_entries(part: str, name: str, value: Any, what: str) -> dict[Any, Any]:
+    """Return a mapping with any keys as a dictionary; see `require_mapping`."""
     try:
-        entries = {key: value[key] for key in value} if isinstance(value, Mapping) else None
-        texts = None if entries is None else [as_text(key) for key in entries]
+        if isinstance(value, Mapping):
+            return {plain_text(key): plain_text(value[key]) for key in value}
     except Exception as problem:
         # The methods of a user's mapping may fail.
         raise BeamdaeError(
             f"{part}: {name} must be {what}, but {short_repr(value)} cannot be read: "
             f"{format_exception(problem)}."
         ) from None
-    if entries is None or texts is None or None in texts:
-        raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")
-    return {str(text): entry for text, entry in zip(texts, entries.values(), strict=True)}
+    raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")
 
 
 def require_keywords(part: str, settings: Mapping[str, Any], function: Callable[..., Any]) -> None:
@@ -354,7 +394,7 @@ def require_name(kind: str, name: Any) -> str:
     Names of parts, points, observables and events appear in results, for example in the column
     header "name.x [m]". `kind` begins the message.
     """
-    name = name if as_text(name) is None else as_text(name)
+    name = plain_text(name)
     if not isinstance(name, str) or not name.strip():
         raise BeamdaeError(f"{kind}: the name must be a non-empty string, got {short_repr(name)}.")
     # Spreadsheets read a cell that begins with one of these signs as a formula.

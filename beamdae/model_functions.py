@@ -16,6 +16,7 @@ from beamdae.deferred import public
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    plain_text,
     require_finite,
     require_mapping,
     require_positive,
@@ -219,6 +220,8 @@ class Model:
             return require_finite(self.name, name, value)
         if kind is int and number is not None and number.is_integer():
             return int(value)
+        if kind in (int, float) and number is None:
+            raise self._type_error(name, value)
         # A default of None accepts any type; bool is a subclass of int.
         is_bool = isinstance(value, bool) and kind is not bool
         if kind is not type(None) and (is_bool or not isinstance(value, kind)):
@@ -255,6 +258,7 @@ def require_file_name(part: str, value: Any) -> str:
         : * ? " < > |, begins or ends with a dot or a space, is reserved by Windows (such as CON,
         NUL and COM1), or is longer than 120 bytes.
     """
+    value = plain_text(value)
     if not isinstance(value, str):
         raise BeamdaeError(f"{part}: the name must be a string, got {short_repr(value)}.")
     length = len(value.encode(errors="replace"))

@@ -20,8 +20,8 @@ from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
-    as_text,
     is_valid_path,
+    path_as_text,
     require_choice,
     require_positive,
     short_repr,
@@ -307,7 +307,7 @@ def _read_checkpoint(start: Any) -> Checkpoint | None:
         return Checkpoint.of(start)
     if isinstance(start, Equilibrium):
         return start.to_checkpoint()
-    name = str(start) if isinstance(start, Path) else as_text(start)
+    name = path_as_text(start)
     if name is not None and is_valid_path(name):
         # A misspelled "equilibrium" has no suffix.
         is_file = isinstance(start, Path) or Path(name).suffix != "" or os.path.isfile(name)

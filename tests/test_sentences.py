@@ -527,9 +527,9 @@ def test_a_misspelled_public_name_raises_an_attribute_error():
         ),
         ({"constraints": {"rod [deg]": Q}}, "angles must be in 'rad', got 'deg'"),
         ({"constraints": {"rod": "x"}}, "the constraint rod must consist of numbers"),
-        ({"parameters": {"m": 1.0}}, r"parameters must map symbols .* got {'m': 1.0}"),
-        ({"parameters": [1.0]}, "parameters must map symbols"),
-        ({"parameters": {2 * LAM: 1.0}}, "parameters must map symbols"),
+        ({"parameters": {"m": 1.0}}, r"parameters must be a dict from symbols .* got {'m': 1.0}"),
+        ({"parameters": [1.0]}, "parameters must be a dict from symbols"),
+        ({"parameters": {2 * LAM: 1.0}}, "parameters must be a dict from symbols"),
         ({"parameters": {ca.SX.sym("m"): "x"}}, "the parameter m must be a number, got 'x'"),
         ({"parameters": {T: 1.0}}, "t, q, v and parameters must be different symbols"),
         (

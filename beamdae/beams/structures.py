@@ -15,9 +15,11 @@ from beamdae.curves.plane_curves import Line, PlaneCurve, Segment, require_curve
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
+    as_text,
     require_choice,
     require_count,
     require_keywords,
+    require_mapping,
     require_name,
     require_point,
     require_sequence,
@@ -111,13 +113,10 @@ def frame(
         raise BeamdaeError(f"frame: mechanism must be a Mechanism, got {short_repr(mechanism)}.")
     name = require_name("frame", name)
     require_keywords(name, settings, Beam)
-    if not isinstance(points, Mapping):
-        raise BeamdaeError(
-            f"{name}: points must be a dictionary of positions (x, y) by name, "
-            f"got {short_repr(points)}."
-        )
+    points = require_mapping(name, "points", points, "a dictionary of positions (x, y) by name")
     positions = {
-        require_name(name, key): require_point(name, f"point {key}", points[key]) for key in points
+        require_name(name, key): require_point(name, f"point {key}", point)
+        for key, point in points.items()
     }
     beams: dict[tuple[str, str], Beam] = {}
     ends: dict[str, list[Attachment]] = {key: [] for key in positions}
@@ -153,10 +152,9 @@ def _parse_member(
     name: str, member: Any, positions: Mapping[str, Any], section: Any
 ) -> tuple[str, str, Any]:
     # A string such as "AB" is a pair of points with one-letter names.
+    text = as_text(member)
     entries = (
-        list(member)
-        if isinstance(member, str)
-        else require_sequence(name, "member", member, _MEMBER_FORMAT)
+        list(text) if text is not None else require_sequence(name, "member", member, _MEMBER_FORMAT)
     )
     if len(entries) not in (2, 3):
         raise BeamdaeError(f"{name}: a member must be {_MEMBER_FORMAT}, got {short_repr(member)}.")

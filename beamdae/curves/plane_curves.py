@@ -10,6 +10,7 @@ import numpy as np
 
 from beamdae.errors import (
     BeamdaeError,
+    is_instance,
     require_finite,
     require_point,
     require_positive,
@@ -58,7 +59,7 @@ class PlaneCurve(Protocol):
 def require_curve(part: str, curve: Any) -> PlaneCurve:
     """Return `curve` if it is a plane curve of positive length, or raise BeamdaeError."""
     # Curve classes, unlike instances, are rejected although they have the same methods.
-    if isinstance(curve, type) or not isinstance(curve, PlaneCurve):
+    if isinstance(curve, type) or not is_instance(curve, PlaneCurve):
         raise BeamdaeError(
             f"{part}: curve must be a Line, Arc, Parabola, Curve, IntrinsicCurve or Segment, "
             f"got {short_repr(curve)}."

@@ -10,7 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError, require_count, require_positive, set_fields, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    plain_text,
+    require_count,
+    require_positive,
+    set_fields,
+    short_repr,
+)
 from beamdae.results.solution import Solution
 
 Array = np.ndarray
@@ -165,7 +172,7 @@ def require_integrator(part: str, value: Any) -> Integrator:
             f"{part}: the accuracy of {value.method} must be an Accuracy(name, value), "
             f"got {short_repr(accuracy)}."
         )
-    name = accuracy.name
+    name = plain_text(accuracy.name)
     field_names = [field.name for field in fields(value)]
     if not isinstance(name, str) or name not in ("rtol", "step") or name not in field_names:
         raise BeamdaeError(

@@ -12,7 +12,10 @@ import scipy.sparse as sp
 
 from beamdae.errors import (
     BeamdaeError,
+    as_text,
     format_exception,
+    read_attribute,
+    require_choice,
     require_finite,
     require_point,
     set_fields,
@@ -64,13 +67,14 @@ class Attachment:
     s: float | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(getattr(self.body, "name", None), str):
+        name = as_text(read_attribute(self.body, "name"))
+        if name is None:
             raise BeamdaeError(f"Attachment: body must be a part, got {short_repr(self.body)}.")
-        name = self.body.name
         set_fields(
             self,
             point=require_point(name, "point", self.point),
             inclination=require_finite(name, "inclination", self.inclination),
+            has_angle=require_choice(name, "has_angle", self.has_angle, (True, False)),
         )
         if self.s is not None:
             set_fields(self, s=require_finite(name, "s", self.s))

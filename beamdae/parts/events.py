@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from beamdae.errors import (
     BeamdaeError,
+    plain_text,
     require_choice,
     require_finite,
     require_name,
+    require_sequence,
     set_fields,
     short_repr,
 )
@@ -128,6 +130,8 @@ class Event:
 
     def __post_init__(self) -> None:
         part = "event" if self.name is None else require_name("event", self.name)
+        do = plain_text(self.do)
+        set_fields(self, what=plain_text(self.what), do=do)
         if not isinstance(self.what, (str, Quantity)):
             raise BeamdaeError(
                 f"{part}: the first argument must be the name of an observed column, "
@@ -138,14 +142,17 @@ class Event:
         if self.name is None and not isinstance(self.what, str):
             raise BeamdaeError("event: an event on a quantity has no default name; pass name=.")
         require_choice(part, "direction", self.direction, tuple(DIRECTIONS))
-        do = (self.do,) if isinstance(self.do, Action) else self.do
-        if isinstance(do, (list, tuple)) and do and all(isinstance(x, Action) for x in do):
-            set_fields(self, do=tuple(do))
+        if isinstance(do, (list, tuple)):
+            actions = require_sequence(part, "do", do, "'stop', 'record' or a list of actions")
+        else:
+            actions = [do]
+        if actions and all(isinstance(x, Action) for x in actions):
+            set_fields(self, do=tuple(actions))
             _require_consistent_switches(part, select_switches(self.do))
-        elif not (isinstance(self.do, str) and self.do in ("stop", "record")):
+        elif not (isinstance(do, str) and do in ("stop", "record")):
             raise BeamdaeError(
                 f"{part}: do must be 'stop', 'record', activate(...), deactivate(...), "
                 f"change_law(...) or impact(...), got {short_repr(self.do)}."
             )
-        name = f"{self.what} crosses {crosses:g}" if self.name is None else self.name
+        name = f"{self.what} crosses {crosses:g}" if self.name is None else part
         set_fields(self, crosses=crosses, name=name)

@@ -13,6 +13,7 @@ from beamdae.deferred import public
 from beamdae.errors import (
     BeamdaeError,
     as_text,
+    plain_text,
     require_choice,
     require_finite,
     require_mapping,
@@ -197,7 +198,7 @@ class Mechanism(HasOrigin):
             with "energy."), `what` is neither an attachment nor a quantity, or a part to which it
             refers has not been added.
         """
-        require_name("Mechanism.observe", name)
+        name = require_name("Mechanism.observe", name)
         # "t" is the time column, "energy" the prefix of the columns of the energy balance.
         if name in self.observables or name == "t" or name.split(".")[0] == "energy":
             raise BeamdaeError(
@@ -309,6 +310,7 @@ class Mechanism(HasOrigin):
         BeamdaeError
             If no part has this name.
         """
+        name = plain_text(name)
         if not isinstance(name, str) or name not in self.parts:
             raise BeamdaeError(
                 f"Mechanism: there is no part {short_repr(name)}{suggest(name, self.parts)}; "

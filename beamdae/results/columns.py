@@ -11,6 +11,7 @@ from beamdae.equations.measures import DRIFT_COLUMNS, LEDGER_COLUMNS, TIME
 from beamdae.errors import (
     BeamdaeError,
     as_text,
+    plain_text,
     require_iterable,
     short_repr,
     suggest,
@@ -86,7 +87,7 @@ def select_columns(
         If no column has this name.
     """
     headers, preferred = list(headers), set(observed)
-    name = name if as_text(name) is None else as_text(name)
+    name = plain_text(name)
     without_unit = [header.rpartition(" [")[0] for header in headers]
     observables = [Header.of(header).name for header in headers]
     for names in (headers, without_unit, observables) if isinstance(name, str) else ():

@@ -9,6 +9,7 @@ from typing import Any
 
 from beamdae.errors import (
     BeamdaeError,
+    plain_text,
     require_choice,
     require_count,
     require_iterable,
@@ -87,7 +88,7 @@ class Study:
     errors: bool | None = None
 
     def __post_init__(self) -> None:
-        require_file_name("study", self.name)
+        set_fields(self, name=require_file_name("study", self.name), over=plain_text(self.over))
         set_fields(
             self,
             cases=_require_cases(self.name, self.cases),

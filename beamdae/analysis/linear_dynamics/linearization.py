@@ -29,7 +29,11 @@ from beamdae.equations.formulations.tangents import Tangent, compute_tangent
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
-from beamdae.errors import BeamdaeError, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    plain_text,
+    short_repr,
+)
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
 from beamdae.results.equilibrium import Equilibrium
@@ -121,6 +125,7 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
     """
     if isinstance(about, Equilibrium):
         return _linearize_path_end(name, model, about)
+    about = plain_text(about)
     if isinstance(about, (Instant, Rotation)):
         full_equations = as_equations(name, model, AS_DRAWN)
         if isinstance(about, Instant):

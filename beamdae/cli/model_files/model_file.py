@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 from beamdae.cli.model_files.example_files import resolve_path
 from beamdae.cli.model_files.user_errors import describe_error
-from beamdae.errors import BeamdaeError, is_valid_path, short_repr, suggest
+from beamdae.errors import (
+    BeamdaeError,
+    is_valid_path,
+    path_as_text,
+    plain_text,
+    short_repr,
+    suggest,
+)
 from beamdae.model_functions import Model, extend_import_path
 
 if TYPE_CHECKING:
@@ -58,9 +65,10 @@ def load_model(path: str | Path, name: str | None = None) -> Model:
     0.12
     >>> mech = four_bar(rise=0.2)
     """
-    if not isinstance(path, (str, Path)):
+    text = path_as_text(path)
+    if text is None:
         raise BeamdaeError(f"load_model: path must be a model file, got {short_repr(path)}.")
-    return ModelFile(Path(path)).model(name)
+    return ModelFile(Path(text)).model(plain_text(name))
 
 
 class ModelFile:

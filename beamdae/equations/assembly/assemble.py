@@ -32,7 +32,7 @@ from beamdae.errors import BeamdaeError, short_repr
 from beamdae.memory import require_memory
 from beamdae.parts.attachments import largest_distance
 from beamdae.parts.events import select_impacts
-from beamdae.parts.mechanism import MINIMUM_NORM, Mechanism
+from beamdae.parts.mechanism import MINIMUM_NORM, Mechanism, require_start
 from beamdae.parts.part import AttachedPart, Part
 from beamdae.read_only import ReadOnlyDict
 from beamdae.symbolic.statements import (
@@ -84,7 +84,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         )
     snapshot = mechanism.snapshot()
     parts = list(mechanism.parts.values())
-    start = mechanism.start if start is None else start
+    start = mechanism.start if start is None else require_start("start", start)
     _prepare_parts(mechanism, start)
     snapshot.observables = ReadOnlyDict(
         {name: quantity.current for name, quantity in mechanism.observables.items()}

@@ -26,6 +26,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, PartCoordin
 from beamdae.equations.singular_laws import select_varying_laws
 from beamdae.errors import (
     BeamdaeError,
+    require_entries,
     require_finite,
     require_name,
     require_positive,
@@ -49,6 +50,7 @@ from beamdae.symbolic.statements import (
 )
 
 _CONSTRAINTS = "constraint"  # part name of all constraints
+_EXPRESSIONS = "a dict of expressions by header"
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,12 +236,8 @@ class ConstrainedSystem(HasOrigin):
 
     @cached_property
     def _observed(self) -> dict[Variable, Any]:
-        if not isinstance(self.observe, dict):
-            raise BeamdaeError(
-                f"{KIND}: observe must be a dict of expressions by header, got "
-                f"{short_repr(self.observe)}."
-            )
-        return {parse_header(header): expression for header, expression in self.observe.items()}
+        observe = require_entries(KIND, "observe", self.observe, _EXPRESSIONS)
+        return {parse_header(header): expression for header, expression in observe.items()}
 
     def _force_statement(self, piece: Piece) -> ForceStatement:
         n, expressions = self.q.numel(), self._expressions
@@ -350,7 +348,8 @@ def _stack_constraints(
     """
     by_name = isinstance(constraints, dict)
     if by_name:
-        by_header = {parse_header(header): x for header, x in constraints.items()}
+        entries = require_entries(KIND, f"{what.replace(' ', '_')}s", constraints, _EXPRESSIONS)
+        by_header = {parse_header(header): x for header, x in entries.items()}
         descriptions = [f"the {what} {x.name}" for x in by_header]
     else:
         by_header = {} if constraints is None else {Variable(letter, "-"): constraints}

@@ -14,6 +14,8 @@ from beamdae.equations.assembly.statement_checks import require_unit
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    plain_text,
+    require_entries,
     require_finite,
     require_name,
     require_sequence,
@@ -179,16 +181,15 @@ def _require_symbol(name: str, symbol: Any) -> None:
 
 
 def _parse_parameters(kind: Any, parameters: Any) -> dict[Any, float | Law]:
-    if not isinstance(parameters, Mapping) or not all(
+    what = f'a dict from symbols such as {kind.__name__}.sym("m") to numbers or time laws'
+    entries = require_entries(KIND, "parameters", parameters, what)
+    if not all(
         isinstance(symbol, kind) and symbol.is_scalar() and symbol.is_valid_input()
-        for symbol in parameters
+        for symbol in entries
     ):
-        raise BeamdaeError(
-            f'{KIND}: parameters must map symbols such as {kind.__name__}.sym("m") to '
-            f"numbers or time laws, got {short_repr(parameters)}."
-        )
+        raise BeamdaeError(f"{KIND}: parameters must be {what}, got {short_repr(parameters)}.")
     values: dict[Any, float | Law] = {}
-    for symbol, value in parameters.items():
+    for symbol, value in entries.items():
         name = symbol.name()
         if isinstance(value, Law) or callable(value):
             values[symbol] = as_law(name, value)
@@ -234,9 +235,9 @@ def parse_header(header: Any) -> Variable:
     BeamdaeError
         If the name or the unit is invalid.
     """
-    name, unit = header, "-"
-    if isinstance(header, str) and header.endswith("]") and " [" in header:
-        name, _, unit = header[:-1].rpartition(" [")
+    name, unit = plain_text(header), "-"
+    if isinstance(name, str) and name.endswith("]") and " [" in name:
+        name, _, unit = name[:-1].rpartition(" [")
     require_unit(KIND, unit)
     return Variable(require_name(KIND, name), unit)
 

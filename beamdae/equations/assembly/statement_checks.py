@@ -8,7 +8,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, format_exception, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    format_exception,
+    require_sequence,
+    short_repr,
+)
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.statements import (
@@ -188,12 +193,13 @@ def _require_list(part: str, what: str, value: Any, kind: type[T]) -> list[T]:
         raise BeamdaeError(
             f"{part}: {what} must be a list of {kind.__name__}, got {short_repr(value)}."
         )
-    for entry in value:
+    entries = require_sequence(part, what, value, f"a list of {kind.__name__}")
+    for entry in entries:
         if not isinstance(entry, kind):
             raise BeamdaeError(
                 f"{part}: {what} must contain only {kind.__name__}, got {short_repr(entry)}."
             )
-    return list(value)
+    return entries
 
 
 def _require_statement_fits(

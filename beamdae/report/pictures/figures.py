@@ -11,7 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, is_valid_path, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    is_valid_path,
+    path_as_text,
+    short_repr,
+)
 from beamdae.report.text import shorten_text
 from beamdae.results.columns import Header, observed_columns
 from beamdae.results.storage.files import atomic_write
@@ -192,7 +197,7 @@ def require_picture_path(name: str, path: Any) -> Path:
     BeamdaeError
         If the path is invalid or has no suffix; the message begins with `name`.
     """
-    text = str(path) if isinstance(path, (str, Path)) else ""
+    text = path_as_text(path) or ""
     if not (is_valid_path(text) and Path(text).suffix):
         raise BeamdaeError(f"{name}: path must have a suffix such as .png, got {short_repr(path)}.")
     return Path(text)

@@ -9,7 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
-from beamdae.errors import BeamdaeError, require_sequence, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    require_sequence,
+    short_repr,
+    unbox_scalar,
+)
 from beamdae.report.pictures.figures import (
     COLORS,
     DASHES,
@@ -132,14 +137,19 @@ def _require_labels(runs: Sequence[TimeSeries], labels: Any) -> list[str]:
         methods = [run.label for run in runs]
         is_repeated = len(set(methods)) < len(methods)
         return [f"{x} ({k + 1})" if is_repeated else x for k, x in enumerate(methods)]
-    texts = require_sequence("plot", "labels", labels, "a text for each run")
-    are_texts = all(isinstance(label, (str, Real)) for label in texts)
-    if not are_texts or len(texts) != len(runs) or len(set(map(str, texts))) < len(texts):
+    entries = require_sequence("plot", "labels", labels, "a text for each run")
+    # Labels may be values of a parameter.
+    texts = [
+        label if isinstance(label, str) else short_repr(label)
+        for label in map(unbox_scalar, entries)
+        if isinstance(label, (str, Real))
+    ]
+    if len(texts) < len(entries) or len(texts) != len(runs) or len(set(texts)) < len(texts):
         raise BeamdaeError(
             f"plot: labels must contain a different label for each run ({len(runs)} in total), got "
             f"{short_repr(labels)}."
         )
-    return [str(label) for label in texts]
+    return texts
 
 
 def save_run_figure(path: Path, table: Columns, title: str) -> Path:

@@ -11,7 +11,13 @@ import numpy as np
 from beamdae.equations.assembly.building import add_observable
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.measures import ObservedRows
-from beamdae.errors import BeamdaeError, require_iterable, short_repr, suggest
+from beamdae.errors import (
+    BeamdaeError,
+    plain_text,
+    require_iterable,
+    short_repr,
+    suggest,
+)
 from beamdae.report.scene.mechanism_scene import build_scene
 from beamdae.report.scene.poses import CoordinatePoses
 from beamdae.report.scene.scene import MovingCurve, Scene
@@ -105,6 +111,7 @@ def _select_trails(name: str, trail: Any, points: Iterable[str]) -> list[str]:
     if isinstance(trail, bool):
         return list(points) if trail else []
     expected = "True, False or names of observed points"
+    trail = plain_text(trail)
     names = [trail] if isinstance(trail, str) else require_iterable(name, "trail", trail, expected)
     for one in names:
         if not isinstance(one, str) or one not in points:

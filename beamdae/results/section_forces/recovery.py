@@ -27,7 +27,14 @@ from beamdae.beams.beam import Beam
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.errors import BeamdaeError, as_real, require_finite, require_iterable, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    as_real,
+    plain_text,
+    require_finite,
+    require_iterable,
+    short_repr,
+)
 from beamdae.results.run_data import RunData
 from beamdae.results.section_forces.applied_loads import (
     ALL_LOADS,
@@ -278,6 +285,7 @@ def _find_beam(equations: EquationsOfMotion, beam: Any) -> Beam:
     """Return the beam of the equations, given as a part or by name."""
     mechanism = equations.mechanism
     parts = {} if mechanism is None else mechanism.parts
+    beam = plain_text(beam)
     part = parts.get(beam) if isinstance(beam, str) else beam
     if not isinstance(part, Beam) or parts.get(part.name) is not part:
         beams = ", ".join(repr(name) for name, part in parts.items() if isinstance(part, Beam))

@@ -23,6 +23,7 @@ from beamdae.errors import (
     BeamdaeError,
     format_message,
     is_valid_path,
+    path_as_text,
     short_repr,
 )
 from beamdae.results.outcome import Status
@@ -169,7 +170,7 @@ def require_file_path(name: str, path: Any) -> Path:
     BeamdaeError
         If `path` is not the path of a file; the message begins with `name`.
     """
-    text = str(path) if isinstance(path, (str, Path)) else ""
+    text = path_as_text(path) or ""
     if not (is_valid_path(text) and Path(text).name):
         raise BeamdaeError(f"{name}: path must be the path of a file, got {short_repr(path)}.")
     return Path(text)

@@ -7,7 +7,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-from beamdae.errors import BeamdaeError, require_iterable, set_fields, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    require_entries,
+    require_iterable,
+    require_mapping,
+    set_fields,
+    short_repr,
+)
 from beamdae.integrators import Integrator
 from beamdae.model_functions import Model
 from beamdae.read_only import read_only_data
@@ -130,12 +137,16 @@ def expand_values(part: str, model: Model, over: Any) -> list[dict[str, Paramete
         If `over` has the wrong form, or a parameter is unknown, has no values, or has a value of
         the wrong type.
     """
-    if isinstance(over, Mapping) and over:
-        return grid(**{x: _require_values(part, model, x, values) for x, values in over.items()})
     allowed = "a dict of values by parameter, or a list of parameter combinations"
-    listed = _require_list(part, "over", None if isinstance(over, Mapping) else over, allowed)
-    if not listed or not all(isinstance(combination, Mapping) for combination in listed):
+    if isinstance(over, Mapping):
+        by_name = require_mapping(part, "over", over, allowed)
+        if not by_name:
+            raise BeamdaeError(f"{part}: over must be {allowed}, got {{}}.")
+        return grid(**{x: _require_values(part, model, x, y) for x, y in by_name.items()})
+    entries = _require_list(part, "over", over, allowed)
+    if not entries or not all(isinstance(combination, Mapping) for combination in entries):
         raise BeamdaeError(f"{part}: over must be {allowed}, got {short_repr(over)}.")
+    listed = [require_mapping(part, "over", combination, allowed) for combination in entries]
     names = list(dict.fromkeys(name for combination in listed for name in combination))
     return [
         {x: _check_value(model, x, combination.get(x, model.parameters.get(x))) for x in names}
@@ -146,10 +157,11 @@ def expand_values(part: str, model: Model, over: Any) -> list[dict[str, Paramete
 def _require_values(part: str, model: Model, name: Any, values: Any) -> list[ParameterValue]:
     if name not in model.parameters:
         model.complete({name: None})  # raises the error that names the model's parameters
+    allowed = "a list of values, or a dict of values by name"
     if isinstance(values, Mapping):
-        checked = [_check_value(model, name, x, str(label)) for label, x in values.items()]
+        by_label = require_entries(part, name, values, allowed)
+        checked = [_check_value(model, name, x, str(label)) for label, x in by_label.items()]
     else:
-        allowed = "a list of values, or a dict of values by name"
         checked = [_check_value(model, name, x) for x in _require_list(part, name, values, allowed)]
     if not checked:
         raise BeamdaeError(f"{part}: {name} must have at least one value, got none.")
@@ -174,10 +186,9 @@ def _check_value(model: Model, name: str, value: Any, label: str | None = None) 
 
 def _require_outputs(part: str, value: Any, parameters: Iterable[str]) -> dict[str, Output]:
     allowed = "a dict of functions of a solution by name"
-    if not isinstance(value, Mapping):
-        raise BeamdaeError(f"{part}: outputs must be {allowed}, got {short_repr(value)}.")
+    outputs = require_entries(part, "outputs", value, allowed)
     columns = {*RESERVED_COLUMNS, *parameters}
-    for name, function in value.items():
+    for name, function in outputs.items():
         if not isinstance(name, str) or not name.isprintable() or not name.strip():
             raise BeamdaeError(
                 f"{part}: names of outputs must be printable, non-blank strings, "
@@ -189,7 +200,7 @@ def _require_outputs(part: str, value: Any, parameters: Iterable[str]) -> dict[s
             )
         if not callable(function):
             raise BeamdaeError(f"{part}: outputs must be {allowed}, got {short_repr(function)}.")
-    return dict(value)
+    return outputs
 
 
 def parameter_column(name: str) -> str:

@@ -9,7 +9,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beamdae.errors import BeamdaeError, short_repr, suggest
+from beamdae.errors import (
+    BeamdaeError,
+    plain_text,
+    short_repr,
+    suggest,
+)
 from beamdae.report.pictures.figures import characteristic_columns
 from beamdae.results.columns import (
     Header,
@@ -159,6 +164,7 @@ def select_panels(study: ParameterStudy, headers: list[str], name: Any) -> list[
         If no response has this name.
     """
     outputs = {(_remove_unit(x) if bare else x): x for bare in (False, True) for x in study.outputs}
+    name = plain_text(name)
     if isinstance(name, str) and name in outputs:
         return [_create_panel(outputs[name])]
     all_measures = [column for header in headers for column in measure_columns(header).values()]
@@ -214,6 +220,7 @@ def choose_axis(study: ParameterStudy, table: pd.DataFrame, name: Any = None) ->
             f"{study.name}: no parameter varies; give at least one parameter several "
             "values to plot."
         )
+    name = plain_text(name)
     if name is not None:
         if not isinstance(name, str) or name not in varied:
             raise BeamdaeError(

@@ -16,6 +16,7 @@ from beamdae.errors import (
     as_real,
     format_exception,
     is_valid_path,
+    path_as_text,
     require_choice,
     require_positive,
     short_repr,
@@ -137,12 +138,12 @@ def _guard_progress(part: str, progress: Any) -> Callable[[StudyProgress], None]
 
 
 def _require_folder(part: str, folder: Any) -> Path:
-    is_path = isinstance(folder, (str, Path))
-    if not is_path or not is_valid_path(str(folder)) or not str(folder).strip():
+    text = path_as_text(folder)
+    if text is None or not is_valid_path(text) or not text.strip():
         raise BeamdaeError(
             f"{part}: folder must be the path of a results folder, got {short_repr(folder)}."
         )
-    return Path(folder)
+    return Path(text)
 
 
 def create_sweep(

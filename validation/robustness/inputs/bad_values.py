@@ -56,7 +56,8 @@ _HOSTILE_VALUES: dict[str, Callable[[Any], Any]] = {
     ),
     "path that raises": lambda box: _hostile(object, ("fspath", "str")),
     "array that raises": lambda box: _hostile(object, ("array",), ndim=0, item=_raise),
-    "function whose error has no text": lambda box: _raise_hostile,
+    # Without a valid name, it is no model function, whose exceptions are passed on unchanged.
+    "function whose error has no text": lambda box: lambda *t, **options: _raise_hostile(),
 }
 
 

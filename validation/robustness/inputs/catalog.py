@@ -166,8 +166,10 @@ def _make_attempt(
                 # Named tuples are created from a list by _make.
                 bad = getattr(kind, "_make", kind)(entries)
             arguments[argument] = bad
-            # The methods of a subclass of str may raise.
-            words |= {str(bad), repr(bad).strip("'")} if type(bad) is str else set()
+            if isinstance(bad, str):
+                # The methods of a subclass of str may raise.
+                text = str.__str__(bad)
+                words |= {text, repr(text).strip("'")}
             words |= {str(bad)} if isinstance(bad, Path) else set()
         function = partial(call.call, sandbox) if call.call else getattr(bd, key.split(" ")[0])
         return call.use(sandbox, function(**arguments))
