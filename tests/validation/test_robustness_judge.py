@@ -79,6 +79,14 @@ def test_refusal_names_the_part_or_argument():
     assert "names neither" in find_complaint(TrialOutcome("refused", RIGHT), ["element", "bea"])
 
 
+def test_progress_is_no_message():
+    """Slow runs report it, for example while machine code is compiled on a loaded machine."""
+    lines = "Auto(rtol=1e-05): 0/0.02 s, -:-- left\nRadau(rtol=1e-05): 0.01/0.02 s, 1:05 left\n"
+    assert outcome_of_command(0, "table", f"{lines}3 of 9 runs, 1 running\n") == TrialOutcome("ran")
+    for text in ("0/0.02 s, -:-- left", "Auto: 3 s left", "left: nothing"):
+        assert outcome_of_command(0, "table", text).output == text
+
+
 def test_command_outcome_follows_from_exit_code_and_standard_error():
     assert outcome_of_command(0, "table", "") == TrialOutcome("ran")
     assert outcome_of_command(2, "", f"error: {RIGHT}\n") == TrialOutcome("refused", RIGHT)

@@ -179,20 +179,28 @@ def outcome_of_command(code: int, out: str, err: str) -> TrialOutcome:
 
 
 _USAGE = re.compile(r"^(Usage:|Try ')")
-_PROGRESS = re.compile(r"^\d+ of \d+ runs, ")
+# Progress of studies, and of runs that take longer than ten seconds, for example because the
+# machine is loaded or code is compiled.
+_PROGRESS = re.compile(r"^\d+ of \d+ runs, |^.+: \S+/\S+ s, (-:--|[\d:]+) left$")
+
+
+def remove_progress(err: str) -> str:
+    """Return standard error without lines of progress."""
+    lines = err.splitlines(keepends=True)
+    return "".join(line for line in lines if not _PROGRESS.match(line.rstrip("\n")))
 
 
 def _split_messages(err: str) -> tuple[list[str], str]:
     """Split standard error into messages without their labels, and other text."""
     messages, other = [], []
-    for line in _unbox_lines(err):
+    for line in _unbox_lines(remove_progress(err)):
         label, colon, rest = line.partition(": ")
         if colon and label == "Error":
             # The option parser omits the period and may append a hint.
             messages.append(rest.split(". ")[0].rstrip(".") + ".")
         elif colon and label in ("error", "failed", "warning", "interrupted"):
             messages.append(rest.strip())
-        elif line.strip() and not _USAGE.match(line) and not _PROGRESS.match(line):
+        elif line.strip() and not _USAGE.match(line):
             other.append(line)
     return messages, "\n".join(other)
 

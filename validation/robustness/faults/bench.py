@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from robustness.judge import find_complaint, outcome_of_command
+from robustness.judge import find_complaint, outcome_of_command, remove_progress
 
 _MAX_TAIL_LENGTH = 200  # characters of standard error in a complaint
 _MAX_OUTPUT_TAIL_LENGTH = 100  # characters of standard output in a complaint
@@ -68,6 +68,11 @@ class CommandResult:
     out: str
     err: str
     seconds: float
+
+    @property
+    def messages(self) -> str:
+        """Standard error without lines of progress."""
+        return remove_progress(self.err)
 
     @property
     def error_tail(self) -> str:

@@ -36,7 +36,7 @@ def closed_pipe(bench: Bench) -> None:
 def pipe_closed_after_one_line(bench: Bench) -> None:
     """`| head -1` loses no results and causes no message."""
     result = _run_with_streams(bench, "BEAMDAE run model.py --no-estimate | head -1")
-    expect(result.err == "", f"unexpected message: {result.error_tail}")
+    expect(result.messages == "", f"unexpected message: {result.error_tail}")
 
 
 def closed_standard_output(bench: Bench) -> None:
@@ -48,7 +48,7 @@ def closed_standard_output(bench: Bench) -> None:
 def full_standard_output(bench: Bench) -> None:
     """`>/dev/full` loses no results and causes at most one message."""
     result = _run_with_streams(bench, "BEAMDAE run model.py --no-estimate >/dev/full")
-    expect(len(result.err.splitlines()) <= 1, f"more than one message: {result.error_tail}")
+    expect(len(result.messages.splitlines()) <= 1, f"more than one message: {result.error_tail}")
 
 
 def closed_standard_error(bench: Bench) -> None:
@@ -78,7 +78,7 @@ def usage_error_without_standard_error(bench: Bench) -> None:
 def list_into_closed_pipe(bench: Bench) -> None:
     """`beamdae list | true` ends without a message."""
     result = expect_no_traceback(bench.run_in_shell("BEAMDAE list . | true"))
-    expect(result.err == "", f"unexpected message: {result.error_tail}")
+    expect(result.messages == "", f"unexpected message: {result.error_tail}")
 
 
 def study_into_closed_pipe(bench: Bench) -> None:
