@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.measures import ObservedRows
-from beamdae.errors import require_count
+from beamdae.errors import BeamdaeError, require_count
 from beamdae.interrupts import interruptible
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header, merge_columns, select_columns
@@ -212,6 +212,15 @@ class Equilibrium:
         index = pd.Index(self.factors.sum(axis=1), name=FACTOR)
         table = pd.DataFrame({h: np.asarray(columns[h]) for h in headers}).set_index(index)
         return table[headers[0]] if len(headers) == 1 else table
+
+    def __contains__(self, name: object) -> bool:
+        """Return True if `equilibrium[name]` selects columns."""
+        columns = merge_columns(self.all_columns(), self.coordinates())
+        try:
+            select_columns(columns, name, "Equilibrium")
+        except BeamdaeError:
+            return False
+        return True
 
     def plot(self, *names: str) -> Plot:
         """Plot the load factor over columns, one panel per column.

@@ -84,6 +84,14 @@ class TimeSeries:
         columns = self._over_time(self._select(name))
         return columns.iloc[:, 0] if columns.shape[1] == 1 else columns
 
+    def __contains__(self, name: object) -> bool:
+        """Return True if `solution[name]` selects columns."""
+        try:
+            self._select(name)
+        except BeamdaeError:
+            return False
+        return True
+
     def table(self) -> pd.DataFrame:
         """Return time, observed columns and the energy ledger; headers contain units."""
         import pandas as pd
@@ -209,7 +217,7 @@ class TimeSeries:
     def _all_columns_by_header(self) -> dict[str, Any]:
         return merge_columns(self.all_columns(), self.coordinates())
 
-    def _select(self, name: str) -> list[str]:
+    def _select(self, name: Any) -> list[str]:
         return select_columns(self._all_columns_by_header(), name, observed=self.all_columns())
 
     def _over_time(self, headers: list[str]) -> pd.DataFrame:

@@ -294,3 +294,14 @@ def test_a_run_that_fails_in_its_first_step_has_its_start():
     assert_allclose(solution.t, [0.0], rtol=0.0, atol=0.0)
     assert solution.table().shape[0] == 1
     assert_allclose(solution.q[0], [0.0, 0.0], rtol=0.0, atol=0.0)
+
+
+def test_results_tell_whether_they_have_a_column():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 3.0), ball.point, stiffness=100.0))
+    mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), ball.point, (0.0, 1.0)))
+    mech.observe("tip", ball.point)
+    for result in (bd.simulate(mech, t_end=0.1), bd.equilibrium(mech)):
+        assert all(name in result for name in ("tip.y", "tip.y [m]", "tip", "ball.y"))
+        assert all(name not in result for name in ("tip.z", 3, None))

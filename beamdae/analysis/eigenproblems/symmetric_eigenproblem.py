@@ -128,7 +128,8 @@ class SymmetricProblem:
             massless = basis @ la.eigh(m)[1][:, 0] / self.e.position_scales
             raise MasslessError(self.e.q_names[int(np.argmax(np.abs(massless)))]) from None
         s = _shift_below(la.eigh(k, m, eigvals_only=True))
-        inverse = la.solve(k + s * m, lower)
+        # Stiffnesses may differ by many orders of magnitude, of which `la.solve` would warn.
+        inverse = la.lu_solve(la.lu_factor(k + s * m), lower)
         product = lower.T @ inverse
         _, vectors = la.eigh(0.5 * (product + product.T))
         return basis @ (inverse @ vectors), s

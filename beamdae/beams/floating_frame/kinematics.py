@@ -226,9 +226,11 @@ class FloatingFrame(FormulationKinematics):
         nodes = np.flatnonzero(nonzero_shape_functions(row))
         in_frame = rotate_points(position - np.asarray(self.origin), -self.frame_angle)
         numbers = [*in_frame, math.cos(angle), math.sin(angle), self.frame_angle, *row[nodes]]
+        # The section as drawn is normal to the curve, not to the axis interpolated by the elements.
+        tangent_angle = float(self.mesh_in_frame.tangent_angle(s))
         return MaterialPoint(
             (float(position[0]), float(position[1])),
-            angle + self.frame_angle,
+            tangent_angle + self.frame_angle,
             self._element_operator(element, nodes),
             Formula(SectionMotion(len(nodes)), tuple(map(float, numbers))),
         )
