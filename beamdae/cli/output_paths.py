@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from beamdae.errors import BeamdaeError, short_repr
+from beamdae.results.storage.files import is_in_deleted_folder
 
 
 def require_writable(*groups: tuple[str, Iterable[Path]]) -> None:
@@ -52,6 +53,11 @@ def _require_file_path(option: str, path: Path) -> None:
         raise BeamdaeError(f"{option}: {short_repr(str(path.parent))} is not a valid folder name.")
     if not str(path).isprintable() or not path.name:
         raise BeamdaeError(f"{option}: {short_repr(str(path))} is not a valid file name.")
+    if is_in_deleted_folder(path):
+        raise BeamdaeError(
+            f"{option} {path}: the file cannot be written because the working folder has been "
+            "deleted; change to an existing folder."
+        )
     try:
         is_folder = path.is_dir()
         # Names that are too long are reported here.

@@ -233,14 +233,22 @@ def atomic_write(path: Path) -> Iterator[Path]:
         raise describe_write_error(path, problem) from problem
 
 
+def is_in_deleted_folder(path: Path) -> bool:
+    """Return True if a path is relative and the working folder has been deleted."""
+    if path.is_absolute():
+        return False
+    try:
+        Path.cwd()
+    except OSError:
+        return True
+    return False
+
+
 def describe_write_error(path: Path, problem: OSError) -> BeamdaeError:
     """Return the error for a file that cannot be written."""
     reason = problem.strerror or problem
-    if not path.is_absolute():
-        try:
-            Path.cwd()
-        except OSError:
-            reason = "the working folder has been deleted"
+    if is_in_deleted_folder(path):
+        reason = "the working folder has been deleted"
     return BeamdaeError(f"{path}: the file cannot be written: {reason}.")
 
 
