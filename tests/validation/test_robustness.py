@@ -13,6 +13,10 @@ SEED = 1
 PUBLIC_NAMES = {input_catalog.public_name_of(key) for key in input_catalog.WORKING_CALLS}
 GROUPS = (*sorted(PUBLIC_NAMES), *MODEL_GROUPS)
 SAMPLE_SEEDS = range(0, mechanisms.SEED_COUNT, mechanisms.SEED_COUNT // mechanisms.SAMPLE_SIZE)
+# Runs that are wrong without a warning, as listed in validation/README.md.
+KNOWN_ERRORS = {
+    30: "a chain that bounces in a bowl amplifies its errors: Auto and Radau are 170 rtol off"
+}
 
 
 @cache
@@ -52,7 +56,15 @@ def test_bad_inputs_end_in_a_sentence(processes, group):
     assert not complaints, "\n".join(f"{name}: {why}" for name, why in complaints.items())
 
 
-@pytest.mark.parametrize("seed", SAMPLE_SEEDS)
+@pytest.mark.parametrize(
+    "seed",
+    [
+        pytest.param(seed, marks=pytest.mark.xfail(reason=KNOWN_ERRORS[seed], strict=True))
+        if seed in KNOWN_ERRORS
+        else seed
+        for seed in SAMPLE_SEEDS
+    ],
+)
 def test_random_mechanisms_are_accurate_or_warn(seed):
     assert not [row for row in mechanisms.try_seed(str(seed)) if row.complaint]
 
