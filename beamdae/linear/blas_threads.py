@@ -49,7 +49,7 @@ def _call_in_thread(function: Callable[[], None]) -> None:
 
     Threadpoolctl accepts changes only from the thread that made the first change, until that thread
     ends. In addition, no interrupt reaches the new thread. If no thread can be started, as in a
-    browser or at the process limit of the user, the function is called in this thread.
+    browser or at the process limit of the user, the function is called in the calling thread.
     """
     with ThreadPoolExecutor(1) as threads:
         try:

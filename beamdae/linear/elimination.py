@@ -1,8 +1,9 @@
-"""Numeric factorization and solution of sparse matrices whose pivots and fill are known.
+"""Numeric factorization of sparse matrices with known pivots and fill, and solution of systems.
 
-Plain loops over arrays that numba can compile: they do not allocate, raise or call Python. The
-matrix is eliminated column by column from the left with the pivots of an `EliminationPlan`, as in
-the refactorization of KLU (Davis & Palamadai Natarajan, ACM Trans. Math. Softw. 37 (2010) 36).
+`refactorize` and `solve` are plain loops over arrays that numba can compile: they do not allocate,
+raise or call Python. The matrix is eliminated column by column from the left with the pivots of an
+`EliminationPlan`, as in the refactorization of KLU (Davis & Palamadai Natarajan, ACM Trans. Math.
+Softw. 37 (2010) 36).
 """
 
 from __future__ import annotations

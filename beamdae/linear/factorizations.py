@@ -1,4 +1,7 @@
-"""Factorizations of matrices with a fixed sparsity pattern, for plain Python."""
+"""Factorizations of matrices with a fixed sparsity pattern, called from Python.
+
+Compiled code uses `elimination` instead.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,13 @@ class SingularMatrixError(ArithmeticError):
 
 
 class Factorization(Protocol):
-    """LU factors of the last matrix, for repeated solution."""
+    """LU factors of the last matrix, for repeated solution.
+
+    Attributes
+    ----------
+    factorizations, solves
+        Number of calls of `factorize` and of `solve`.
+    """
 
     factorizations: int
     solves: int
@@ -169,7 +178,10 @@ class SparseFactorization:
 
 
 def _invert_largest(values: Array, starts: Array) -> Array:
-    """Return powers of two close to 1 / (largest magnitude) of each range of values."""
+    """Return a power of two close to 1 / (largest magnitude) for each range of `values`.
+
+    The ranges begin at `starts`.
+    """
     return invert_to_power_of_two(np.maximum.reduceat(np.abs(values), starts))
 
 

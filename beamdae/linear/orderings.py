@@ -89,7 +89,10 @@ def _compute_path(symmetric: sp.csr_array) -> Array:
 
 
 def invert_to_power_of_two(sizes: Array) -> Array:
-    """Return powers of two close to 1 / `sizes`, 1 for zeros; scaling by these is exact."""
+    """Return powers of two close to 1 / `sizes`, at most 2^1000; 1 for zeros.
+
+    Scaling by powers of two causes no rounding errors.
+    """
     _, exponent = np.frexp(sizes)
     return np.ldexp(1.0, -np.maximum(exponent, _MIN_EXPONENT))
 

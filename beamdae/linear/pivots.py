@@ -45,7 +45,7 @@ def propose_plans(pattern: sp.csc_array, nonzeros: Array) -> Iterator[Eliminatio
     Parameters
     ----------
     pattern
-        Pattern of a square matrix; its values are not used.
+        CSC pattern of a square matrix; its values are not used.
     nonzeros
         CSC non-zeros, real or complex.
 
@@ -98,7 +98,7 @@ class _OrderedPattern(NamedTuple):
     order
         Permutation of rows and columns.
     starts, indices, sources
-        Permuted CSC pattern, and the indices of its entries among the non-zeros.
+        Permuted CSC pattern, and the indices of its entries in the original CSC pattern.
     weights
         Sizes to which the rows are scaled.
     """

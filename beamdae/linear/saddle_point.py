@@ -15,7 +15,7 @@ Array = np.ndarray
 def factorize_saddle_point(
     block: sp.sparray, reactions: sp.sparray, rows: sp.sparray
 ) -> Callable[[Array], Array] | None:
-    """Return a solver for [[block, reactions], [rows, 0]] x = b; None if the matrix is singular.
+    """Return a solver for [[block, reactions], [rows, 0]] x = b, or None.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def factorize_saddle_point(
     Returns
     -------
     Callable or None
-        Function from b, (n + m,), to x, (n + m,).
+        Function from b, (n + m,), to x, (n + m,). None if the matrix is singular or not finite.
     """
     matrix = block
     if rows.shape[0]:

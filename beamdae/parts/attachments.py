@@ -49,13 +49,14 @@ class Attachment:
     has_angle
         False for a particle.
     s
-        Arc length of the section [m]; None unless the body is a beam.
+        Arc length [m] of the section of a beam; None for other points.
 
     Raises
     ------
     BeamdaeError
-        If `body` has no name, a number is not finite, `operator` is not a sparse matrix, or
-        `kinematics` is not a function.
+        If `body` has no name, `point` is not a pair of numbers, a number is not finite,
+        `has_angle` is not a bool, `operator` is not a sparse matrix, or `kinematics` is not a
+        function.
     """
 
     body: Any

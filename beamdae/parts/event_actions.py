@@ -132,9 +132,9 @@ def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
     Parameters
     ----------
     on
-        Gap that closes, as a quantity with one column such as `surface.gap(point)`, or an inactive
-        joint that acts as a stop. There is no impact while a gap opens; a joint rebounds from
-        either side.
+        Gap that closes, as a quantity with one column that depends only on positions, such as
+        `surface.gap(point)`, or an inactive joint that acts as a stop. There is no impact while a
+        gap opens; a joint rebounds from either side.
     restitution
         Coefficient of restitution, 0 (plastic) to 1 (elastic).
 
@@ -146,8 +146,8 @@ def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
     Raises
     ------
     BeamdaeError
-        If `on` is neither a joint nor a quantity with one column that depends on positions, or
-        `restitution` is outside [0, 1].
+        If `on` is neither a joint nor a quantity with one column, `on` is the reaction of a joint,
+        or `restitution` is outside [0, 1].
 
     Examples
     --------

@@ -126,12 +126,15 @@ class Law:
         return Formula(kind, (*self.breakpoints, *piece_numbers))
 
     def at(self, t: float) -> float:
-        """Return the value at time `t` [s]; the pieces must accept numbers.
+        """Return the value at time `t` [s]; the piece valid at `t` must accept numbers.
+
+        The spline of a `table` accepts only symbols.
 
         Raises
         ------
         BeamdaeError
-            If `t` is not a finite number, or the value is not a number.
+            If `t` is not a finite number, or the call of the piece fails or does not return a
+            number.
         """
         t = require_finite("Law.at", "t", t)
         try:

@@ -260,10 +260,10 @@ class Mechanism(HasOrigin):
         return event
 
     def snapshot(self) -> Mechanism:
-        """Return a copy that later changes to the mechanism do not affect.
+        """Return a copy of the mechanism in its present state.
 
-        The copy refers to the same parts; its collections of parts, observables and events are
-        read-only.
+        Later changes to the mechanism do not change the copy. The copy refers to the same parts;
+        its collections of parts, observables, events and names of inactive parts are read-only.
         """
         other = copy(self)
         other.parts, other.observables = ReadOnlyDict(self.parts), ReadOnlyDict(self.observables)

@@ -85,7 +85,9 @@ def _section_motion(local: Local, on: Any, inclination: Callable[[], Any]) -> SX
 
 @dataclass(frozen=True)
 class _RelativeDisplacement:
-    """Displacement of a point relative to the end of an arm fixed to a reference point.
+    """Displacement and rotation of a point relative to the end of an arm.
+
+    The arm is fixed to the body or section of a reference point.
 
     Attributes
     ----------
@@ -93,7 +95,7 @@ class _RelativeDisplacement:
         Number of local coordinates of the displaced point; the local coordinates of the reference
         point follow.
     axes
-        "inertial", or "section": the axes of the reference point.
+        "inertial", or "section" for axes that rotate with the reference point.
     """
 
     size: int

@@ -23,7 +23,16 @@ Array = np.ndarray
 
 
 class Drawing(NamedTuple):
-    """Drawing of a body: its kind ("beam", "rigid", "point" or "ground") and its attachments."""
+    """Drawing of a body.
+
+    Attributes
+    ----------
+    kind
+        "beam", "rigid", "point" or "ground".
+    places
+        Attachments at the points of the drawing; for beams and rigid bodies, in order along the
+        line to be drawn.
+    """
 
     kind: str
     places: list[Attachment]
@@ -37,14 +46,14 @@ class AttachedPart(NamedTuple):
 
 
 class SurfaceGap(NamedTuple):
-    """Distance from a surface that is negative inside the surface.
+    """Distance of a point from a surface, negative during penetration.
 
     Attributes
     ----------
     quantity
         Quantity with one column, the gap [m].
     remedy
-        Clause of a message that tells how to start outside the surface.
+        Clause of a message that explains how to start without penetration.
     """
 
     quantity: Quantity
@@ -52,11 +61,11 @@ class SurfaceGap(NamedTuple):
 
 
 class Part:
-    """Base class of bodies, joints, loads and dampers.
+    """Base class of bodies, joints and forces.
 
     Subclasses override the properties and methods that apply to them; the defaults are empty.
-    Assembly rejects a part without coordinates, forces and constraints, and a statement that does
-    not fit the bodies to which it refers.
+    Assembly rejects a part that has neither coordinates nor forces nor constraints, and statements
+    that do not fit the bodies to which they refer.
 
     Attributes
     ----------
@@ -64,7 +73,8 @@ class Part:
         Unique name in the mechanism, of at most 100 printable characters. A name must not start
         with =, +, - or @, contain [ or ], or start or end with a space.
     is_load
-        True for loads. By default, the load factor of an equilibrium scales all loads.
+        True for loads. By default, the load factor of an equilibrium scales all active loads and
+        gravity.
     symbol
         Name of the symbol of the part in drawings. Defaults to a diamond at each attachment.
     """
@@ -80,7 +90,7 @@ class Part:
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:
-        """Attachments among the fields of the part, including nested lists and dictionaries."""
+        """Attachments among the fields of the part and in nested lists and dictionaries."""
         return tuple(value for value in self._values if isinstance(value, Attachment))
 
     @property
@@ -97,7 +107,7 @@ class Part:
 
     @property
     def coordinates(self) -> tuple[Variable, ...]:
-        """Name and unit of each generalized coordinate of a body; the unit of angles is "rad"."""
+        """Name and unit of each generalized coordinate; angles have the unit "rad"."""
         return ()
 
     @property
@@ -190,7 +200,7 @@ class Part:
 
     @property
     def gaps(self) -> Sequence[SurfaceGap]:
-        """Gaps of penalty forces; a start deep inside a surface is reported."""
+        """Gaps of penalty forces; a deep penetration at the start causes a warning."""
         return ()
 
     @property

@@ -1,5 +1,5 @@
 """Bodies: the ground, rigid bodies with their shapes, and particles. Beams are in `beams`.
 
-May import: `part`, `attachments` and `laws` of `parts`, symbolic.
+May import: `part` and `attachments` of `parts`, symbolic, errors.
 To extend: subclass `Part` with coordinates, inertia in `forces` and points as `Attachment`s.
 """

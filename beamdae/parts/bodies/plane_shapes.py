@@ -17,7 +17,7 @@ _MIN_AREA_RATIO = 1e-12
 
 
 class Shape(NamedTuple):
-    """Mass [kg], inertia about the center [kg m^2], center of mass and outline [m] of a body."""
+    """Mass [kg], inertia about the center of mass [kg m^2], center of mass [m] and outline [m]."""
 
     mass: float
     inertia: float

@@ -68,7 +68,7 @@ class Ground(Part):
         Returns
         -------
         Attachment
-            The point, for joints and observables.
+            The point, for joints, forces and observables.
 
         Raises
         ------
@@ -358,7 +358,7 @@ class RigidBody(Part):
         Returns
         -------
         Attachment
-            The point, for joints, loads and observables.
+            The point, for joints, forces and observables.
 
         Raises
         ------

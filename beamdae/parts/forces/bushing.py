@@ -28,8 +28,8 @@ _COEFFICIENTS = ("kx", "ky", "ktheta", "cx", "cy", "ctheta")
 def _bushing_displacement(a: Any, b: Any, numbers: Any) -> SX:
     """Return the displacement in the axes of the bushing, and the relative rotation.
 
-    `numbers` are the angle of the axes and the vector between the points, both in the reference
-    configuration.
+    `numbers` are the angle of the axes and the components of b - a along these axes, all in the
+    reference configuration.
     """
     (position_a, rotation_a), (position_b, rotation_b) = a, b
     vector = rotate(-rotation_a - numbers[0], position_b - position_a)
@@ -61,8 +61,8 @@ class Bushing(ForceElement):
     ctheta
         Torsional damping coefficient [N m s/rad].
     angle
-        Angle of the x axis in the reference configuration [rad]; the axes rotate with the body of
-        `a`. Defaults to the direction of the section on a beam, and to zero on a rigid body.
+        Angle of the x axis in the reference configuration [rad]; the axes rotate with the body or
+        section of `a`. Defaults to the angle of the section if `a` is on a beam, otherwise to zero.
     law
         Formula `law(deformation, rate)` in place of the coefficients, with the deformation
         (x, y, rotation) [m, m, rad] and its rate. The law returns (Fx, Fy, M) [N, N, N m], which

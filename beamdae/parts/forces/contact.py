@@ -250,7 +250,7 @@ class Contact(Part):
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """Constant law that limits steps to `longest_step`; empty without such a limit."""
+        """Constant law that limits steps to `longest_step`, in a tuple; empty without a limit."""
         if self.longest_step is None:
             return ()
         time_scale = MIN_STEPS_PER_TIME_SCALE * self.longest_step
@@ -308,7 +308,7 @@ class Contact(Part):
 
     @property
     def gaps(self) -> tuple[SurfaceGap, ...]:
-        """Gap of the contact, with the change that moves the point out of the surface."""
+        """Gap of the contact, as a tuple of one entry."""
         return (SurfaceGap(self.gap, self.surface.remedy),)
 
     @property

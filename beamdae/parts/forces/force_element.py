@@ -227,7 +227,7 @@ class DeformationValues(_ElementExpression):
     """Values of the deformation of a force element."""
 
     def __call__(self, local: Local, *functions: Any) -> SX:
-        """Return the deformation as an expression."""
+        """Return the observed deformation as an expression."""
         return self.observe(self.evaluate(local, *functions)[0])
 
 
@@ -236,7 +236,7 @@ class ForceValues(_ElementExpression):
     """Values of the force of a force element."""
 
     def __call__(self, local: Local, *functions: Any) -> SX:
-        """Return the force as an expression."""
+        """Return the observed force as an expression."""
         return self.observe(self.evaluate(local, *functions)[1].force)
 
 
@@ -334,5 +334,5 @@ class ForceElement(Part):
 
     @property
     def force(self) -> Quantity:
-        """Force [N] or moment [N m] that opposes an increase of the deformation."""
+        """Forces [N] and moments [N m], positive if they oppose an increase of the deformation."""
         return self.observe(ForceValues, type(self)._force_columns)

@@ -75,7 +75,10 @@ class _AttachedLaw:
     dissipative: bool
 
     def evaluate(self, local: Local, *kinematics: Any) -> tuple[SX, SX, SX]:
-        """Return placements (x, y, rotation) and loads (Fx, Fy, M) of all points, and energy."""
+        """Return placements (x, y, rotation) and loads (Fx, Fy, M) of all points, and the energy.
+
+        Placements and loads are columns.
+        """
         placements, motions, first = [], [], 0
         for on, place in zip(self.on, kinematics, strict=True):
             position, rotation = place(local.q[first : first + on.size])
@@ -262,7 +265,7 @@ class ForceLaw(Part):
     @property
     @rebuilt_for_mesh
     def load(self) -> Quantity:
-        """Load Fx, Fy [N] and M [N m] on each attachment; several are numbered, Fx1, Fx2, ..."""
+        """Load Fx, Fy [N] and M [N m]; with several attachments, Fx1, Fy1, M1, Fx2, ..."""
         count = len(self.on)
         columns = tuple(
             Variable(f"{what}{k + 1}" if count > 1 else what, unit)

@@ -33,7 +33,7 @@ def as_vector(column: SX) -> np.ndarray:
 
 
 def list_entries(value: Any) -> list[Any]:
-    """Return the entries of the value of a formula; a single number is a list of one entry."""
+    """Return the entries of the value of a formula as a list, of one entry for a number."""
     if isinstance(value, (ca.SX, ca.DM)):
         return [value[k] for k in range(value.numel())]
     if isinstance(value, np.ndarray):

@@ -129,7 +129,7 @@ class LineSurface(_Surface):
 
     @property
     def remedy(self) -> str:
-        """Change that moves points inside the surface to its outside, for messages."""
+        """Clause of a message that explains how to avoid a penetration at the start."""
         x, y = (0.0 - component for component in self.direction)
         return (
             f"turn the direction of the line to ({x:g}, {y:g}), or move the point to the left side "
@@ -179,7 +179,7 @@ class CircleSurface(_Surface):
 
     @property
     def remedy(self) -> str:
-        """Change that moves points inside the surface to its outside, for messages."""
+        """Clause of a message that explains how to avoid a penetration at the start."""
         other_side = "inside" if self.side == "outside" else "outside"
         return (
             f'set side="{other_side}", or move the point to where the distance from the center is '

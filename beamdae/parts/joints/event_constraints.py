@@ -141,7 +141,7 @@ def evaluate_frozen_gap(
 
 @dataclass(frozen=True, eq=False)
 class FrozenConstraint(Part):
-    """Joint with a frozen gap: keeps the `offsets` and follows `law`, if given."""
+    """Joint with a frozen gap: keeps the `offsets`; follows `law` or, if None, the joint's laws."""
 
     joint: KinematicConstraint
     offsets: tuple[float, ...]
@@ -178,7 +178,7 @@ class FrozenConstraint(Part):
 
 @dataclass(frozen=True, eq=False)
 class ClosedGap(Part):
-    """Gap that an impact keeps closed: g = -gap, so that positive multipliers open the gap."""
+    """Constraint of a gap during an impact: g = -gap, so that positive multipliers open the gap."""
 
     name: str
     gap: Quantity
@@ -189,7 +189,7 @@ class ClosedGap(Part):
         return ()
 
     def constraints(self) -> list[ConstraintStatement]:
-        """Return the constraint that keeps the gap closed."""
+        """Return the constraint on the gap."""
         size = sum(piece.operator.shape[0] for piece in self.gap.pieces)
         local = Local(size, len(self.gap.data), 1)
         unit = {"rad": "N m"}.get(self.gap.columns[0].unit, "N")

@@ -91,7 +91,7 @@ class Gear(Joint):
 
     @staticmethod
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint, *carrier_and_ratio: Any) -> SX:
-        """Return the rotation of `b` minus the rotation that the gear prescribes [rad]."""
+        """Return the actual minus the prescribed rotation of `b` relative to the carrier [rad]."""
         *carriers, ratio = carrier_and_ratio
         carrier = carriers[0].rotation if carriers else 0
         return b.rotation - carrier - ratio * (a.rotation - carrier)

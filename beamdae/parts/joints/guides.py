@@ -33,7 +33,10 @@ def left_normal(part: str, direction: Any) -> tuple[float, float]:
 def project_along(
     direction: tuple[float, float], a: Attachment, b: Attachment
 ) -> tuple[float, float, float]:
-    """Return ex, ey of the unit vector e of `direction`, and the distance e . (r_b - r_a) [m]."""
+    """Return ex, ey of the unit vector e of `direction`, and e . (r_b - r_a) [m].
+
+    r_a and r_b are the positions of the points in the reference configuration.
+    """
     ex, ey = (float(x) for x in np.divide(direction, np.hypot(*direction)))
     return ex, ey, ex * (b.point[0] - a.point[0]) + ey * (b.point[1] - a.point[1])
 
@@ -41,7 +44,10 @@ def project_along(
 def project_across(
     direction: tuple[float, float], a: Attachment, b: Attachment
 ) -> tuple[float, float, float]:
-    """Return the left unit normal, and the distance from `a` to `b` along the normal [m]."""
+    """Return nx, ny of the left unit normal n of `direction`, and n . (r_b - r_a) [m].
+
+    r_a and r_b are the positions of the points in the reference configuration.
+    """
     return project_along((-direction[1], direction[0]), a, b)
 
 
@@ -90,7 +96,7 @@ class PointOnLine(Joint):
 
     @property
     def slide_direction(self) -> tuple[float, float]:
-        """Direction of the guide line."""
+        """Direction of the line in the reference configuration."""
         return self.direction
 
     @property
@@ -150,7 +156,7 @@ class Prismatic(Joint):
 
     @property
     def slide_direction(self) -> tuple[float, float]:
-        """Direction in which the joint slides."""
+        """Direction of the axis in the reference configuration."""
         return self.direction
 
     @property

@@ -40,7 +40,7 @@ def require_meeting(part: str, a: Attachment, b: Attachment) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Joint(KinematicConstraint):
-    """Constraint between two attachments; the base class of all joints.
+    """Constraint between two attachments; the base class of most joints.
 
     A joint is defined by its gap function g, which is zero while the joint is closed. The
     constraint kernel, g', g'', reactions and switching by events follow from g. Subclasses are

@@ -246,7 +246,7 @@ class KinematicConstraint(Part):
 
     @property
     def exerts_moments(self) -> bool:
-        """True if a constraint transmits a moment."""
+        """True if a multiplier is a moment."""
         return any(multiplier.unit == "N m" for multiplier in self.multipliers)
 
     @property
