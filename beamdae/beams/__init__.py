@@ -1,5 +1,6 @@
 """Beams: sections, meshes on curves, kinematics, loads and damping.
 
-May import: parts, curves, symbolic, memory, errors. Independent of equations and time stepping.
-To extend: add a formulation as a folder with subclasses of `Kinematics` and `Element`.
+May import: parts, curves, symbolic and the layers below. Independent of equations and integrators.
+To extend: add a formulation as a folder with subclasses of `FormulationKinematics` and `Element`,
+and register its name in `beam.py`.
 """

@@ -119,10 +119,11 @@ class Beam(Part):
         length of the curve. With a number n, the elements have equal arc length, unless a joint, a
         mass, a load or another part is attached between two element ends. The first assembly (run,
         check or analysis) then divides the beam at its attachments into at least n elements, none
-        of which is longer than with equal lengths. A beam that would need more than 2 n + 8
-        elements is not divided, and neither is one with custom `kinematics`. An attachment inside
-        an element causes an error of deflections, which is of order 3 in the element length for a
-        force (2 for 2-node elements) and of order 1 for a moment.
+        of which is longer than with equal lengths. A beam is not divided if it would need more than
+        2 n + 8 elements, if it has custom `kinematics`, or if its coordinates must not change
+        because the start or a custom `Quantity` refers to them. An attachment inside an element
+        causes an error of deflections. For a force, the error of the bending deflection is of order
+        3 in the element length (2 for 2-node elements); for a moment, it is of order 1.
     strain
         Strain measure of the floating frame:
 
@@ -137,7 +138,8 @@ class Beam(Part):
     continuity
         Quantity that neighboring elements share at their common node, in addition to the section
         rotation: "cartesian" (default), the displacement vector, or "local", its components along
-        and across the axis (as in the paper, curved elements only). Floating frame only.
+        and across the axis (as in the paper; curved elements with 3 or 4 nodes only). Floating
+        frame only.
         With "local", the small angle at which the axes of the elements meet is neglected, which
         limits convergence to order 2 instead of 4 and more (measured, see validation/).
     nodes
@@ -161,8 +163,9 @@ class Beam(Part):
         Initial velocity of the start point [m/s] and angular velocity [rad/s] of the beam, moving
         as a rigid body; made consistent with the joints.
     kinematics
-        Custom kinematics in place of `formulation`: a subclass of `Kinematics`, or a function of
-        (name, mesh, section) that returns an instance of one.
+        Custom kinematics in place of `formulation`: a subclass of
+        `beamdae.beams.kinematics.Kinematics`, or a function of (name, mesh, section) that returns
+        an instance of such a class.
     free_curve
         Stress-free shape of a beam that is bent in the reference configuration, where it carries
         the moment M = EI (1/R_free - 1/R). The position of this curve is irrelevant. Its length may
@@ -277,9 +280,10 @@ class Beam(Part):
     def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> None:
         """Place element ends at attachments, and make the mesh final.
 
-        The mesh is not changed if it is final already, because the equations of an assembly refer
-        to its coordinates, or if `has_fixed_coordinates` is True. Warn if an attachment that
-        remains inside an element causes a relative error of more than 2e-4 in deflections.
+        The mesh does not change if it is final already (after an earlier assembly, with given
+        element ends, or with custom kinematics) or if `has_fixed_coordinates` is True. Warn if an
+        attachment that remains inside an element causes a relative error of more than 2e-4 in
+        deflections.
         """
         sections = [x for x in attached if x.attachment.s is not None]
         if not self._has_final_mesh and not has_fixed_coordinates:
@@ -340,7 +344,7 @@ class Beam(Part):
 
     @property
     def rigid_coordinate_count(self) -> int:
-        """Number of leading coordinates that describe a rigid motion: those of a floating frame."""
+        """Number of leading coordinates of a rigid motion; 0 without a floating frame."""
         return self.kinematics.rigid_coordinate_count
 
     @property
@@ -360,7 +364,7 @@ class Beam(Part):
 
     @cached_property
     def outline(self) -> Array:
-        """Points along the axis (k, 2) [m]."""
+        """Points along the reference curve (k, 2) [m]."""
         return read_only(self.curve.point(np.linspace(0.0, self.length, _OUTLINE_POINTS)))
 
     def forces(self, gravity: Array) -> list[ForceStatement]:
@@ -369,7 +373,7 @@ class Beam(Part):
         return [ForceStatement(self.name, kernel, (piece,), self.kinematics.data(gravity))]
 
     def ranges(self) -> list[RangeStatement]:
-        """Return the statement for assessing the strains, if the kinematics provide the data."""
+        """Return the statement for assessing the strains, or [] if the kinematics provide none."""
         validity = self.kinematics.strain_validity
         if validity is None:
             return []
@@ -413,7 +417,13 @@ class Beam(Part):
 
     @property
     def floating_frame(self) -> Attachment:
-        """Floating frame, or reference frame of an exact beam, for `Mechanism.observe`."""
+        """Floating frame, or reference frame of an exact beam, for `Mechanism.observe`.
+
+        Raises
+        ------
+        BeamdaeError
+            If custom kinematics have no frame.
+        """
         return BeamAttachment(self, None)
 
     def _require_arc_length(self, s: float) -> float:
@@ -499,7 +509,7 @@ class Beam(Part):
         return replace(quantity, columns=columns)
 
     def strain(self, s: float, offset: float | str) -> Quantity:
-        """Return the longitudinal strain eps11 of a fiber (eq. 5).
+        """Return the longitudinal strain eps11 of a fiber.
 
         The strain is interpolated to `s` between the stiffness quadrature points, where the strains
         of an element are most accurate.
@@ -551,8 +561,8 @@ class Beam(Part):
     def section_forces(self, s: float) -> Quantity:
         """Return axial force, shear force and bending moment at `s`, computed from the strains.
 
-        N = EA eps11, Q = GA 2 eps12, M = EI kappa11 on the axis (eqs. 5-7), including material
-        damping. A positive M lengthens the left side of the beam.
+        N = EA eps11, Q = GA 2 eps12 and M = EI kappa11 with the strains of the axis, plus the
+        forces of material damping. A positive M lengthens the left side of the beam.
 
         Parameters
         ----------
@@ -616,12 +626,12 @@ class BeamAttachment(Attachment):
 
     @property
     def inclination(self) -> float:
-        """Angle of the section in the reference configuration [rad]."""
+        """Angle of the section or frame in the reference configuration [rad]."""
         return float(self._material_point.inclination)
 
     @property
     def operator(self) -> sp.csr_array:
-        """Matrix that maps the beam coordinates to the local coordinates of the section."""
+        """Matrix that maps the beam coordinates to the local coordinates of `kinematics`."""
         return self._material_point.operator
 
     @property
@@ -669,7 +679,7 @@ def _create_kinematics(
 def _parse_elements(
     part: str, elements: Any, length: float
 ) -> tuple[int, tuple[float, ...] | None]:
-    """Return the number of elements, and the arc lengths of their ends [m] if these are given."""
+    """Return the number of elements and the arc lengths of their ends [m] (None if not given)."""
     if as_real(elements) is not None:
         return require_count(part, "elements", elements), None
     what = "a number or the arc lengths of the element ends"

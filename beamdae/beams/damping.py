@@ -22,11 +22,12 @@ from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, 
 class RayleighDamping(Part):
     """Proportional damping of a beam: forces -(`mass` M + `stiffness` K) v.
 
-    M is the mass matrix, K the stiffness matrix and v the vector of velocities. The mass term acts
-    on velocities in the inertial frame, -mass rho A r' per length and -mass rho I (theta' + phi')
-    on the sections. Like a viscous fluid, this term also damps the rigid motion of the beam. It
-    makes vibrations about a frame at rest decay as exp(-mass t / 2). The stiffness term gives a
-    mode of angular frequency w the damping ratio stiffness * w / 2.
+    M is the mass matrix, K the stiffness matrix and v the vector of velocities. The mass term is a
+    force -mass * rho A * (velocity) and a moment -mass * rho I * (angular velocity of the section)
+    per length, with velocities relative to the inertial frame. Like a viscous fluid, this term also
+    damps the rigid motion of the beam. It makes vibrations about a frame at rest decay as
+    exp(-mass t / 2). The stiffness term gives a mode of angular frequency w the damping ratio
+    stiffness * w / 2.
 
     In a floating frame, K is the constant stiffness of the undeformed beam (linear strains). For
     amplitudes that are small compared to the radius of gyration of the section, the stiffness term

@@ -104,7 +104,7 @@ class ElementData:
     mass, stiffness
         Values of the inertia points and of the stiffness points, one column per point.
     section
-        Properties of a constant section, in the order of `SECTION_VALUES`.
+        Properties of a constant section, in the order of `SECTION_VALUES`; empty if `varying`.
     gravity
         Acceleration of gravity (2,) [m/s^2].
     """
@@ -161,9 +161,10 @@ def assemble_point_data(
 def assemble_element_data(
     points: Array, section: Section | VaryingSection, gravity: Array
 ) -> Array:
-    """Return the data of all elements, one column each: points, constant section, gravity.
+    """Return the data of all elements, one column per element.
 
-    `points` are the values of `assemble_point_data`; `gravity` has the shape (2,) [m/s^2].
+    A column contains the values `points` of `assemble_point_data`, the properties of the section
+    if it is constant, and `gravity` (2,) [m/s^2].
     """
     constant = attrgetter(*SECTION_VALUES)(section) if isinstance(section, Section) else ()
     values = np.array([*constant, *gravity])

@@ -55,7 +55,8 @@ class InertiaPoint(NamedTuple):
         Inertia per length for the components of (velocity, angular velocity):
         (rhoA [kg/m], rhoA [kg/m], rhoI [kg m]).
     velocity
-        Velocity of the axis (2,) [m/s], resolved in any orthogonal axes.
+        Velocity of the axis relative to the inertial frame (2,) [m/s], resolved in any orthogonal
+        axes.
     angular_velocity
         Angular velocity of the section [rad/s].
     rotation
@@ -127,7 +128,7 @@ class MaterialPoint(NamedTuple):
     reference_position
         Position (x, y) in the reference configuration [m].
     inclination
-        Angle of the section in the reference configuration [rad].
+        Angle of the section or frame in the reference configuration [rad].
     operator
         Sparse matrix that maps the beam coordinates to the local coordinates.
     motion
@@ -201,12 +202,12 @@ class Kinematics(ABC):
 
     @property
     def rigid_coordinate_count(self) -> int:
-        """Number of leading coordinates that describe a rigid motion; none by default."""
+        """Number of leading coordinates that describe a rigid motion; 0 by default."""
         return 0
 
     @property
     def frame_follows_section(self) -> bool:
-        """True if the body has a floating frame that moves with one of its sections."""
+        """True if the beam has a floating frame that moves with a section; False by default."""
         return False
 
     @property
@@ -381,7 +382,7 @@ class FormulationKinematics(Kinematics):
 
 
 def nonzero_shape_functions(row: Array) -> Array:
-    """Return a mask of the shape functions in `row` that exceed rounding errors of zero."""
+    """Return a mask that is False where a value in `row` is zero up to rounding errors."""
     return np.abs(row) > _MIN_SHAPE_FUNCTION
 
 

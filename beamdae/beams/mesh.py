@@ -63,8 +63,8 @@ class Mesh:
     nodes
         Nodes per element, equidistant in arc length.
     shape
-        "curved": each element interpolates the curve through its nodes (eq. 13); "straight":
-        each element is the chord between its end nodes.
+        "curved": each element interpolates the curve through its nodes (eq. 13 of Pan & Liu, 2012);
+        "straight": each element is the chord between its end nodes.
     origin, angle
         Origin [m] and inclination [rad] of the axes to which points and angles refer. Default to
         the inertial axes.
@@ -101,8 +101,8 @@ class Mesh:
         """Return a mesh with element ends at the given ascending arc lengths [m].
 
         This mesh must have n elements of equal length; the elements of the result are at most as
-        long. An arc length does not become an element end if its distance from the preceding
-        element end or from an end of the beam is at most 1e-4 of the element length. Return this
+        long. An arc length is skipped if its distance from an end of the beam, or from the
+        preceding arc length that is not skipped, is at most 1e-4 of the element length. Return this
         mesh if its elements already end at all arc lengths, or if more than 2 n + 8 elements would
         be needed.
         """
@@ -184,8 +184,8 @@ class Mesh:
         Raises
         ------
         BeamdaeError
-            If the polygon through the nodes of an element is less than half as long as the curve.
-            The message names the `part`.
+            If the polygon through the nodes of an element is less than half as long as the part of
+            the curve between its ends. The message names the beam, `part`.
         """
         steps = np.diff(self.node_points, axis=1)
         polygons = np.hypot(steps[..., 0], steps[..., 1]).sum(axis=1)
@@ -198,7 +198,7 @@ class Mesh:
             )
 
     def axis(self, element: Array, xi: Array) -> AxisPoints:
-        """Return points on the interpolated axes (eqs. 2, 13, 14).
+        """Return points on the interpolated axes (eqs. 2, 13 and 14 of Pan & Liu, 2012).
 
         `element` (indices of the elements) and the local coordinates `xi` have the shape (n,).
         Angles are continuous along the curve.

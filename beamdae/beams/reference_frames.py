@@ -24,7 +24,7 @@ def has_chord(curve: PlaneCurve) -> bool:
 
 
 def resolve_frame(part: str, curve: PlaneCurve, frame: str | None) -> str:
-    """Return `frame`, or the default frame of the curve if it is None.
+    """Return `frame`, or the default frame of the curve if `frame` is None.
 
     Raises
     ------

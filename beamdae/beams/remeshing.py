@@ -98,8 +98,8 @@ def choose_base_meshes(
         Number of elements of a beam without attachments between its ends. A beam with fewer
         elements in the original mechanism keeps its number; a strongly curved beam may have more.
     start
-        Start that replaces the start of the mechanism. Beams whose coordinates it names keep their
-        meshes and formulations.
+        Start that replaces the start of the mechanism; None for the start of the mechanism. Beams
+        whose coordinates the start names keep their meshes and formulations.
     """
     beams = {name: part for name, part in mechanism.parts.items() if isinstance(part, Beam)}
     sections: dict[int, set[float]] = {id(beam): set() for beam in beams.values()}

@@ -40,7 +40,7 @@ class Section:
     second_moment
         Second moment of area I [m^4] about the centroidal axis normal to the plane of motion.
     shear_coefficient
-        Shear correction factor k_G of the shear stiffness k_G G A (eq. 7); 5/6 for a rectangle.
+        Shear correction factor k_G of the shear stiffness k_G G A; 5/6 (default) for a rectangle.
     damping
         Kelvin-Voigt retardation time [s]: each section force is stiffness * (strain + damping *
         strain rate).
@@ -48,11 +48,11 @@ class Section:
         rho A [kg/m] and rho I [kg m], for sections with stiffeners or nonstructural mass. Default
         to the values of the material and the shape.
     height
-        Height [m] in the plane of motion, half on either side of the axis. Required for
-        strains at "top" and "bottom"; set by the class methods such as `rectangle`.
+        Height [m] in the plane of motion, half on either side of the axis. Required for strains and
+        stresses at "top" and "bottom"; set by the class methods such as `rectangle`.
     shear_peak
-        Largest shear stress (on the axis) relative to the mean Q / A; 3/2 for a rectangle. Set by
-        the class methods.
+        Largest shear stress (on the axis) relative to the mean Q / A; 3/2 (default) for a
+        rectangle. Set by the other class methods, such as `circle`.
 
     Raises
     ------
@@ -271,7 +271,8 @@ class Section:
         Raises
         ------
         BeamdaeError
-            If the section has no height for "top" or "bottom", or the fiber lies outside.
+            If `offset` is another text or not finite, the section has no height for "top" or
+            "bottom", or the fiber lies outside the section.
         """
         if isinstance(offset, str):
             require_choice(part, "offset", offset, ("top", "bottom"))

@@ -1,4 +1,4 @@
-"""Lagrange shape functions on equidistant nodes (eq. 12) and Gauss quadrature."""
+"""Lagrange shape functions on equidistant nodes, and Gauss quadrature."""
 
 from __future__ import annotations
 

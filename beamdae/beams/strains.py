@@ -97,20 +97,20 @@ class InterpolatedStrains:
 
 
 def fiber_strain(local: Local, strains: Callable[[Local], SX], offset: Callable[[], Any]) -> SX:
-    """Return the longitudinal strain (eq. 5) of a fiber; `offset()` returns its offset [m]."""
+    """Return the longitudinal strain of a fiber; `offset()[0]` is its offset from the axis [m]."""
     strain = strains(local)
     return strain[AXIAL] + offset()[0] * strain[BENDING]
 
 
 def fiber_stress(local: Local, strains: Callable[[Local], SX], numbers: Callable[[], Any]) -> SX:
-    """Return the longitudinal stress [Pa] of a fiber; `numbers` are offset, E and damping."""
+    """Return the stress [Pa] of a fiber; `numbers()` returns (offset [m], E [Pa], damping [s])."""
     offset, modulus, damping = (numbers()[k] for k in range(3))
     strain = fiber_strain(local, strains, lambda: (offset,))
     return modulus * (strain + damping * local.dot(strain))
 
 
 def section_forces(local: Local, strains: Callable[[Local], SX], numbers: Callable[[], Any]) -> SX:
-    """Return (N, Q, M) on the axis (eqs. 5-7); `numbers` are EA, GA, EI and damping."""
+    """Return (N, Q, M) on the axis; `numbers()` returns (EA, GA, EI, damping)."""
     *stiffness, damping = (numbers()[k] for k in range(STRAIN_SIZE + 1))
     strain = strains(local)
     viscous = damping * local.dot(strain)

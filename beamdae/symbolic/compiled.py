@@ -40,7 +40,7 @@ class Compiled:
     calls
         Number of evaluations.
     inputs, outputs
-        Buffers, one flat float array (non-zeros in column-major order) per input or output.
+        Buffers: one flat float array per input or output, with its non-zeros column by column.
     """
 
     def __init__(self, function: ca.Function, *last: Array) -> None:
@@ -73,7 +73,7 @@ class RowFunction:
         self._derivatives: dict[int, RowFunction] = {}
 
     def __call__(self, *arguments: Array) -> Array:
-        """Return values of shape (rows, size).
+        """Return one row of output entries for each row of the arguments, shape (rows, size).
 
         Arguments have shape (rows, k), or (k,) if all rows share the argument; at least one
         argument must be two-dimensional.
@@ -117,7 +117,7 @@ class RowFunction:
         return mapped
 
     def jacobians(self, *arguments: Array) -> list[Array]:
-        """Return dense Jacobians: one array (size, k) for each argument of shape (k,)."""
+        """Return the dense Jacobians at one point: an array (size, k) per argument (k,)."""
         function = self._function
         unused_value = np.zeros(function.numel_out(0))
         derivatives = function.jacobian()(*map(np.ravel, arguments), unused_value)

@@ -28,7 +28,7 @@ class ConstraintKernel:
     constraint
         g, shape (n_multipliers,).
     reused
-        True if many statements share the kernel unchanged.
+        True if statements share the kernel unchanged; see `kernel_groups` for other kernels.
     """
 
     local: Local

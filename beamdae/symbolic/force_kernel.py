@@ -39,7 +39,7 @@ class ForceKernel:
     powers
         (power of the loads, dissipated power) [W].
     reused
-        True if many statements share the kernel unchanged.
+        True if statements share the kernel unchanged; see `kernel_groups` for other kernels.
     """
 
     local: Local
@@ -51,7 +51,7 @@ class ForceKernel:
 
     @property
     def inputs(self) -> list[SX]:
-        """Symbols on which the expressions may depend: (time, q, v, a, lam, data)."""
+        """Symbols (time, q, v, a, lam, data) of the expressions; only the force may depend on a."""
         x = self.local
         return [x.time, x.q, x.v, x.a, x.lam, x.data]
 

@@ -1,7 +1,7 @@
 """Formulas: functions separated from the numbers in them.
 
-The end points of all beams move by the same expression with different numbers. An expression made
-of formulas takes these numbers as data, so that it is built once and shared by all models.
+Points of two rigid bodies, for example, move by the same expression with different numbers. An
+expression made of formulas takes these numbers as data, so that all models can share it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Formula:
     ----------
     kind
         Function of (..., numbers). Equal kinds must compute the same values, so a kind is a
-        module-level function or a frozen dataclass.
+        module-level function or an instance of a frozen dataclass.
     numbers
         Floats, or symbols in their place; `kind` reads single entries such as `numbers[0]`.
     """

@@ -3,7 +3,7 @@
 Joints of one type differ in the positions of their points. If each joint had a separate kernel, a
 chain of many bodies would need as many functions to build and to call. With the numbers as data,
 these joints share one kernel, whose copies are evaluated together like the elements of a beam.
-Kernels made of `Formula`s are shared from the start; this module handles user-defined expressions.
+Kernels made only of `Formula`s already take their numbers as data; they are shared unchanged.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ class KernelGroup(NamedTuple):
     members
         Indices of the statements that share the kernel.
     data
-        Data of the copies of all members, one column per copy, in the order of `members`.
+        Data of the copies of all members, one column per copy, in the order of `members`. If
+        `kernel` takes numbers of the original kernels as data, these are the last rows.
     """
 
     kernel: Any

@@ -109,8 +109,8 @@ class Sum:
     Attributes
     ----------
     shared
-        Inputs common to all copies, (t, branch, factors); set before an evaluation, see `set_time`
-        and `set_matrix_factors`.
+        Inputs common to all copies: (t, branch), followed by the `MatrixFactors` in sums of
+        matrices. Set before an evaluation, see `set_time` and `set_matrix_factors`.
     local
         Inputs of the copies, batch by batch; (component, copy) within each batch.
     out

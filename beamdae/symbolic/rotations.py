@@ -66,8 +66,8 @@ class RotatedOperator(NamedTuple):
     selection
         Operator that selects the global coordinates z_e of all copies.
     rotation, data
-        Pattern of the rotation, and its numbers, one column per copy. `rotation` is None if the
-        operator only selects.
+        Pattern of the rotation, and its numbers, one column per copy. If the operator only selects,
+        `rotation` is None and `data` has no rows.
     """
 
     selection: sp.csr_array

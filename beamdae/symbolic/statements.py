@@ -1,8 +1,8 @@
 """Statements: contributions of one part to the equations of motion, in a few coordinates.
 
-A statement is a small symbolic kernel together with constant sparse operators that select its local
-coordinates from the coordinates of the bodies. The equations of motion of a mechanism are the sum
-of the statements of its parts.
+A statement is a small symbolic kernel together with constant sparse operators that map the
+coordinates of parts to its local coordinates. The equations of motion of a mechanism are the sum of
+the force and constraint statements of its parts.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ __all__ = [
 
 
 class Variable(NamedTuple):
-    """Name and unit of a coordinate, a multiplier or an observed column."""
+    """Name and unit of a value, such as a coordinate, a multiplier or an observed column."""
 
     name: str
     unit: str
@@ -214,7 +214,8 @@ class Quantity:
     Attributes
     ----------
     columns
-        Name and unit of each value; an empty name is replaced by the name of the observable.
+        Name and unit of each value. The column of an observable is named "observable.name", or
+        "observable" if the name is empty.
     pieces
         Operators that select the local coordinates.
     expression
@@ -239,9 +240,9 @@ class Quantity:
 
     @property
     def can_be_rebuilt(self) -> bool:
-        """True if the quantity can be returned for other coordinates of the bodies.
+        """True if the quantity can be rebuilt after the coordinates of beams have changed.
 
-        Copies with other pieces, another expression or other data cannot.
+        A copy with other pieces, another expression or other data cannot be rebuilt.
         """
         return self.recipe is not None and all(
             mine is original

@@ -198,7 +198,7 @@ class SumBuilder:
         return _concatenate_columns(self._entries, "llld")
 
     def _plan(self, rows: Array, source: Array, weight: Array) -> SumPlan:
-        """Sort inputs and entries by batch, and separate those of weight 1 from the others."""
+        """Return the plan, with inputs and entries sorted by batch and grouped as in `Sum`."""
         n_batches = len(self._batches)
         ends = np.array([*self._batch_starts, self._n_out])
         # Shared numbers and the 1 have negative sources and follow the last batch.

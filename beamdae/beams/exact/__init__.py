@@ -1,5 +1,5 @@
 """Geometrically exact formulation of Reissner (1972) and Simo (1985).
 
-May import: symbolic, parts, and modules of `beams` such as mesh, sections and kinematics.
+May import: symbolic, parts, read_only, and modules of `beams` such as sections and kinematics.
 To extend: add another interpolation of positions or section angles as an element type here.
 """

@@ -133,9 +133,10 @@ class AxisMotion:
     ----------
     q, v, a
         Local coordinates (x0, y0, theta, (u, v, phi) of each node) and their first and second time
-        derivatives.
+        derivatives. `v` may be None if only positions are evaluated.
     gravity
-        Acceleration of gravity (2,) [m/s^2]; accelerations are relative to free fall.
+        Acceleration of gravity (2,) [m/s^2]; accelerations are relative to free fall. `a` and
+        `gravity` may be None if accelerations are not evaluated.
     """
 
     q: SX

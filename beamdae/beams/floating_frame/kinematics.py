@@ -162,7 +162,10 @@ class FloatingFrame(FormulationKinematics):
         return operator
 
     def _kink_angles(self, element: Array, node: Array) -> Array:
-        """Return the angles from the curve to the element axis at each node; 0 if "local"."""
+        """Return the angles from the curve to the element axis at the nodes of elements [rad].
+
+        The angles are zero for "local" continuity, which neglects them.
+        """
         if self.continuity == "local":
             return np.zeros(len(element))
         mesh = self.mesh_in_frame
@@ -259,7 +262,7 @@ class FloatingFrame(FormulationKinematics):
 
     @property
     def floating_frame(self) -> MaterialPoint:
-        """Origin of the floating frame, with the angle of the frame as its rotation."""
+        """Origin and rotation of the floating frame."""
         rows = sp.eye_array(FRAME_SIZE, len(self.coordinates), format="csr")
         motion = Formula(frame_motion, (self.frame_angle,))
         return MaterialPoint(self.origin, self.frame_angle, rows, motion)
