@@ -1,6 +1,6 @@
-"""Studies: parallel runs of many cases, with stored results and errors against a reference.
+"""Studies and sweeps: runs of many cases in parallel, stored results, errors against references.
 
-May import: checks, report, verification, simulation and everything below.
+May import: report, simulation and everything below.
 To extend: add a column of the case table to `run_values`, a figure to `study_pictures`, or an
 executor to `execution`.
 """

@@ -56,8 +56,8 @@ class Case:
     Raises
     ------
     BeamdaeError
-        If an argument has the wrong type. Names and types of parameters are checked only when the
-        case is run or becomes part of a study.
+        If an argument has the wrong type or the integrator is not valid. Names and types of
+        parameters are not checked here, but when the case is run or becomes part of a study.
     """
 
     model: Model
@@ -78,7 +78,10 @@ class Case:
 
     @property
     def changed(self) -> dict[str, Any]:
-        """Integrator settings that differ from their defaults, except the time limit."""
+        """Integrator settings that differ from their defaults, by name, except the time limit.
+
+        Settings without a default are included.
+        """
         settings = {f.name: (getattr(self.integrator, f.name), f.default) for f in self._settings}
         return {name: value for name, (value, default) in settings.items() if value != default}
 
@@ -96,7 +99,10 @@ class Case:
 
     @property
     def series(self) -> str:
-        """Label without the step or tolerance value; cases with the same series form one curve."""
+        """Label without the value of step or rtol, such as `Ida(rtol)`.
+
+        Cases of a group that have the same series form one curve.
+        """
         accuracy = self.integrator.accuracy.name
         others = [f"{k}={v}" for k, v in self.changed.items() if k != accuracy]
         return f"{self.integrator.method}({', '.join([accuracy, *others])})"
@@ -124,7 +130,7 @@ class Case:
         return simulate(model, self.integrator, t_end, output_step, progress, partial=partial)
 
     def mechanism_fingerprint(self, digests: DigestCache | None = None) -> str:
-        """Return a hash of what the equations depend on, except files that the model reads.
+        """Return a hash of what the equations depend on, except undeclared files.
 
         The hash covers the model (its code, the values that the code refers to, and the files it
         declares), the parameters, the versions of Python and packages, and the source code of
@@ -154,11 +160,12 @@ class Case:
     def fingerprint(
         self, t_end: float, output_step: float, digests: DigestCache | None = None
     ) -> str:
-        """Return a hash of everything the result depends on, except files read during the run.
+        """Return a hash of everything the result depends on, except undeclared files.
 
-        These files are known only after the run; the record of the run contains their hashes. The
-        end time and the time between rows are in s. See `mechanism_fingerprint` for `digests` and
-        errors.
+        Undeclared files that the model reads are known only after the run; the record of the run
+        contains their hashes. `t_end` and `output_step` are the end time and the time between rows
+        [s]. See `mechanism_fingerprint` for `digests` and errors; an integrator whose class cannot
+        be reproduced is also an error.
         """
         digests = {} if digests is None else digests
         kind = type(self.integrator)
@@ -216,7 +223,11 @@ def _digest_environment() -> str:
 
 
 def format_parameter(value: Any) -> str:
-    """Format a parameter value for labels; long or ambiguous text becomes the type and a hash."""
+    """Format a parameter value for labels: as text or, if unsuitable, as its type and a hash.
+
+    Text is unsuitable if it is long, unprintable, abbreviated or contains a memory address. A value
+    without a hash becomes its type only.
+    """
     try:
         text = str(value)
     except Exception:  # huge integers, or an error in __str__
@@ -234,7 +245,7 @@ def format_parameter(value: Any) -> str:
 
 
 def default_integrators() -> tuple[Integrator, ...]:
-    """Return the integrators that `beamdae compare` uses for a model by default."""
+    """Return the integrators that `beamdae compare` uses for a model without a study."""
     return (
         Ida(rtol=1e-4),
         Ida(rtol=1e-6),

@@ -30,8 +30,8 @@ def summarize_cases(cases: pd.DataFrame) -> pd.DataFrame:
 
     Case A is considered faster than case B only if the median wall time of A is below the shortest
     wall time of B. The shortest wall time of a case with a single run is estimated as its wall time
-    / 1.2. The column "as fast" lists the cases that are not slower than the fastest case by this
-    criterion.
+    / 1.2. The column "as fast" lists the other cases that meet the error level and are not slower
+    than the fastest case by this criterion.
     """
     lines: list[dict[str, Any]] = []
     if ERROR_COLUMN in cases:
@@ -47,7 +47,8 @@ def summarize_cases(cases: pd.DataFrame) -> pd.DataFrame:
 def summarize_mesh_study(cases: pd.DataFrame, over: str) -> pd.DataFrame:
     """Return the observed orders of convergence between successive meshes, by group.
 
-    Errors that the reference cannot resolve are omitted.
+    Only successful cases are included. Errors that are zero or that the reference cannot resolve
+    are omitted. `over` is the name of the refined parameter.
     """
     lines = []
     for group, rows in cases[cases["status"] == "ok"].groupby("group", sort=False):
@@ -106,7 +107,10 @@ def _find_fastest(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _fit_orders(group: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the order of each series: the slope of log(error) over log(step) or log(rtol)."""
+    """Return summary lines with the order of each series.
+
+    The order is the slope of log(error) over log(step) or log(rtol).
+    """
     lines = []
     for series, runs in rows.groupby("series", sort=False):
         error = runs[ERROR_COLUMN].to_numpy()
@@ -166,11 +170,11 @@ def _interpolate_cost(levels: np.ndarray, error: np.ndarray, cost: np.ndarray) -
 
 
 def _find_overtakings(cost: np.ndarray, shortest: np.ndarray) -> list[tuple[int, int, int]]:
-    """Return (slower row, faster row, first level) for each change of the fastest series.
+    """Return (slower row, faster row, level index) for each change of the fastest series.
 
-    Rows are series and columns are levels of decreasing error. A series is overtaken if the cost of
-    another series falls below its shortest cost. A series that merely ends, because there are no
-    runs with smaller errors, is not overtaken.
+    Rows are series and columns are levels of decreasing error. Series A is overtaken by the
+    cheapest series B if the cost of B falls below the shortest cost of A. A series that merely
+    ends, because it has no runs with smaller errors, is not overtaken.
     """
     overtakings = []
     current = int(np.argmin(cost[:, 0]))

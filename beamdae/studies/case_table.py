@@ -29,7 +29,10 @@ _MAX_INTEGER = 2**63  # larger integers do not fit into the columns of tables
 def tabulate_case(
     case: Case, group: str, outcome: Outcome, reference: Reference | None
 ) -> dict[str, Any]:
-    """Return the row of a case: model, parameters, integrator, cost, quality and errors."""
+    """Return the row of a case: model, parameters, integrator, status, cost and quality.
+
+    With a `reference`, the row also contains the errors.
+    """
     accuracy = case.integrator.accuracy
     values: dict[str, Any] = {
         "model": case.model.name,
@@ -53,7 +56,7 @@ def tabulate_case(
 
 
 def _error_columns(outcome: Outcome, reference: Reference) -> dict[str, Any]:
-    """Return the errors of columns relative to their amplitudes, and of event times in s."""
+    """Return the errors of columns, relative to their amplitudes, and of event times [s]."""
     columns: dict[str, Any] = dict.fromkeys(
         [ERROR_COLUMN, "below resolution", "reaction error [-]"], np.nan
     )

@@ -60,30 +60,32 @@ def compare(
         Solution that errors are measured against, or a case that is run to obtain this solution.
         Without a reference, no errors are computed.
     columns
-        Observed columns used for the errors. Defaults to all positions and angles that move.
+        Observed columns used for the errors. Defaults to all columns in m or rad that vary or, if
+        no column has these units, to all columns that vary.
     t_end, output_step
         End time and time between rows of all cases [s], as in `simulate`.
     progress
         Function that is called repeatedly with the label of the running case or reference and the
         simulated time [s].
     partial
-        "return" to return the table so far if the call is interrupted, with rows of the status
-        "interrupted", instead of raising `Interrupted`.
+        "return" to return the table instead of raising `Interrupted` if a case is interrupted; this
+        case and all later cases have the status "interrupted".
 
     Returns
     -------
     DataFrame
-        One row per case. "error [-]" is the largest difference from the reference over `columns`
-        and all times that the run has reached, relative to half the range of each column. Further
-        columns contain the final, maximum and root mean square error of each column in `columns`.
+        One row per case. With a reference, "error [-]" is the largest difference over `columns` and
+        all times that both runs have reached, relative to half the range of the column in the
+        reference. Further columns contain the final, maximum and root mean square error of each
+        column in `columns`.
 
     Raises
     ------
     BeamdaeError
         If the reference fails, a column is unknown or constant, or an argument is invalid.
     Interrupted
-        If Ctrl-C ends the call; `Interrupted.partial` is the table so far, or None before
-        the first case.
+        If Ctrl-C ends the call; `Interrupted.partial` is the table so far, or None if there
+        is none.
 
     Warns
     -----

@@ -43,20 +43,22 @@ class Study:
     cases
         Cases to run.
     references
-        Two integrators with different methods. Defaults to `Radau(rtol=1e-7)` and
-        `GeneralizedAlpha(step=1e-4, newton_tolerance=1e-9)`. The first integrator computes the
+        Two integrators with different methods, or an empty tuple. Defaults to `Radau(rtol=1e-7)`
+        and `GeneralizedAlpha(step=1e-4, newton_tolerance=1e-9)`. The first integrator computes the
         reference of each group of cases that differ only in their integrator; the difference
         between the two results is the uncertainty of the reference. An integrator with a fixed step
         is also run with half the step, and the results are extrapolated (Richardson). With an empty
         tuple, errors are computed only if `over` is given. Mesh studies do not use these
         integrators.
     columns
-        Observed columns used for the errors. Defaults to all positions and angles that move.
+        Observed columns used for the errors. Defaults to all columns in m or rad that vary or, if
+        no column has these units, to all columns that vary.
     t_end, output_step
         End time and time between rows of all cases [s]. The defaults are the end time of the model,
         and the end time / 400.
     limits
-        Limits on the wall time, memory and time without progress of each case.
+        Limits on the wall time, memory and time without progress of each case. Defaults to
+        `Limits(time=120.0)`.
     repetitions
         Number of runs of each case; the wall time of the case is the median of all runs.
     over
@@ -65,9 +67,9 @@ class Study:
         has a single integrator, so that errors in space and time are not mixed.
     errors
         If True, compute errors of all cases. If False, compute no errors and run no references. If
-        None, compute errors in all groups if `references`, `columns` or `over` is given, and
+        None, compute errors in all groups if `over`, `columns` or two `references` are given, and
         otherwise in groups with several different cases (same model and parameters, different
-        integrators).
+        integrators); with empty `references` and without `over`, compute no errors.
 
     Raises
     ------
@@ -142,7 +144,7 @@ class Study:
                 )
 
     def computes_errors(self, runs: int) -> bool:
-        """Return True if errors are computed for a group with this number of different runs."""
+        """Return True if errors are computed for a group with `runs` different runs."""
         if self.errors is not None:
             return self.errors
         if self.over is None and self.references == ():
@@ -154,9 +156,10 @@ class Study:
         return case.label if self.over is None else f"{self.over}={case.parameters[self.over]}"
 
     def task(self, case: Case, reference: bool = False, digests: DigestCache | None = None) -> Task:
-        """Return the task of a case; a reference has ten times the time limit and one repetition.
+        """Return the task of a case.
 
-        See `Case.mechanism_fingerprint` for `digests`.
+        If `reference` is True, the task has ten times the time limit, one repetition and an
+        animation. See `Case.mechanism_fingerprint` for `digests`.
         """
         t_end = case.model.t_end if self.t_end is None else self.t_end
         output_step = t_end / _DEFAULT_OUTPUT_ROWS if self.output_step is None else self.output_step
@@ -249,8 +252,9 @@ def study(
     Raises
     ------
     BeamdaeError
-        If a limit is not positive. The decorator raises this error if the function fails or returns
-        no cases, or another setting is invalid (see `Study`).
+        If a limit is not positive. The decorator raises this error if it is not applied to a
+        function, the function fails or returns no cases, or another setting is invalid (see
+        `Study`).
     """
     for name, value in (
         ("time_limit", time_limit),
@@ -290,7 +294,7 @@ def call_definition(function: Callable[[], Any], entries: str) -> Any:
     Raises
     ------
     BeamdaeError
-        If the function raises an exception, including `SystemExit`.
+        If the function raises an exception other than KeyboardInterrupt, such as `SystemExit`.
     """
     try:
         listed = function()

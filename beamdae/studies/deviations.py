@@ -26,7 +26,7 @@ def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -
     Raises
     ------
     BeamdaeError
-        If a requested column does not exist or is constant, or no column varies.
+        If a requested column does not exist or is constant, or none of the default columns varies.
     """
     present = observed_columns(reference)
     candidates = (
@@ -49,7 +49,10 @@ def select_error_columns(reference: pd.DataFrame, columns: Sequence[str] = ()) -
 
 
 def select_reaction_columns(reference: pd.DataFrame) -> list[str]:
-    """Return forces and moments whose range exceeds 1e-6 of the largest range in their unit."""
+    """Return the observed forces and moments that vary.
+
+    The range of a column must exceed 1e-6 of the largest range in the same unit.
+    """
     forces = [c for c in observed_columns(reference) if Header.of(c).unit in _REACTION_UNITS]
     return _select_moving_columns(reference, forces, _MIN_RELATIVE_MOTION)
 

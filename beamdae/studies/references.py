@@ -33,18 +33,18 @@ class Reference:
     Attributes
     ----------
     methods
-        Labels of the two methods or meshes; "" for a missing second method.
+        Labels of the two methods or meshes; "" for each one that is missing.
     table
         Observed columns, energies and drift by time; None if there is no reference.
     columns
-        Columns used for the errors.
+        Columns used for the errors; empty if there is no reference.
     uncertainty
         Largest difference between the two methods, relative to the amplitude of each column [-];
         NaN if it is unknown.
     sentence
         Description of the reference, or the reason why it is missing.
     events
-        Counts and first times of events; see `collect_event_values`.
+        Counts and first times of events, see `collect_event_values`; empty if there are none.
     """
 
     methods: tuple[str, str]
@@ -119,7 +119,11 @@ def create_reference_tasks(
 def build_reference(
     study: Study, methods: list[list[Task]], outcomes: Mapping[str, Outcome]
 ) -> Reference:
-    """Return the reference of a group from the outcomes of its two methods."""
+    """Return the reference of a group from the outcomes of its methods, by key of the task.
+
+    If the reference is missing, for example because a run failed or the methods differ by more than
+    1 % of the amplitude, its `table` is None and its `sentence` gives the reason.
+    """
     if len(methods) == 1:
         return _missing_reference(
             (_label_method(methods[0], study), ""),

@@ -42,7 +42,7 @@ MEASURE_COLUMNS = {
 
 
 def collect_run_values(solution: Solution) -> dict[str, Any]:
-    """Return the cost, quality and events of a run, keyed by column of the case table."""
+    """Return settings, cost, quality and events of a run, keyed by column of the case table."""
     summary = solution.summary()
     settings = solution.integrator
     chosen = (
@@ -101,9 +101,10 @@ def format_output_column(name: str) -> str:
 
 
 def collect_event_values(solution: Solution, until: float = np.inf) -> dict[str, Any]:
-    """Return the counts and first times [s] of events up to the time `until`.
+    """Return the counts and first times [s] of events up to the time `until` [s].
 
-    The keys are columns of the case table. If the mechanism has no events, the dict is empty.
+    The keys are columns of the case table; an event that did not occur has no first time. If the
+    mechanism has no events, the dict is empty.
     """
     values: dict[str, Any] = {}
     for event in solution.equations.events:
@@ -132,7 +133,10 @@ def extrapolate_events(
 def compute_event_errors(
     values: Mapping[str, Any], reference: Mapping[str, Any]
 ) -> dict[str, float]:
-    """Return the errors of the first event times [s], keyed by column of the case table."""
+    """Return the errors of the first event times [s], keyed by column of the case table.
+
+    The error is NaN if the event did not occur.
+    """
     times = {name: value for name, value in reference.items() if isinstance(value, float)}
     return {
         f"error of {column}": abs(values.get(column, np.nan) - value)
@@ -141,7 +145,10 @@ def compute_event_errors(
 
 
 def describe_event_mismatch(values: Mapping[str, Any], reference: Mapping[str, Any]) -> str:
-    """Return a sentence if the counts of events differ from the reference, else an empty string."""
+    """Return a sentence if the counts of events differ from the reference.
+
+    Otherwise, or if the reference has no events, return an empty string.
+    """
     events, expected = _select_event_columns(values), _select_event_columns(reference)
     counts = [name for name, value in expected.items() if isinstance(value, int)]
     if not expected or all(events.get(name) == expected[name] for name in counts):

@@ -127,7 +127,7 @@ def _create_notes(results: StudyResults) -> list[str]:
 
 
 def _create_groups(results: StudyResults, group_without_reference: str) -> list[dict[str, Any]]:
-    """Return the groups with a reference, and one group for all cases without a reference."""
+    """Return the groups whose errors are computed and, if needed, one group for all other cases."""
     frames: dict[str, Any] = {}
     for case, group in zip(results.study.cases, results.table["group"], strict=True):
         # Only references record frames, which are valid for all runs of the same mechanism.

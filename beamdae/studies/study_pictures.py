@@ -67,8 +67,8 @@ Style = dict[str, Any]
 def list_plots(results: StudyResults) -> dict[str, Plot]:
     """Return the functions that draw the figures of a study, by name.
 
-    Each function writes image files and returns their paths; without data, it returns []. The dict
-    is empty if no errors are computed.
+    Each function writes image files and returns their paths; if the study lacks the data for the
+    figure, it returns []. The dict is empty if no errors are computed.
     """
     if ERROR_COLUMN not in results.table:
         return {}

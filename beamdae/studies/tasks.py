@@ -62,8 +62,8 @@ class Task:
     Attributes
     ----------
     key
-        Hash of everything the outcome depends on: `Case.fingerprint`, in sweeps with outputs
-        combined with a hash of the outputs.
+        Hash that identifies the outcome: `Case.fingerprint`, in sweeps with outputs combined with a
+        hash of the outputs.
     case
         The case.
     t_end, output_step
@@ -71,13 +71,14 @@ class Task:
     limits
         Limits on wall time, memory and time without progress.
     repetitions
-        Number of runs. The last run is recorded, together with the wall times of all runs.
+        Number of runs; an unsuccessful run is the last. The last run is recorded, with the median
+        and the extremes of all wall times.
     animated
         True if the outcome includes the shapes of the bodies over time.
     mechanism_fingerprint
         `Case.mechanism_fingerprint`, or "" if it is unknown.
     name
-        Name of the files of the task, unique in the study.
+        Readable name of the trajectory file without suffix, unique in the study; "" to use `key`.
     outputs
         Functions of the solution by name; their values are recorded.
     """
@@ -118,13 +119,16 @@ class Outcome:
     status
         Status at the end of the run, with the reason.
     values
-        Cost, quality, events and outputs by column of the case table.
+        Settings, cost, quality, events and outputs by column of the case table; may be empty if the
+        run was not completed.
     rows
-        Trajectory table; None without a consistent start. `table` returns a copy.
+        Trajectory table; None if none was recorded, for example without a consistent start. `table`
+        returns a copy.
     frames
         Shapes of the bodies over time for an animation; None unless requested.
     read
-        Hashes of the files that were read, by name; see `beamdae.studies.store.file_reads`.
+        Hashes of the files that were read, by name; see
+        `beamdae.studies.store.file_reads.digest_reads`.
     file
         Name of the stored trajectory file, or "".
     text
@@ -144,7 +148,7 @@ class Outcome:
 
     @property
     def table(self) -> pd.DataFrame | None:
-        """Observed columns, energies and drift by time; None without a consistent start."""
+        """Copy of `rows`: observed columns, energies and drift by time; None if `rows` is None."""
         return None if self.rows is None else self.rows.copy()
 
     @classmethod
@@ -165,7 +169,7 @@ def describe_exception(problem: BaseException, function: str = "the model") -> s
 
 
 def serialize_value(value: Any) -> bytes:
-    """Serialize a value, including code that is not defined in installed modules."""
+    """Serialize a value, including code that cannot be imported."""
     return cloudpickle.dumps(value)
 
 
@@ -187,7 +191,6 @@ def serialize_with_model(task: Task, model: Any, models: SerializedModels) -> by
 
 
 def _is_plain(value: Any) -> bool:
-    """Return True if a value is a number, a string or None, and refers to no other object."""
     return type(value) in (bool, int, float, str, type(None)) or isinstance(value, np.generic)
 
 
