@@ -13,7 +13,7 @@ _USAGE_ERROR = 2
 
 
 def _require_address_space() -> None:
-    """Exit with a message if `ulimit -v` leaves less address space than imports need."""
+    """Exit with a message if `ulimit -v` leaves less than 0.75 GB of free address space."""
     try:
         from resource import RLIM_INFINITY, RLIMIT_AS, getrlimit
 

@@ -50,9 +50,9 @@ _PERIODIC_ERROR_TO_RTOL_RATIO = 3.0
 
 
 class _Values(NamedTuple):
-    """Values of an analysis on one mesh, and the values to which their errors are relative.
+    """Values of an analysis on one mesh, and the scales to which their errors are relative.
 
-    Values whose mask `at_rest` is True have no error.
+    `at_rest` marks values whose scale is zero up to rounding: their relative error is set to 0.
     """
 
     result: Any
@@ -68,9 +68,9 @@ def certify_equilibrium(
 ) -> AnalysisCertificate:
     """Compute an equilibrium on meshes that are refined until its mesh error is small enough.
 
-    At least three meshes are used. Each halves the elements of the previous one, up to 32 elements
-    per beam. Beams are geometrically exact, except beams with custom kinematics or a mesh that must
-    not change.
+    Each mesh halves the elements of the previous one, until the required errors are small enough or
+    a beam would have more than 32 elements. An error estimate requires three meshes. Floating-frame
+    beams are replaced by geometrically exact beams, unless their mesh must not change.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def certify_equilibrium(
         A model function or a mechanism.
     accuracy
         Largest permitted error of a column at the end of the path, relative to half the range of
-        the column along the path [-], at most 0.1.
+        the column along the path (for a path of one row, to its magnitude) [-], at most 0.1.
     columns
         Observed columns, or names of observables, that must be within the accuracy. Defaults to all
         positions, angles and deflections [m, rad] or, if there are none, to all columns.
@@ -95,6 +95,8 @@ def certify_equilibrium(
     BeamdaeError
         If the model or a setting is invalid, a path does not reach its target, or nothing is
         observed.
+    Interrupted
+        If Ctrl-C ends the call.
     """
 
     def evaluate(mechanism: Mechanism) -> _Values:
@@ -119,9 +121,10 @@ def certify_modes(
 ) -> AnalysisCertificate:
     """Compute natural modes on meshes that are refined until their frequencies are accurate.
 
-    At least three meshes are used. Each halves the elements of the previous one, up to 32 elements
-    per beam. Beams are geometrically exact, except beams with custom kinematics or a mesh that must
-    not change. Modes of different meshes are matched by their order.
+    Each mesh halves the elements of the previous one, until the required errors are small enough or
+    a beam would have more than 32 elements. An error estimate requires three meshes. Floating-frame
+    beams are replaced by geometrically exact beams, unless their mesh must not change. Modes of
+    different meshes are matched by their order.
 
     Parameters
     ----------
@@ -144,6 +147,8 @@ def certify_modes(
     ------
     BeamdaeError
         If the model or a setting is invalid.
+    Interrupted
+        If Ctrl-C ends the call.
 
     Examples
     --------
@@ -182,10 +187,11 @@ def certify_periodic(
 ) -> AnalysisCertificate:
     """Find a periodic motion on meshes that are refined until its amplitudes are accurate.
 
-    At least three meshes are used. Each halves the elements of the previous one, up to 32 elements
-    per beam. Beams are geometrically exact, except beams with custom kinematics or a mesh that must
-    not change. Time errors are not estimated: at the default rtol of `periodic`, 1e-8, they are
-    much smaller.
+    Each mesh halves the elements of the previous one, until the required errors are small enough or
+    a beam would have more than 32 elements. An error estimate requires three meshes. Floating-frame
+    beams are replaced by geometrically exact beams, unless their mesh must not change. Time
+    errors are not estimated; with an integrator that has an rtol (by default 1e-8), the stated
+    errors are at least 3 rtol.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Caches of functions that are bounded by the total size of their results."""
+"""Caches of function results, bounded by the total size of the results."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Result = TypeVar("Result")
 def bounded_cache(
     limit: float, measure_size: Callable[[Any], float]
 ) -> Callable[[Callable[Parameters, Result]], Callable[Parameters, Result]]:
-    """Return a decorator that caches the latest results of a function.
+    """Return a decorator that caches the most recently used results of a function.
 
     A bound on the number of results, as in `functools.lru_cache`, does not bound the memory: in a
     process that runs models with many mesh sizes, results differ by orders of magnitude in size.
@@ -57,7 +57,7 @@ def bounded_cache(
 
 
 def array_bytes(arrays: Any) -> float:
-    """Return the memory of an array, or of all arrays of a tuple [bytes]."""
+    """Return the memory [bytes] of an array or of all arrays in a tuple; 0 for other objects."""
     if isinstance(arrays, tuple):
         return float(sum(map(array_bytes, arrays)))
     return float(getattr(arrays, "nbytes", 0))

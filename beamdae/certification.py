@@ -1,9 +1,9 @@
 """Runs with an estimated total error: time integration, mesh and beam theory.
 
-The error of a run is estimated from its differences to runs with looser tolerances and coarser
-meshes. Two successive differences give the observed ratio of the errors, and the extrapolation of
-Richardson gives the error of the finest run. The constants below were calibrated on the mechanisms
-of validation/certificates.
+The error of a run is estimated from its differences from runs with looser tolerances and coarser
+meshes. Two successive differences give the observed ratio of the errors, and Richardson
+extrapolation gives the error of the finest run. The constants below were calibrated on the
+mechanisms of validation/certificates.
 """
 
 from __future__ import annotations
@@ -147,10 +147,10 @@ def certify(
     or mesh must not change, or floating frames are accurate enough and much faster; the budget also
     lists the theory error of the formulations that the model specifies.
 
-    The errors of the solution are extrapolated from its differences to runs with looser tolerances
-    and coarser meshes, with the observed ratio of two successive differences. The budget is an
-    estimate by comparison of runs, not a proof. It does not include errors of the beam theory of
-    Reissner itself, materials, joints and data.
+    The errors of the solution are extrapolated from its differences from runs with looser
+    tolerances and coarser meshes, with the observed ratio of two successive differences. The budget
+    is an estimate by comparison of runs, not a proof. It does not include errors of Reissner's beam
+    theory itself, or of materials, joints and data.
 
     Parameters
     ----------
@@ -169,7 +169,8 @@ def certify(
         Time between rows of the result [s]. Defaults to a thousandth of the end time. Errors are
         estimated at these times.
     start
-        "as drawn", "equilibrium", or positions and velocities by name; see `simulate`.
+        "as drawn", "equilibrium", or positions and velocities by name; see `simulate`. Defaults to
+        the start of the model.
     time_limit
         Maximum total wall time of all runs [s]. Defaults to no limit.
     progress
@@ -257,7 +258,7 @@ class _Task:
 
     @cached_property
     def base_meshes(self) -> dict[str, BaseMesh]:
-        """Coarsest mesh of each beam; empty for systems without a mechanism."""
+        """Coarsest mesh of each beam, by name; empty unless the model is a mechanism."""
         if not isinstance(self.model, Mechanism):
             return {}
         is_small = self.accuracy < _SMALL_ERROR
@@ -265,7 +266,7 @@ class _Task:
         return choose_base_meshes(self.model, elements, self.start)
 
     def build(self, halvings: int, exact: bool) -> EquationsOfMotion:
-        """Return the equations on a mesh; `exact` replaces floating frames by exact beams."""
+        """Return the equations on a mesh; `exact` replaces floating frames where possible."""
         if (halvings, exact) not in self.equations:
             self.equations[halvings, exact] = self._assemble(halvings, exact)
         return self.equations[halvings, exact]
@@ -331,7 +332,7 @@ class _Task:
 class _ProgressError(Exception):
     """The user's function `progress` raised an exception.
 
-    A BeamdaeError would end a run with the status "failed".
+    This is not a BeamdaeError, which would end a run with the status "failed".
     """
 
 
@@ -464,7 +465,7 @@ class _Certification:
 
     @property
     def _last(self) -> _Run:
-        """The finest run with the chosen formulation, or of all runs if there is none."""
+        """The finest run with the chosen formulation, or the finest of all if none has it."""
         chosen = [run for run in self._runs if run.exact == self._exact] or self._runs
         return max(chosen, key=lambda run: (run.halvings, -run.rtol))
 
@@ -552,8 +553,8 @@ class _Certification:
     def _refine(self) -> Status:
         """Run the first meshes and tolerances, and refine them further if necessary.
 
-        The first run has the intermediate mesh and tolerance. Two coarser runs and two finer ones
-        give two differences by mesh and two by tolerance.
+        The first run has the intermediate mesh and tolerance. Up to two coarser and two finer runs
+        give up to two differences by mesh and two by tolerance.
         """
         rtol = min(_FIRST_RTOL_RATIO * self.task.accuracy, _MAX_FIRST_RTOL)
         first = self._first_run(rtol)
@@ -614,11 +615,11 @@ class _Certification:
         limits: tuple[float, float],
         expected: float | None = None,
     ) -> Array:
-        """Return the ratio of the last two differences of each column.
+        """Return the ratio of the last two differences of each column, within `limits`.
 
         The ratio of a column is at least the median of the required columns, because differences of
-        single columns may be small by chance. Without differences `before`, it is the expected
-        ratio, or the upper limit.
+        single columns may be small by chance. If `before` is None, the ratio is `expected`, but at
+        least the lower limit; if `expected` is None, too, it is the upper limit.
         """
         lower, upper = limits
         if before is None:
@@ -634,8 +635,8 @@ class _Certification:
     ) -> Array:
         """Return ratios that are not smaller than the numbers of steps support.
 
-        Only columns whose difference exceeds the accuracy are changed: for the others, even the
-        error of the coarser run is within the accuracy.
+        Only the ratios of columns whose difference exceeds the accuracy are changed: for the other
+        columns, even the coarser run is about as accurate as required.
         """
         lower, upper = self._time_ratio_limits
         decades = np.log10(coarse.rtol / fine.rtol)
@@ -706,8 +707,8 @@ class _Certification:
         """Set the errors of `run` from its difference from `last`.
 
         If mesh and tolerance both change, the difference is divided between mesh and time in the
-        ratio of the expected differences. If it is larger than expected, the errors decrease more
-        slowly than observed before.
+        ratio of the expected differences. If it is larger than expected, the errors are assumed to
+        decrease more slowly than observed before.
         """
         decades = round(np.log10(last.rtol / run.rtol))
         halvings = run.halvings - last.halvings

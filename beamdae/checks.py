@@ -61,7 +61,7 @@ _MAX_FAIR_MESH_ERROR = 5e-2
 
 @dataclass(frozen=True)
 class ConstraintResidual:
-    """Largest constraint residuals of a part at the requested start.
+    """Largest constraint residuals of a part at the start.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class ConstraintResidual:
         Largest |g| [m or rad] and |g_dot| [m/s or rad/s] before the start is made consistent.
     acceleration
         Largest |g_ddot| [m/s^2 or rad/s^2] after the start is made consistent, or None if no
-        consistent start exists.
+        consistent start was found.
     """
 
     part: str
@@ -91,7 +91,8 @@ class MeshAssessment:
     length_error
         Largest relative error of the arc length of an element [-].
     curvature_error
-        Largest error of the curvature times the length of the beam [-].
+        Largest error of the curvature times the length of the beam [-]; 0 if the kinematics of the
+        beam do not define this error.
     verdict
         "good", or "fair" or "coarse" with a recommended number of elements.
     """
@@ -109,7 +110,7 @@ class RunPrediction:
     Attributes
     ----------
     steps, seconds
-        Number of steps, and wall time [s] without assembly and compilation.
+        Number of steps, and wall time [s] without assembly, consistent start and compilation.
     method
         Method that `Auto` selects, with the reason.
     covered_share
@@ -125,7 +126,7 @@ class RunPrediction:
 @read_only_data
 @dataclass(frozen=True)
 class Check:
-    """Properties and defects of a mechanism; `str(check)` lists all of them.
+    """Properties and defects of a mechanism; `str(check)` is a report.
 
     Attributes
     ----------
@@ -133,33 +134,34 @@ class Check:
         Name of the model.
     coordinates, constraints, rank
         Numbers of coordinates, of constraints, and of independent constraints at the start; `rank`
-        is None with more than 1500 constraints.
+        is None if there are more than 1500 constraints.
     rigid_mobility
         Degrees of freedom if beams are rigid, with drivers as constraints; None if `rank` is None.
     dependent
-        Minimal sets of dependent constraints.
+        Minimal sets of dependent constraints; empty if `rank` is None.
     free_motions
-        Descriptions of the motions that the joints and drivers allow if beams are rigid.
+        Descriptions of the motions that the joints and drivers allow if beams are rigid; empty if
+        `rank` is None.
     loose
-        Groups of parts that no joint connects to the ground.
+        Groups of parts that no joint connects to the ground; empty for constrained systems.
     residuals
         Constraint residuals of each part with constraints.
     start
-        Changes of the requested start that make it consistent, or None if no consistent start
-        exists.
+        Changes of the requested start that make it consistent, or None if no consistent start was
+        found.
     spectrum
-        Range of the natural frequencies. None if no consistent start exists, or the model has more
-        than 600 coordinates or 1500 constraints.
+        Range of the natural frequencies. None if no consistent start was found, or the model has
+        more than 600 coordinates or 1500 constraints.
     meshes
         Assessment of the mesh of each beam.
     prediction
         Predicted cost of a run. None if no prediction was requested, the end time is not known, the
-        mechanism cannot be run, or the pilot run failed.
+        mechanism cannot be run, or the pilot run failed or took no step.
     problem
         Reason why the mechanism cannot be run, or "".
     warnings
-        Sentences about parts that do nothing or never act, contacts that start inside a surface,
-        and laws that supply energy although they count as damping.
+        Sentences about parts and event actions without effect, contacts that start inside a
+        surface, and damping laws that supply energy.
     """
 
     name: str
@@ -368,7 +370,7 @@ def _assess_meshes(mechanism: Mechanism | None) -> tuple[MeshAssessment, ...]:
 
 
 def _predict_run(equations: EquationsOfMotion, end: float) -> RunPrediction | None:
-    """Extrapolate from a pilot run, or return None if the pilot run fails.
+    """Extrapolate from a pilot run, or return None if the pilot run fails or takes no step.
 
     A pilot run that does not reach the end is repeated, because only the first run compiles loops.
     """

@@ -52,7 +52,7 @@ class MissingModelError(BeamdaeError, AttributeError):
 
 
 class FileContentError(BeamdaeError):
-    """Error in a file of results that is damaged, too large or of another kind.
+    """Error of a file of results that cannot be read, is damaged, too large or of another kind.
 
     Attributes
     ----------
@@ -60,6 +60,8 @@ class FileContentError(BeamdaeError):
         Path of the file.
     problem
         The message without the path of the file and without the remedy.
+    remedy
+        Advice at the end of the message.
     """
 
     def __init__(self, path: Path, problem: str, remedy: str) -> None:
@@ -77,9 +79,9 @@ class BeamdaeWarning(UserWarning):
 class KernelWarning(UserWarning):
     """Warning that a kernel cannot be compiled or cached, so that runs are slower.
 
-    It is also issued if a package cannot be imported, so that another integrator or fewer processes
-    are used. This class is not derived from `BeamdaeWarning`: results agree within the tolerances
-    of the runs.
+    It is also issued if another integrator is used because a package cannot be imported, or if
+    fewer worker processes than requested can be started. This class is not derived from
+    `BeamdaeWarning`: results agree within the tolerances of the runs.
     """
 
 
@@ -178,8 +180,8 @@ def as_real(value: Any) -> float | None:
 def unbox_scalar(value: Any) -> Any:
     """Return a NumPy scalar or zero-dimensional array as a Python scalar, or `value` unchanged.
 
-    Strings of a subclass are returned as strings. Masked values stay masked, because `item` would
-    return the number behind the mask.
+    Instances of subclasses of str are returned as plain strings. Masked values are returned
+    unchanged, because `item` would return the number behind the mask.
     """
     try:
         is_scalar = getattr(value, "ndim", None) == 0 and not bool(getattr(value, "mask", False))
@@ -190,13 +192,13 @@ def unbox_scalar(value: Any) -> Any:
 
 
 def as_text(value: Any) -> str | None:
-    """Return a string, also of a subclass, as a string, and None for other values."""
+    """Return an instance of str or a subclass as a plain string; None for other values."""
     # The methods of a subclass may fail.
     return str.__str__(value) if isinstance(value, str) else None
 
 
 def plain_text(value: Any) -> Any:
-    """Return a string, also of a subclass, as a string, and other values unchanged."""
+    """Return an instance of str or a subclass as a plain string; other values unchanged."""
     text = as_text(value)
     return value if text is None else text
 
@@ -282,8 +284,8 @@ def require_count(part: str, name: str, value: Any, least: int = 1, most: int | 
 def require_sequence(part: str, name: str, value: Any, what: str) -> list[Any]:
     """Return the entries of a list, tuple or other sequence, or of an array.
 
-    Entries that are strings of a subclass are converted to strings. Sets, strings and iterators
-    are rejected with a BeamdaeError; `what` describes the expected value in its message.
+    Entries that are instances of subclasses of str become plain strings. Sets, strings and
+    iterators are rejected with a BeamdaeError; `what` describes the expected value in its message.
     """
     is_sequence = isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray))
     try:
@@ -304,8 +306,8 @@ def require_iterable(
 ) -> list[Any]:
     """Return the first `most` items of an iterable (None: all items).
 
-    Items that are strings of a subclass are converted to strings. Other values are rejected with
-    a BeamdaeError; `what` describes the expected value in its message.
+    Items that are instances of subclasses of str become plain strings. Values that cannot be
+    iterated are rejected with a BeamdaeError; `what` describes the expected value in its message.
     """
     try:
         return [plain_text(item) for item in islice(value, most)]
@@ -316,7 +318,7 @@ def require_iterable(
 def require_mapping(part: str, name: str, value: Any, what: str) -> dict[str, Any]:
     """Return a mapping with strings as keys as a dictionary.
 
-    Keys and values that are strings of a subclass are converted to strings. Other mappings and
+    Keys and values that are instances of subclasses of str become plain strings. Other mappings and
     values are rejected with a BeamdaeError; `what` describes the expected value in its message.
     """
     entries = require_entries(part, name, value, what)
@@ -340,7 +342,7 @@ def require_entries(part: str, name: str, value: Any, what: str) -> dict[Any, An
 
 
 def require_keywords(part: str, settings: Mapping[str, Any], function: Callable[..., Any]) -> None:
-    """Reject keyword arguments that `function`, to which they will be passed, does not have."""
+    """Raise BeamdaeError if a keyword in `settings` is not an argument of `function`."""
     allowed = [x.name for x in inspect.signature(function).parameters.values()]
     for name in settings:
         if name not in allowed:
@@ -351,7 +353,7 @@ def require_keywords(part: str, settings: Mapping[str, Any], function: Callable[
 
 
 def require_pair(part: str, name: str, value: Any, what: str = "a pair (x, y)") -> tuple[Any, Any]:
-    """Return the two entries of `value`, or raise BeamdaeError; `what` is the expected value."""
+    """Return the two entries of `value`, or raise BeamdaeError with `what` as expected value."""
     entries = require_sequence(part, name, value, what)
     if len(entries) != 2:
         raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")

@@ -1,4 +1,4 @@
-"""Interrupts of calls: Ctrl-C is always raised, with the partial result attached.
+"""Interrupts of calls: no Ctrl-C is lost, and partial results are kept where possible.
 
 Python raises KeyboardInterrupt between any two instructions of the main thread. If these belong to
 a function that C code calls (a callback of ctypes, a conversion of SWIG, a finalizer), the
@@ -6,8 +6,8 @@ exception is discarded and the computation would continue. Public functions that
 therefore decorated by `interruptible`: while one of them runs, an interrupt is raised again until
 it ends the call, or until code that keeps partial results calls `acknowledge`.
 
-Interrupts during imports are raised after the import, because modules such as NumPy cannot be used
-in the same process after an incomplete import.
+Interrupts during imports are raised after the import, or after about five seconds, because modules
+such as NumPy cannot be used in the same process after an incomplete import.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ class Interrupted(KeyboardInterrupt):
     Parameters
     ----------
     reason
-        Place of the interrupt, for example "interrupted at t = 0.3 s".
+        Description of the interrupt, for example "interrupted at t = 0.3 s".
     partial
-        The result computed so far.
+        The result computed so far, or None.
     call
-        Name of the public function that was interrupted.
+        Name of the public function that was interrupted, or "".
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Interrupted(KeyboardInterrupt):
 
     @property
     def solution(self) -> Any:
-        """The partial result of a run; for a certificate, its solution. None if there is none."""
+        """Solution computed so far: `partial.solution` if it exists, otherwise `partial`."""
         return getattr(self.partial, "solution", self.partial)
 
     def __str__(self) -> str:
@@ -116,7 +116,8 @@ def acknowledge() -> bool:
     """Stop raising the pending interrupt, because the caller ends the call itself.
 
     Call this function first where KeyboardInterrupt is caught to keep results. Return True if an
-    interrupt was pending; this tells a call whose interrupt was discarded that it was interrupted.
+    interrupt was pending, even if C code discarded its exception; return False in other threads
+    than the main thread.
     """
     if threading.current_thread() is not threading.main_thread():
         return False
@@ -125,17 +126,20 @@ def acknowledge() -> bool:
 
 
 def attach_partial(problem: BaseException, partial: Any) -> None:
-    """Add the result computed so far to an exception, as the attributes of `Interrupted`."""
+    """Add the attributes `partial` and `solution`, as of `Interrupted`, to an exception."""
     # Exceptions with `__slots__` may have no further attributes.
     with suppress(AttributeError, TypeError):
         vars(problem).update(partial=partial, solution=getattr(partial, "solution", partial))
 
 
 def interruptible(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
-    """Return the function such that no interrupt of a call is lost.
+    """Decorate a public function so that no interrupt of a call is lost.
 
-    An interrupted call raises `Interrupted`. The function may raise it itself, with a partial
-    result and its name as `call`; partial results of other functions that it calls are removed.
+    An interrupted call raises `Interrupted`. The function may raise `Interrupted` itself, with a
+    partial result and its own name as `call`; partial results of other functions that it calls are
+    removed. If the function returns while an interrupt is pending, its result becomes the partial
+    result or, with partial="return", is returned with the status "interrupted". An OverflowError is
+    raised as a BeamdaeError.
     """
     name = function.__name__
 
@@ -246,7 +250,7 @@ class _SignalHandler:
 
 
 def _repeat_interrupt(frame: FrameType | None) -> None:
-    """Raise the pending interrupt again, unless its call has ended."""
+    """Raise the pending interrupt again, unless its call has ended or imports a module."""
     if _state.pending is None:
         return
     if not _is_in_call(frame):

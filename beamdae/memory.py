@@ -80,7 +80,8 @@ def require_memory(part: str, purpose: str, required: float, remedy: str) -> Non
 def is_out_of_memory(exception: BaseException) -> bool:
     """Return True if the exception, or one of its causes, was raised for lack of memory.
 
-    Besides MemoryError, these are errors of CasADi, of the dynamic linker and of the system.
+    Besides MemoryError, errors of CasADi, the dynamic linker and the operating system are
+    recognized.
     """
     cause: BaseException | None = exception
     while cause is not None:

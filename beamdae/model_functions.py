@@ -107,14 +107,14 @@ class Model:
 
     @property
     def summary(self) -> str:
-        """First line of the docstring of the function or, if missing, of the module."""
+        """First line of the docstring of the function or, if missing, of its module; else ""."""
         module_docstring = inspect.unwrap(self.build).__globals__.get("__doc__")
         lines = (self.build.__doc__ or module_docstring or "").strip().splitlines()
         return lines[0] if lines else ""
 
     @property
     def home(self) -> Path:
-        """Folder of the file that defines the function, or the working directory."""
+        """Folder of the file that defines the function; without a file, the working directory."""
         file = Path(inspect.unwrap(self.build).__code__.co_filename)
         return file.absolute().parent if file.is_file() else working_folder()
 
@@ -181,7 +181,7 @@ class Model:
         return Origin(self.name, ReadOnlyDict(copy_containers(dict(parameters))), self.t_end)
 
     def check(self, **settings: Any) -> Any:
-        """Check the model without a run; see `beamdae.check`."""
+        """Check the model without a complete run; see `beamdae.check`."""
         return public("check")(self, **settings)
 
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:
@@ -344,8 +344,8 @@ def extend_import_path(folder: Path) -> Iterator[None]:
     """Make the modules in a folder importable within the context, then unload them.
 
     Unloading avoids conflicts with modules of the same name next to another model file, and lets
-    pickle send objects of these modules to other processes by value. If the folder is already on
-    the import path, nothing is changed.
+    cloudpickle send objects of these modules to other processes by value. If the folder is already
+    on the import path, nothing is changed.
     """
     if str(folder) in sys.path:
         yield

@@ -28,7 +28,7 @@ _SPARSE_ARRAYS = ("data", "indices", "indptr", "offsets", "row", "col")
 class ReadOnlyDict(dict[Any, Any]):
     """A dictionary that rejects changes; `dict(...)` or `copy()` returns one that can be changed.
 
-    In contrast to `MappingProxyType`, it is a dictionary for JSON and can be pickled.
+    In contrast to `MappingProxyType`, it can be written as JSON and pickled.
     """
 
     def _reject(self, *arguments: Any, **options: Any) -> NoReturn:
@@ -45,9 +45,10 @@ def read_only(value: Any, depth: int = 0, known: _Known | None = None) -> Any:
     """Return a value whose arrays, dictionaries and lists, also nested ones, cannot be changed.
 
     Arrays are returned as read-only views of the same memory, sparse matrices as copies,
-    dictionaries as `ReadOnlyDict` and lists as tuples. Values that are read-only already, and all
-    other objects, are returned unchanged. `depth` is the number of enclosing containers. The same
-    object in several places, also of several calls with the same `known`, has the same result.
+    dictionaries as `ReadOnlyDict` and lists as tuples. Values that are read-only already,
+    containers inside more than 50 others, and all other objects are returned unchanged. `depth` is
+    the number of enclosing containers. `known` contains earlier results, so that an object that
+    occurs several times is converted only once.
     """
     known = {} if known is None else known
     if id(value) not in known:
@@ -88,8 +89,8 @@ def read_only_copy(values: Any) -> np.ndarray:
 def copy_containers(value: Any) -> Any:
     """Return a value with copies of its arrays, lists, sets and dictionaries, also nested ones.
 
-    Use this for values that a caller passes in and may change later. All other objects are
-    returned unchanged, and so are containers that are nested more deeply than any data.
+    Use this for values that a caller passes in and may change later. All other objects, and
+    containers inside more than 50 others, are returned unchanged.
     """
     return _copy(value, {}, 0)
 
@@ -116,8 +117,9 @@ def _copy(value: Any, copies: dict[int, Any], depth: int) -> Any:
 def read_only_data(cls: _T) -> _T:
     """Make the fields and the values of cached properties of a class read-only, see `read_only`.
 
-    Fields that contain tables return copies. This is a decorator of classes whose instances have a
-    `__dict__`, also of frozen dataclasses; subclasses need it, too.
+    Fields that contain tables return copies; dataclass fields with init=False stay writable. This
+    is a decorator of classes whose instances have a `__dict__`, also of frozen dataclasses.
+    Subclasses must be decorated, too.
     """
     decorated: Any = cls
     initialize: Callable[..., None] = decorated.__init__

@@ -90,7 +90,8 @@ def simulate(
     start
         Start of the run. Defaults to the start of the model.
 
-        - "as drawn", or "equilibrium": at rest under the loads at t = 0;
+        - "as drawn": the reference configuration, with the initial velocities of the parts;
+        - "equilibrium": at rest under the loads at t = 0;
         - positions and velocities by name, such as {"crank.angle": 0.3, "crank.angle_dot": 5.0};
         - a `Solution` of the same model, or the path of a checkpoint (see `Solution.checkpoint`):
           the run resumes from the last state, and `Solution.followed_by` joins the two runs;
@@ -105,14 +106,14 @@ def simulate(
     Returns
     -------
     Solution
-        The result up to the time reached. If the run fails, no exception is raised; `status` gives
-        the reason.
+        The result up to the time reached. If the run fails after it has begun, no exception is
+        raised; `status` gives the reason.
 
     Raises
     ------
     BeamdaeError
-        If the model or a setting is invalid, the run cannot begin, for example because the joints
-        cannot be closed, a checkpoint does not fit the model, or the run needs more memory than is
+        If the model or a setting is invalid, the run cannot begin (for example, because the joints
+        cannot be closed), a checkpoint does not fit the model, or the run needs more memory than is
         available.
     Interrupted
         If Ctrl-C ends the run; `Interrupted.solution` is the solution so far. It is None if the run
@@ -125,8 +126,8 @@ def simulate(
     BeamdaeWarning
         If the run was not completed (with the reason), and for each of `Solution.warnings`.
     KernelWarning
-        If machine code cannot be compiled or cached, so that runs are slower; once per process and
-        reason.
+        If machine code cannot be compiled or cached, so that runs are slower, or if `Auto` replaces
+        `Ida` because a package cannot be imported; once per process and message.
 
     Examples
     --------
@@ -302,7 +303,7 @@ def as_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
 
 
 def _read_checkpoint(start: Any) -> Checkpoint | None:
-    """Return the checkpoint of a result, a checkpoint or a file path; None for other starts."""
+    """Return a checkpoint from a result, a checkpoint or a file path; None for other starts."""
     if isinstance(start, Solution):
         return Checkpoint.of(start)
     if isinstance(start, Equilibrium):
@@ -349,7 +350,8 @@ def _resume_equations(
 def compute_output_times(name: str, t_end: Any, output_step: Any, begin: float = 0.0) -> np.ndarray:
     """Return `begin`, the multiples of the output step between `begin` and `t_end`, and `t_end`.
 
-    `name` is the calling function, for messages. All times are in s.
+    The output step defaults to a thousandth of `t_end`. `name` is the calling function, for
+    messages. All times are in s.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Small mechanism for tests, to which every part of the catalog can be added."""
+"""Small mechanism for tests, to which the sample parts of the catalog can be added."""
 
 from __future__ import annotations
 

@@ -92,7 +92,8 @@ class _SecondRun:
     def difference_factor(self, steps: int, other_steps: int) -> float | None:
         """Return estimated error / difference of the runs, or None.
 
-        None means that runs of the same method have step counts within 5 % of each other.
+        None means that both runs have the same method and that their numbers of steps differ by
+        less than about 5 %.
         """
         ratio = other_steps / max(steps, 1)
         if self.same_method and _MAX_STEP_COUNT_RATIO < ratio < 1.0 / _MAX_STEP_COUNT_RATIO:
@@ -115,8 +116,8 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     - after `Radau`, or `Ida` with a maximum order above 2, it uses the same method, and the
       factor is 1.75 / (1 - (n / n2)^p), at most 3, with the numbers of steps n and n2 of the first
       and second runs and the order p;
-    - after `GeneralizedAlpha`, or `Ida` with order 2, which would take two to three times the
-      steps, it uses `Radau`, and the factor is 1.25.
+    - after `GeneralizedAlpha`, or `Ida` with a maximum order of 1 or 2, it uses `Radau`, and the
+      factor is 1.25: the same method would take two to three times the steps.
 
     If this run does not reach the end, or the tolerance does not determine its steps, another
     tolerance or another method is used. For fixed steps, the second run has twice the step; the
@@ -136,8 +137,9 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
         One row per observed column: half of its range [unit of the column]; the estimated largest
         error relative to half the range [-]; and the signed error [-], the run minus the second run
         at the time of their largest difference, relative to half the range. Errors of columns at
-        rest are 0. Errors are NaN for columns that are not finite, and infinite if no second run
-        allows an estimate.
+        rest are 0. Errors are NaN for columns that are not finite, and for a run with a single row.
+        If no second run allows an estimate, the estimated errors are infinite and the signed errors
+        NaN.
 
     Raises
     ------
@@ -161,7 +163,7 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
 
 
 def estimate_errors(solution: Solution, progress: Progress | None = None) -> ErrorColumns:
-    """Return the columns of `error_estimate` except the signed error as arrays.
+    """Return the columns of `error_estimate`, except the signed error, as arrays by header.
 
     Parameters
     ----------
@@ -318,9 +320,10 @@ def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
     pandas.DataFrame
         One row per observed column: half of its range [unit of the column]; the largest difference
         relative to half the range [-]; the allowed difference of positions and angles [-], 100
-        times the looser rtol; and the verdict. A run with fixed steps has an allowed difference of
-        at least 1e-3. The verdict is "agrees" or "differs", or "not verified" if the second run
-        stopped early or the column is not finite. For columns in other units, whose errors rtol
+        times the looser rtol (NaN for other columns); and the verdict. A run with fixed steps has
+        an allowed difference of at least 1e-3. The verdict is "agrees" or "differs", or "not
+        verified" if the second run stopped early, the run has a single row or the column is not
+        finite. For columns in other units, whose errors rtol
         does not control, and for all columns if the first run stopped early, the verdict is
         "known to ..." with the difference.
 
@@ -338,7 +341,7 @@ def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
 def compare_methods(
     solution: Solution, by: Integrator | None = None, progress: Progress | None = None
 ) -> ErrorColumns:
-    """Return the columns of `verify` as arrays.
+    """Return the columns of `verify` as arrays and lists by header.
 
     Parameters
     ----------
