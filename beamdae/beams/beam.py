@@ -152,13 +152,14 @@ class Beam(Part):
     frame
         Position of the floating frame: "chord", from end to end (default if the distance between
         the ends is at least a tenth of the length), or "tangent", on the start section (as in the
-        paper; otherwise the default). The strains hold for moderate rotations relative to the
-        frame. In a chord frame, a beam can bend several times as far for the same error, and
-        integrators may need only half as many steps (measured, see validation/). With "nonlinear"
-        strains and a curve whose tangent rotates by more than 90 degrees, the tangent frame is more
-        accurate. `Solution.validity` reports the rotations of a run. If these are too large, use
-        `welded_beams` or strain="exact". A beam with formulation="exact" has no floating frame:
-        `frame` is then the reference frame of `deformation`.
+        paper; the default otherwise). Except for strain="exact", the strains hold for moderate
+        rotations relative to the frame. In a chord frame, a beam can bend several times as far for
+        the same error, and integrators may need only half as many steps (measured, see
+        validation/). With "nonlinear" strains and a curve whose tangent rotates by more than 90
+        degrees, the tangent frame is more accurate. `Solution.validity` reports the rotations of a
+        run. If these are too large, use `welded_beams` or strain="exact". A beam with
+        formulation="exact" has no floating frame: `frame` is then the reference frame of
+        `deformation`.
     velocity, angular_velocity
         Initial velocity of the start point [m/s] and angular velocity [rad/s] of the beam, moving
         as a rigid body; made consistent with the joints.
@@ -172,8 +173,8 @@ class Beam(Part):
         differ by up to 1 % from the length of `curve`, which causes an initial axial strain.
         Strains, section forces and the strain energy are measured from the stress-free shape.
     formulation
-        - "floating frame" (default): small strains and moderate rotations relative to a frame that
-          moves with the beam.
+        - "floating frame" (default): small strains and (except for strain="exact") moderate
+          rotations relative to a frame that moves with the beam.
         - "exact": positions and angles of the sections in the inertial frame and the exact strains
           r'.t - 1, r'.n and psi0' - psi', valid for any deformation, with the axes t, n that rotate
           with the section. The mass matrix is constant. For fast, large rotations, the floating
