@@ -3,7 +3,8 @@
 Here: the equations as data, their structure, energy balance, hash and failure diagnosis; assembly/
 builds them, formulations/ derives residuals and Jacobians, and starts/ computes consistent initial
 conditions.
-May import: beams, parts, symbolic, native, linear, model_functions and below.
+May import: parts, symbolic, model_functions, native, linear, memory, read_only, bounded_cache,
+errors.
 To extend: add a form of the equations to formulations/, and cache the data it derives from a
 structure with `@cache_on_owner`.
 """

@@ -1,6 +1,6 @@
 """Equations of motion F(t, q, v, a, p) + G^T lam = 0, g(t, q, p) = 0, as immutable data.
 
-The data are a structure, shared by models that differ only in numbers, and the numbers p.
+They include a structure, which models that differ only in numbers share, and the numbers p.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class RangeTerm:
         return values.max(axis=0)
 
     def rotations(self, q: Array) -> Array:
-        """Return the section rotations of all nodes [rad], (k, rotations), for k rows of `q`.
+        """Return the section rotations of all nodes [rad], one column each, for the rows of `q`.
 
         The `defect` of `statement` must not be None.
         """
@@ -132,7 +132,7 @@ class Observable:
     Attributes
     ----------
     name
-        Name given to `observe`, the prefix of the columns.
+        Prefix of the columns, such as the name given to `observe`; "" for columns without prefix.
     columns
         Name and unit of each column.
     function
@@ -142,7 +142,7 @@ class Observable:
     data
         Slice of p with the numbers of the observable.
     rows
-        Slice of the multipliers on which the columns depend.
+        Slice of the multipliers on which the columns depend; empty if they depend on none.
     """
 
     name: str
@@ -176,7 +176,7 @@ class EventTerm:
     direction
         1 for upward, -1 for downward crossings, 0 for both.
     do
-        Action of the event.
+        "stop", "record" or a tuple of actions; see `Event`.
     occurred_at_start
         True if the run resumes from a state at which this event occurred and its action was
         executed; the event is not triggered again at the start.
@@ -184,8 +184,8 @@ class EventTerm:
         1 (upward crossing) or -1 (downward crossing) if the previous run ended at this event before
         executing its action; the resumed run then executes the action first. Otherwise 0.
     side
-        1 if the column was above `crosses` at the end of the previous run, -1 if it was below, 0 if
-        unknown.
+        1 if the column was above `crosses` at the end of the previous run, -1 if it was below. 0 if
+        this is unknown or there is no previous run.
     """
 
     name: str
@@ -209,20 +209,21 @@ class EventTerm:
 
 
 class PartCoordinates(NamedTuple):
-    """Coordinates of one part, or a single free coordinate, with a length scale.
+    """Coordinates of one part of a mechanism or one body of a constrained system.
 
     Attributes
     ----------
     name
-        Name of the part or of the free coordinate.
+        Name of the part or body.
     rows
         Slice of the coordinates.
     size
         Largest distance between points of the outline of the part [m], which converts rotations to
-        displacements; the characteristic length for a single point or a free coordinate.
+        displacements. For a single point, and in a constrained system, the characteristic length.
     rigid_count
-        Number of leading coordinates that describe a rigid motion: all coordinates of a rigid body,
-        those of the floating frame of a beam, none for a beam in absolute coordinates.
+        Number of leading coordinates that describe a rigid motion: for a beam, those of its
+        floating frame, or none in absolute coordinates; otherwise all, unless a part overrides
+        `rigid_coordinate_count`.
     follows_section
         True if the floating frame moves with one section and follows the vibrations of the section.
     """
@@ -282,8 +283,9 @@ class EquationsOfMotion:
         F(t, q, v, a, p) + G^T lam = 0,    0 = g(t, q, p),    G = dg/dq,
 
     where F contains inertia, elastic and damping forces minus applied loads. For nonholonomic
-    constraints, A(t, q) v + b(t, q) = 0 replaces g_dot = 0, and A replaces G. The object is
-    immutable, so that formulations, integrators and analyses can share the data derived from it.
+    constraints, A(t, q) v + b(t, q) = 0 replaces g_dot = 0, and A replaces G. With friction in
+    joints, F also depends on lam. The object is immutable, so that formulations, integrators and
+    analyses can share the data derived from it.
 
     Attributes
     ----------
@@ -291,16 +293,16 @@ class EquationsOfMotion:
         Name and unit of each coordinate and multiplier. Names are 'part.coordinate' and
         'part.constraint'; coordinates of a constrained system have no prefix.
     q0, v0
-        Initial coordinates and velocities, as drawn or as requested, (n,) each; integrators make
-        them consistent.
+        Initial coordinates and velocities, (n,) each: as drawn, or adjusted to the requested
+        values. Integrators make them consistent.
     p
-        Numbers of the model: quadrature data, section, mass and load values.
+        Numbers of the model, such as quadrature data and section, mass and load values.
     length
         Characteristic length of the mechanism [m], the scale of positions. For a constrained
-        system, the largest absolute initial value of the coordinates that are not angles, or 1 if
-        all of these are zero.
+        system, the largest absolute initial value of the coordinates that are not angles. 1 if
+        this length is zero.
     parts
-        Coordinates and size of each part.
+        Coordinates and size of each part that has coordinates.
     breakpoints
         Ascending times [s] at which laws have jumps or kinks; integrators stop and restart there.
     time_scale
@@ -315,12 +317,13 @@ class EquationsOfMotion:
     ranges
         Deformation measures of the parts.
     laws
-        Time-dependent laws, with the names of their parts.
+        Time-dependent laws, with the names of their parts or, in a constrained system, of their
+        symbols.
     start
         Requested initial conditions; None if "as drawn".
     redundant
-        True if redundant constraints are removed and their reactions restored with minimum norm;
-        otherwise they are rejected.
+        True if redundant constraints are removed and the reactions of all constraints are restored
+        with minimum norm; False if redundant constraints are rejected.
     events
         Events to be detected in a run.
     configurations
@@ -331,7 +334,7 @@ class EquationsOfMotion:
         after a run; None for a constrained system.
     statements
         Statements of the parts of the mechanism. They contain the formulas of laws as they were
-        when the equations were assembled.
+        when the equations were assembled. Empty for a constrained system.
     """
 
     coordinates: tuple[Variable, ...]
@@ -413,7 +416,7 @@ class Configuration:
     inactive
         Names of the inactive parts.
     frozen_gaps
-        Gaps of joints that events activated "as they are", by name of the joint.
+        Gaps of joints that events activated with `as_is=True`, by name of the joint.
     """
 
     equations: EquationsOfMotion

@@ -1,4 +1,4 @@
-"""Diagnosis of failed runs: non-finite values, rank loss, largest residual."""
+"""Diagnosis of failed runs: non-finite values, rank loss, largest residual and acceleration."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def diagnose_failure(
     ahead: float,
     residual: Array | None = None,
 ) -> str:
-    """Return the likely causes of a run that stopped after `state`, most likely first.
+    """Describe the likely causes of the failure of a run that stopped after `state`.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def diagnose_failure(
     Returns
     -------
     str
-        Causes, some followed by a remedy, separated by "; "; "" if no cause is evident.
+        Causes and remedies, separated by "; "; "" if no cause is evident.
     """
     with np.errstate(all="ignore"):
         not_finite = _describe_non_finite(equations, np.array([ahead, time[1]]), state)
@@ -83,7 +83,7 @@ def _describe_rank_loss(e: EquationsOfMotion, time: Array, state: State) -> str:
 
 
 def _describe_largest_residual(e: EquationsOfMotion, state: State, residual: Array | None) -> str:
-    """Return a phrase naming the equation with the largest relative residual; "" if small."""
+    """Return a phrase naming the equation with the largest relative residual, or ""."""
     if residual is None or not np.isfinite(residual).all():
         return ""
     n, m = e.n, e.m

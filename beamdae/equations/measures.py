@@ -90,8 +90,10 @@ class BalanceBuffers:
 
     Attributes
     ----------
-    total, n, m
-        See `BalancePlan`.
+    total
+        Sum of which `BalancePlan.total` is the plan.
+    n, m
+        Numbers of coordinates and constraints.
     times, states
         (t, branch) and (q, v, a, lam) of the rows.
     results

@@ -1,4 +1,4 @@
-"""Warnings about parts that do nothing, never act, start inside a surface or supply energy.
+"""Warnings about parts that have no effect, start inside a surface or supply energy.
 
 `check` reports them before a run, `Solution.warnings` after a run.
 """
@@ -66,15 +66,15 @@ _SEED = 1
 def idle_part_warnings(
     equations: EquationsOfMotion, start: float = 0.0, end: float | None = None
 ) -> Iterator[str]:
-    """Yield one warning per part that exerts no force, or that no event can make act.
+    """Yield warnings about parts that exert no force or never act, and actions without effect.
 
     Parameters
     ----------
     equations
-        Equations of motion of a mechanism; those of a constrained system have no parts.
+        Equations of motion; those of a constrained system yield no warnings.
     start, end
-        Time span of the run [s]. If `end` is None, only parts are reported that do nothing at any
-        time.
+        Time span of the run [s]. If `end` is None, a part without force is reported only if it
+        exerts none at any time after `start`.
     """
     mechanism = equations.mechanism
     if mechanism is None:
@@ -161,7 +161,7 @@ def _is_within_rigid_body(part: Part, coordinates: CoordinateMap) -> bool:
 
 
 def _switch_warnings(mechanism: Mechanism) -> Iterator[str]:
-    """Yield warnings about parts that are never activated and actions without effect."""
+    """Yield warnings about inactive parts that no event activates and actions without effect."""
     events = [*mechanism.events, *(x for part in mechanism.parts.values() for x in part.events)]
     switches = [(event, switch) for event in events for switch in select_switches(event.do)]
     activated = {name for _, switch in switches for name in switch.on}
@@ -205,7 +205,7 @@ class _StatementValues(NamedTuple):
 def _evaluate_statement(
     statement: ForceStatement, coordinates: CoordinateMap, time: Array, q: Array, v: Array
 ) -> _StatementValues:
-    """Evaluate a statement without multipliers, at zero accelerations."""
+    """Evaluate a statement at zero accelerations and multipliers."""
     kernel, count = statement.kernel, statement.count
     operators = [coordinates.global_operator([piece]) for piece in statement.pieces]
     function = kernel.balance_kernel.function
@@ -253,12 +253,14 @@ class _Penetration(NamedTuple):
 def start_inside_warnings(
     equations: EquationsOfMotion, active: EquationsOfMotion, time: Array, state: State
 ) -> Iterator[str]:
-    """Yield one warning per contact that starts deeper inside a surface than statics explain.
+    """Yield one warning per contact that starts deeper inside a surface than static forces explain.
+
+    Gaps of impacts that start inside a surface are also reported.
 
     Parameters
     ----------
     equations
-        Equations of all parts of a mechanism.
+        Equations of all parts; those of a constrained system yield no warnings.
     active
         Equations of the active parts, without redundant constraints.
     time, state
@@ -342,7 +344,7 @@ def _smaller_resultant(
     q: Array,
     others: Array,
 ) -> float:
-    """Return the resultant of all other forces on a body of a contact [N], the smaller of both."""
+    """Return the smallest resultant [N] of the other forces on a movable body of a contact."""
     motions = compute_rigid_motions(equations, q) * equations.position_scales[:, None]
     resultants = []
     for attachment in penetration.part.attachments:
@@ -360,9 +362,10 @@ def _holding_share(
     state: State,
     others: Array,
 ) -> float:
-    """Return the share of a contact force that prevents acceleration along it, of rigid bodies.
+    """Return the share of a contact force that holds the point at rest if all bodies are rigid.
 
-    The share is zero if the joints do not allow a rigid motion along the contact force.
+    Return 0 if the joints allow no rigid motion along the force, a motion has no inertia, or the
+    forces are not finite.
     """
     e = solver.equations
     motions = compute_rigid_motions(e, state.q) * e.position_scales[:, None]
@@ -422,9 +425,9 @@ def supplied_energy_warnings(
     Parameters
     ----------
     equations
-        Equations of motion of a mechanism.
+        Equations of motion; those of a constrained system yield no warnings.
     sample
-        Function that returns the states; called only if there are such parts.
+        Function that returns the states; called only if a part has user-written damping.
     """
     mechanism = equations.mechanism
     if mechanism is None:
@@ -461,7 +464,7 @@ def supplied_energy_warnings(
 
 
 def _has_checked_damping(statement: ForceStatement) -> bool:
-    """Return True for user formulas; built-in damping is positive for all valid coefficients."""
+    """Return True for user-written damping; built-in damping never supplies energy."""
     kernel = statement.kernel
     return not (kernel.reused or kernel.local.n_multipliers or kernel.powers[1].is_zero())
 
@@ -478,7 +481,7 @@ def _dissipated_powers(
 
 
 def sample_velocities(equations: EquationsOfMotion, time: Array, state: State) -> MotionSamples:
-    """Return random velocities around those of a state, at which `check` evaluates damping."""
+    """Return copies of a state with random velocities, at which `check` evaluates damping."""
     random = np.random.default_rng(_SEED).standard_normal((_VELOCITY_SAMPLES, equations.n))
     v = state.v + random * equations.position_scales
     times, q = (np.broadcast_to(x, (len(v), len(x))) for x in (time, state.q))

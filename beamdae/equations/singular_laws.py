@@ -37,7 +37,7 @@ class PartLaw(NamedTuple):
     Attributes
     ----------
     part
-        Name of the part.
+        Name of the part or, in a constrained system, of the symbol.
     function
         Function of rows of (t, branch) and of `numbers`.
     numbers
@@ -49,14 +49,14 @@ class PartLaw(NamedTuple):
     numbers: Array
 
     def size(self, times: Array, branches: Array) -> Array:
-        """Return |law| at `times` [s], (rows, k), on one branch per row; nan becomes 0."""
+        """Return |law| at each of `times` [s], with one branch time per row; nan becomes 0."""
         rows = np.stack(np.broadcast_arrays(times, branches[:, None]), axis=-1).reshape(-1, 2)
         sizes = np.abs(self.function(rows, self.numbers)).reshape(times.shape)
         return np.where(np.isnan(sizes), 0.0, sizes)
 
 
 def collect_varying_laws(parts: Iterable[Part | GravityLaws]) -> tuple[PartLaw, ...]:
-    """Return the time-dependent laws of parts, each once."""
+    """Return the time-dependent laws of parts and of gravity, each law once."""
     return select_varying_laws((part.name, law) for part in parts for law in part.laws)
 
 
@@ -100,7 +100,7 @@ def require_no_pole(laws: Iterable[PartLaw], intervals: Sequence[tuple[float, fl
     Raises
     ------
     BeamdaeError
-        If a law has a pole; the message names the part and the time.
+        If a pole is found; the message names the part and the time.
     """
     for law in laws:
         pole = _find_pole(law, np.array(intervals))

@@ -42,15 +42,18 @@ class ForceTerm:
     ----------
     kernel
         Kernel of one copy.
-    operator, rotation
-        The operator selects global coordinates; the rotation, if any, transforms the selected
-        coordinates to local coordinates.
+    operator
+        Maps the global coordinates to the local coordinates of all copies; with a `rotation`, it
+        only selects the global coordinates that the rotation transforms.
+    rotation
+        Rotation from the selected coordinates to local coordinates, or None.
     data
         Slice of p that contains, for each copy, the numbers of the kernel and of the rotation.
     count
         Number of copies.
     rows
-        Operator that selects the multipliers on which the force depends, if any.
+        Operator that selects the multipliers on which the force depends; None if it depends on
+        none.
     """
 
     kernel: ForceKernel
@@ -65,8 +68,9 @@ class ForceTerm:
 class ConstraintTerm:
     """Copies of one constraint kernel on the global coordinates.
 
-    `operator` selects the local coordinates of all copies, `rows` selects their constraints from g,
-    and `data` is the slice of p with the numbers of the copies.
+    `operator` maps the global coordinates to the local coordinates of all copies, `rows` selects
+    their constraints from g, `data` is the slice of p with their numbers, and `count` is the number
+    of copies.
     """
 
     kernel: ConstraintKernel

@@ -25,8 +25,8 @@ class SurfaceGapTerm:
     observable, numbers
         Compiled gap, and the numbers to which it refers.
     lengths
-        Displacement [m] of a point per unit of each coordinate, at most, (n,); 0 for coordinates on
-        which the gap does not depend.
+        Upper bound on the displacement [m] of the point per unit of each coordinate, (n,); 0 for
+        coordinates on which the gap does not depend.
     length
         Characteristic length of the mechanism [m].
     """
@@ -38,7 +38,7 @@ class SurfaceGapTerm:
     length: float
 
     def evaluate(self, t: Array, branch: float, q: Array) -> Array:
-        """Return the gap [m] at times (rows,) and coordinates (rows, n)."""
+        """Return the gap [m], (rows,), at times `t` (rows,) on one branch and `q` (rows, n)."""
         o = self.observable
         times = np.column_stack([t, np.full(len(t), branch)])
         local = np.asarray(o.operator @ q.T).T
@@ -57,7 +57,7 @@ class SurfaceGapTerm:
 
 
 def compile_surface_gaps(equations: EquationsOfMotion) -> Sequence[SurfaceGapTerm]:
-    """Return the gaps of all parts of a mechanism, active or not; none for constrained systems."""
+    """Return the gaps of all parts, active or not; an empty tuple for a constrained system."""
     mechanism = equations.mechanism
     if mechanism is None:
         return ()

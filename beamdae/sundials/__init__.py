@@ -1,6 +1,7 @@
-"""IDA of SUNDIALS through its C interface, in the libraries that come with scikit-sundae.
+"""IDA of SUNDIALS through its C interface, in the libraries to which scikit-sundae is linked.
 
-May import: errors. Residual and Jacobian are addresses of C functions.
-To extend: for another statistic of IDA, add its function to `prototypes`, a field to
-`solver.IdaStatistics` and the type of its value to `solver._GETTERS`.
+Imports no other package of beamdae. Residual and Jacobian are addresses of C functions.
+To extend: for another statistic of IDA, add its C function to `prototypes`, a field to
+`solver.IdaStatistics`, and the name of the function and the type of its value to
+`solver._GETTERS`.
 """

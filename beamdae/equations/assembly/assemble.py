@@ -69,14 +69,16 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     Raises
     ------
     BeamdaeError
-        If `mechanism` is not a Mechanism, no body can move, a part or an observable does not fit
-        the mechanism, redundant="minimum norm" is combined with switched parts, memory does not
-        suffice for a run, or the initial conditions cannot be satisfied.
+        If `mechanism` is not a Mechanism, no part has coordinates, a part, an observable or an
+        event does not fit the mechanism, redundant="minimum norm" is combined with inactive parts,
+        impacts or events that switch parts, memory does not suffice for a run, or the initial
+        conditions are invalid or cannot be satisfied.
 
     Warns
     -----
     BeamdaeWarning
-        If an attachment inside an element of a beam changes deflections; see `Beam`.
+        If an attachment inside an element of a beam impairs the accuracy of deflections; see
+        `Beam`.
     """
     if not isinstance(mechanism, Mechanism):
         raise BeamdaeError(
@@ -160,7 +162,8 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
 def _prepare_parts(mechanism: Mechanism, start: Any) -> None:
     """Let each part adapt its coordinates to the attachments of all parts.
 
-    A part keeps its coordinates if `start` or a quantity that cannot be rebuilt refers to them.
+    A part keeps its coordinates if a quantity that cannot be rebuilt refers to the part, or `start`
+    names one of its coordinates after the first three.
     """
     attached: dict[int, list[AttachedPart]] = {}
     for part in mechanism.parts.values():

@@ -53,7 +53,8 @@ class MechanismConfigurations:
     initially_inactive
         Names of the parts that are inactive at the start of a run.
     frozen_gaps
-        Gaps of joints that events before the start activated "as they are", by name of the joint.
+        Gaps of joints that events before the start activated with `as_is=True`, by name of the
+        joint.
     """
 
     mechanism: Mechanism
@@ -81,7 +82,8 @@ class MechanismConfigurations:
         Raises
         ------
         BeamdaeError
-            If a name is not the name of a part that can be switched, or the gaps do not fit.
+            If a name is not that of a part without coordinates, or a frozen gap does not fit its
+            joint or the events of the mechanism.
         """
         for name in sorted({*inactive, *frozen_gaps}):
             part = self.mechanism.parts.get(name)

@@ -58,8 +58,8 @@ class ConstrainedSystem(HasOrigin):
     """Constrained system M(t, q) q'' + G^T lam = f(t, q, q'), 0 = g(t, q), G = dg/dq.
 
     The equations are CasADi expressions, for mechanics beyond the built-in parts. Like mechanisms,
-    they are assembled into `EquationsOfMotion`, so that every integrator, study and report accepts
-    them. Nonholonomic constraints 0 = A(t, q) v + b(t, q) enter with A in place of G.
+    they are assembled into `EquationsOfMotion`, which integrators and studies accept. Nonholonomic
+    constraints 0 = A(t, q) v + b(t, q) enter with A in place of G.
 
     Parameters
     ----------

@@ -110,7 +110,7 @@ class Expressions:
         local
             Symbols of the statement.
         expression
-            Numbers and expressions, or nested lists of them.
+            A number or expression, a list of these, or a list of rows.
         name
             Name of the expression in messages.
         on
@@ -127,7 +127,7 @@ class Expressions:
         ------
         BeamdaeError
             If `expression` depends on another symbol, cannot be converted to CasADi or expanded to
-            SX, or, unless `observed`, has a constant entry that is nan or inf.
+            SX, or, unless `observed`, has a constant entry that is nan, inf or too large.
         """
         kind = type(self.t)
         allowed_names = _join_names([*on, *(["parameters"] if self.parameters else [])])

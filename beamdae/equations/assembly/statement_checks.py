@@ -1,4 +1,4 @@
-"""Checks that the statements of a part fit the bodies they refer to."""
+"""Checks of the coordinates, start values, laws and statements of a part before assembly."""
 
 from __future__ import annotations
 
@@ -73,7 +73,10 @@ def require_body_fits(part: Part) -> None:
 
 
 def require_unit(part: str, unit: Any) -> None:
-    """Reject units that are not nonempty printable strings, and angle units other than "rad"."""
+    """Reject units that are not nonempty printable strings, and angle units other than "rad".
+
+    Units with leading or trailing spaces are rejected, too.
+    """
     if not isinstance(unit, str) or not unit or unit != unit.strip() or not unit.isprintable():
         raise BeamdaeError(
             f"{part}: units must be strings such as 'm' and 'rad', got {short_repr(unit)}."
@@ -106,7 +109,7 @@ def collect_statements(part: Part, gravity: np.ndarray, sizes: Sizes) -> tuple[l
     ------
     BeamdaeError
         If the part has neither coordinates nor forces nor constraints, one of its methods fails, or
-        a statement has the wrong type, name or shape.
+        a statement does not fit the part or the bodies to which it refers.
     """
     forces = _require_list(
         part.name,
@@ -157,12 +160,13 @@ def select_multipliers(
 ) -> np.ndarray | None:
     """Return indices of the multipliers on which forces of one kernel depend; None if none.
 
-    `rows` maps each part to the slice of its multipliers.
+    `rows` maps the name of each part with constraints to the slice of its multipliers.
 
     Raises
     ------
     BeamdaeError
-        If a force does not depend on exactly the multipliers of the joint that it names.
+        If a force depends on multipliers without naming a joint, or not on as many multipliers as
+        the joint that it names has constraints.
     """
     indices: list[int] = []
     for force in forces:

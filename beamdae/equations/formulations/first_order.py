@@ -71,7 +71,7 @@ class Formulation:
     impulses
         True if the unknowns are time integrals of the multipliers: lam = Lam'.
     note
-        Limitation reported by every run with this form, or "".
+        Limitation that Ida reports for every run with this form; "" if there is none.
     """
 
     name: str

@@ -135,7 +135,7 @@ def _add_joint(
     levels: tuple[int, ...],
     stabilized: bool,
 ) -> KernelCopies:
-    """Add the constraints of a joint, see `ConstraintKernel.residual_kernel`."""
+    """Add the kernels of a joint, see `ConstraintKernel.residual_kernel`."""
     kernel = joint.kernel.residual_kernel(levels, stabilized)
     inputs = _joint_inputs(joint, layout, levels, stabilized)
     return total.add(kernel, inputs, joint.data, joint.count)
@@ -144,7 +144,7 @@ def _add_joint(
 def assemble_motion(structure: Structure, layout: InputLayout) -> SumBuilder:
     """Return the sum that evaluates the stacked vector (F, g, g_dot, g_ddot).
 
-    Rows of g are zero for nonholonomic constraints. The sum does not contain G and therefore stays
+    Rows of g are zero for nonholonomic constraints. The sum omits G^T lam, so that F and g stay
     finite at positions where G is not finite.
     """
     total = SumBuilder(TIME_SIZE)
@@ -257,8 +257,8 @@ def add_saddle_point(
 ) -> None:
     """Add the matrix [[K, G^T + dF/dlam], [G, 0]].
 
-    K is the sum of the derivatives of F listed in the only entry of `sums` and, if
-    `with_reaction_stiffness`, of d(G^T lam)/dq.
+    K is the sum of the derivatives of F listed in the only entry of `sums`, times their factors
+    (see `ForceKernel.tangent_kernel`), and, if `with_reaction_stiffness`, of d(G^T lam)/dq.
     """
     n = structure.n
     for term, copies in add_tangents(total, structure, layout, sums):
