@@ -30,7 +30,8 @@ class EigenSolution(NamedTuple):
     ----------
     values
         Eigenvalues [1/s], (k,). Each conjugate pair is represented by the eigenvalue with positive
-        imaginary part.
+        imaginary part. For symmetric undamped problems, a growing and a decaying mode of the same
+        shape are represented by the growing one.
     shapes
         Mode shapes, (n, k), with x^H M x = 1.
     """
@@ -43,9 +44,9 @@ class EigenSolution(NamedTuple):
 def solve_eigenproblem(
     lin: LinearizedEquations, count: int | None, damped: bool = True
 ) -> EigenSolution:
-    """Return the `count` modes with the smallest |eigenvalue|, or all modes if `count` is None.
+    """Return the modes with the smallest |eigenvalue|: at most `count`, or all if it is None.
 
-    If `damped` is False, only the symmetric parts of M and K enter, and damping is ignored.
+    If `damped` is False, the symmetric parts of M and K are used, and damping is ignored.
     """
     undamped = SymmetricProblem(lin).solve(count)
     is_undamped = not lin.tangent.damping.nnz or abs(lin.tangent.damping).max() == 0.0
@@ -60,7 +61,7 @@ def solve_eigenproblem(
 def _normalize(
     lin: LinearizedEquations, values: Array, shapes: Array, count: int | None
 ) -> EigenSolution:
-    """Return the `count` modes with the smallest |eigenvalue|, sorted and scaled to x^H M x = 1.
+    """Return the modes with the smallest |eigenvalue|, sorted and scaled to x^H M x = 1.
 
     The phase of each shape is chosen so that the shape is as real as possible.
     """

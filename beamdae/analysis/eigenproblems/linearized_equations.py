@@ -25,7 +25,8 @@ class LinearizedEquations:
     zero_square
         Squared frequencies up to this magnitude [1/s^2] are treated as zero.
     has_differences
-        True if matrices were computed with finite differences.
+        True if the matrices contain errors of finite differences or of the transformation to a
+        rotating frame, so that symmetry is tested with a larger tolerance.
     """
 
     equations: EquationsOfMotion

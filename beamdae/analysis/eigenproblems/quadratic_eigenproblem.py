@@ -67,9 +67,9 @@ class QuadraticProblem:
     lin
         Linearized equations with the matrices M, C, K, H, J and V.
     undamped
-        Modes of the undamped problem. Their frequencies determine the shift. Their free motions are
-        solved apart if dampers do not act on them, because rounding would turn their double zero
-        eigenvalues into slow vibrations of thin beams.
+        Modes of the undamped problem. Their frequencies determine the shift. Free motions on which
+        no damper acts are treated separately if the equations are symmetric, because rounding would
+        turn their double zero eigenvalues into slow vibrations of thin beams.
     count
         Number of modes of interest, or None for all modes.
 
@@ -105,9 +105,10 @@ class QuadraticProblem:
         self._solve_shifted = solve
 
     def _find_undamped_free_motions(self, undamped: UndampedModes) -> Array:
-        """Return the motions (n, k) with K x = 0 and C x = 0, scaled to x^T M x = 1.
+        """Return the free motions (n, k) on which no damper acts, scaled to x^T M x = 1.
 
-        Empty if K or C is not symmetric: follower loads and rotation couple free motions to others.
+        The result is empty if C or the undamped problem (see `is_symmetric`) is not symmetric:
+        follower loads and rotation couple free motions to other modes.
         """
         free = undamped.shapes[:, undamped.squares == 0.0]
         if not (free.shape[1] and self._is_symmetric):
@@ -164,10 +165,11 @@ class QuadraticProblem:
         return self._select(self.shift + 1.0 / inverses[order], shapes[:, order])
 
     def _solve_projected(self) -> tuple[Array, Array]:
-        """Return all eigenvalues and shapes, from dense matrices in the motions joints allow.
+        """Return eigenvalues and shapes from dense matrices, projected onto admissible motions.
 
-        Undamped problems are solved for l^2, which is twice as accurate and avoids that rounding
-        splits pairs off the imaginary axis.
+        Free motions that are treated separately and eigenvalues lost in rounding are missing.
+        Problems without damping are solved for l^2, which is twice as accurate and prevents
+        rounding from moving eigenvalues off the imaginary axis.
         """
         tangent, e, s = self.tangent, self.e, self.shift
         free = sp.csc_array(self._weighted_free.T)
@@ -219,7 +221,7 @@ class QuadraticProblem:
         """Remove rounding errors; keep one eigenvalue of each conjugate pair.
 
         Nearly zero eigenvalues are replaced by one zero for each independent free motion. The free
-        motions that were solved apart are added.
+        motions that are treated separately are added.
         """
         tangent = self.tangent
         stiffness, mass, damping = tangent.stiffness, tangent.mass, tangent.damping
@@ -250,9 +252,10 @@ class QuadraticProblem:
         return values, np.hstack([free, shapes[:, is_upper]])
 
     def _refine_values(self, values: Array, shapes: Array) -> Array:
-        """Return, for each mode x, the root nearest to its value of x^H (l^2 M + l C + K) x = 0.
+        """Return for each mode x the root l of x^H (l^2 M + l C + K) x = 0 nearest to its value.
 
-        Its coefficients are real, so that no mode grows by rounding if K and C are not negative.
+        The coefficients of this quadratic equation are real, so rounding does not make a mode grow
+        if K and C are positive semidefinite.
         """
         tangent = self.tangent
         m, c, k = (
@@ -292,8 +295,8 @@ class QuadraticProblem:
 def _is_split_double(values: Array, spread: Array) -> Array:
     """Return a mask of imaginary double eigenvalues of rotating bodies that rounding has split.
 
-    Rounding moves double eigenvalues by its square root, `spread`: for example, the eigenvalues of
-    the translations of a free body in the frame that rotates with it.
+    `spread` is the square root of the rounding error, by which rounding moves double eigenvalues.
+    An example is the translation of a free body, seen from the frame that rotates with the body.
     """
     distances = np.abs(values[:, None] - values)
     np.fill_diagonal(distances, np.inf)

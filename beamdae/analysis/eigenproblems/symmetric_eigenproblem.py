@@ -97,7 +97,7 @@ class SymmetricProblem:
         Raises
         ------
         MasslessError
-            If an admissible motion has no inertia.
+            If the matrices are dense and an admissible motion has no inertia.
         """
         if self.mode_count <= 0:
             return UndampedModes(np.zeros(0), np.zeros((self.e.n, 0)))
@@ -229,11 +229,13 @@ def _shift_below(squares: Array) -> float:
 class FrequencyRange:
     """Range of the undamped natural frequencies about a state.
 
+    If a coordinate has no inertia, nothing is computed: the frequencies are None, and the other
+    numbers are 0.
+
     Attributes
     ----------
     lowest, highest
-        Lowest and highest natural frequency [Hz]; None if nothing vibrates or a coordinate has no
-        inertia.
+        Lowest and highest natural frequency [Hz]; None if nothing vibrates.
     damping_ratio
         Damping ratio of the mode with the highest frequency [-]; 0 if nothing vibrates.
     loose
@@ -241,7 +243,7 @@ class FrequencyRange:
     growth_rate
         Largest growth rate of unstable motions [1/s], or 0.
     massless
-        Name of a coordinate without inertia, which prevents computing a range; "" if there is none.
+        Name of a coordinate without inertia; "" if there is none.
     """
 
     lowest: float | None

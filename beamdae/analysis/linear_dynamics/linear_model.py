@@ -60,7 +60,7 @@ class LinearModel:
         Names and units of the inputs, such as "push.Fy" [N]. The input of a driver is its
         acceleration, such as "motor.angle_ddot" [rad/s^2].
     outputs
-        Names and units of the observed columns.
+        Names and units of the output columns.
     state_values, output_values
         Values of states and outputs at the state about which the model is linearized, in the units
         of `states` and `outputs`.
@@ -114,7 +114,8 @@ class LinearModel:
         Raises
         ------
         BeamdaeError
-            If a frequency is not a finite number, or the response is infinite there.
+            If `frequencies` is not a list of finite numbers, or the response is infinite at one of
+            them.
         """
         values = [
             require_finite("frequency_response", "frequencies", f)
@@ -173,9 +174,9 @@ def linearize(
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, the state, an input or an output does not exist, an input is
-        inactive or redundant, an output is a reaction while redundant constraints are removed, a
-        coordinate has no inertia, or the model has more than 2000 coordinates.
+        If an argument is invalid, the state, an input or an output does not exist, a driver among
+        the inputs is inactive or redundant, an output is a reaction while redundant constraints are
+        removed, a coordinate has no inertia, or the model has more than 2000 coordinates.
     Interrupted
         If Ctrl-C ends the call.
 
@@ -389,7 +390,10 @@ class _StateReduction:
     def _differentiate_outputs(
         self, observables: Sequence[Observable], dq: Array, dv: Array, dlam: Array
     ) -> tuple[Array, Array, tuple[Variable, ...]]:
-        """Return the Jacobian of the outputs with respect to (x, w, u), their values and names."""
+        """Return the Jacobian of the outputs, their values, and their names and units.
+
+        The columns of the Jacobian belong to (x, w, u).
+        """
         lin, full = self.lin, self.lin.full_equations
         # Multipliers of inactive or redundant constraints are zero; row -1 refers to the appended
         # zero.

@@ -111,7 +111,8 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
     about
         See `modes`.
     t
-        Time [s] at which laws are evaluated, for states at rest and rotations.
+        Time [s] at which laws are evaluated. Ignored if `about` is an instant of a run or an
+        `Equilibrium`.
 
     Returns
     -------

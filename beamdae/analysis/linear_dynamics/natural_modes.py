@@ -41,8 +41,8 @@ _REPR_FREQUENCIES = 5
 class Modes:
     """Natural modes about a state, in ascending order of |eigenvalue|; see `modes`.
 
-    Small free motions about the state are sums of Re(c shape exp(eigenvalue t)) with complex
-    amplitudes c.
+    Re(c shape exp(eigenvalue t)), with any small complex amplitude c, is a free motion about the
+    state.
 
     Attributes
     ----------
@@ -83,7 +83,11 @@ class Modes:
         return f"<Modes about {self.about}: {len(self)}, {frequencies}{more} Hz>"
 
     def describe(self, k: int) -> str:
-        """Return number, frequency and damping ratio of mode `k`, counted from 0."""
+        """Return a label of mode `k`, counted from 0: number k + 1, frequency, damping ratio.
+
+        Modes of frequency zero have their kind in place of the frequency. Only vibrations with
+        damping have a damping ratio in the label.
+        """
         ratio = self.damping_ratios[k]
         damping = f", damping {ratio:.2g}" if self.kinds[k] == VIBRATION and ratio else ""
         kind = f"{self.frequencies[k]:.4g} Hz" if self.frequencies[k] else self.kinds[k]
@@ -171,7 +175,7 @@ class Modes:
         Raises
         ------
         BeamdaeError
-            If `other` has different coordinates.
+            If `other` is not a `Modes` object or has a different number of coordinates.
         """
         if not isinstance(other, Modes) or other.shapes.shape[1] != self.shapes.shape[1]:
             raise BeamdaeError(
@@ -225,7 +229,8 @@ def modes(
     damping
         Set False for undamped modes, from the symmetric parts of M and K alone.
     t
-        Time [s] at which laws are evaluated, for states at rest and rotations.
+        Time [s] at which laws are evaluated. Ignored if `about` is an instant of a run or an
+        `Equilibrium`.
 
     Returns
     -------

@@ -128,8 +128,8 @@ def frequency_response(
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, `period` fails, loads or drivers are not periodic, parts are
-        inactive, or events stop the run, switch parts or cause impacts.
+        If an argument is invalid or, at the first point, `period` fails, loads or drivers are not
+        periodic, parts are inactive, or events stop the run, switch parts or cause impacts.
     Interrupted
         If Ctrl-C ends the call; `Interrupted.partial` is the curve so far, which may be
         empty.

@@ -64,7 +64,8 @@ def periodic(
     integrator
         Integrator. Defaults to Radau(1e-8).
     start
-        "as drawn", "equilibrium", or positions and velocities by name, as in `simulate`.
+        "as drawn", "equilibrium", or positions and velocities by name. Defaults to the start of the
+        model.
     begin
         Time [s] at which the period begins; loads must be periodic from this time on.
     settle

@@ -310,7 +310,8 @@ def solve_shooting(
     Raises
     ------
     IncompleteRunError
-        If runs end early even for small Newton steps.
+        If the first run ends early, or a later run does even after a Newton step is halved five
+        times.
     BeamdaeError
         If loads or drivers are not periodic.
     """

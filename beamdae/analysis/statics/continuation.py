@@ -126,7 +126,7 @@ class ContinuationSettings:
     norm
         Norm of path increments.
     max_points
-        Maximum number of points.
+        No further step is taken once the path has this many points.
     stop_at_branch_point
         Number of the branch point at which `follow_path` stops, counted from 1 in each call; 0
         never stops.

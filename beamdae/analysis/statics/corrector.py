@@ -63,8 +63,8 @@ class Corrector:
     """Newton's method for one load stage, with a count of its iterations.
 
     It solves F(x; mu) = 0, c(x, mu) = target with the bordered matrix [[F_x, F_mu], [c_x, c_mu]],
-    where c is the control. Except with load control, this matrix is regular at limit points,
-    although F_x is singular.
+    where c is the control. Except with load control, this matrix is in general regular at limit
+    points, although F_x is singular.
     """
 
     system: LoadedEquations

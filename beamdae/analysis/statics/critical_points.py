@@ -129,9 +129,10 @@ class PathSegment:
     def locate_critical_points(self, splits: int = _MAX_SPLITS) -> list[SegmentCriticalPoint]:
         """Return the critical points in the segment, in order along the path.
 
-        There are as many as the number of unstable directions changes by; a pair of directions that
-        flutters counts once. The list is empty if the stability is unknown. `splits` is the number
-        of bisections allowed.
+        There is a point for each direction that becomes unstable or stable; the two directions of
+        an oscillation share a point. A branch point at which an eigenvalue touches zero without a
+        sign change is also found if the load factor has an extremum there. The list is empty if the
+        stability at an end is unknown. `splits` is the number of bisections allowed.
 
         Raises
         ------
@@ -165,13 +166,14 @@ class PathSegment:
     ) -> None:
         """Require that the number of unstable directions changes by one at each point.
 
-        `counts` are the numbers at the ends of the segment. Otherwise, a step that leaves the path
-        would be connected to it by critical points that do not exist.
+        This rejects a step that leaves the path and would be connected to it by critical points
+        that do not exist. `counts` are the numbers at the ends of the segment. Points that are
+        close to each other are not checked.
 
         Raises
         ------
         CorrectorError
-            If another number changes on the way.
+            If the number before a point differs from the expected one.
         """
         sign = 1 if counts[1] > counts[0] else -1
         margin = 2.0 * _SAMPLE_DISTANCE
@@ -273,7 +275,7 @@ class PathSegment:
         Raises
         ------
         CorrectorError
-            If no eigenvalue is nearly zero, so that the segment leaves the path.
+            If no eigenvalue is nearly zero, which indicates that the segment leaves the path.
         """
 
         def load_rate(point: EquilibriumPoint) -> float:
@@ -347,7 +349,7 @@ def _growth_counts(stability: Stability) -> tuple[int, int]:
 def _find_sign_change(
     function: Callable[[float], float], ends: Sequence[float], tolerance: float
 ) -> float:
-    """Return a position between 0 and 1 where `function` changes sign; `ends` are its end values.
+    """Return a position from 0 to 1 where `function` changes sign; `ends` are its end values.
 
     The end values are given because points computed again may differ in the last digits.
     """

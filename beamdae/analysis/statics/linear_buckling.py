@@ -70,7 +70,7 @@ class Buckling:
         Mechanism for pictures of the modes; None if the model is not a `Mechanism`.
     warnings
         Warnings that displacements before buckling are not negligible, that there are fewer
-        factors, or that the loads have no potential.
+        factors than requested, or that the loads have no potential.
     """
 
     factors: Array
@@ -95,7 +95,7 @@ class Buckling:
         return "the unloaded equilibrium"
 
     def describe(self, k: int) -> str:
-        """Return number and load factor of mode `k`, counted from 0."""
+        """Return a label of mode `k`, counted from 0: number k + 1 and load factor."""
         return f"{k + 1}: load factor {self.factors[k]:.5g}"
 
     def table(self) -> pd.DataFrame:
@@ -109,18 +109,18 @@ class Buckling:
 
 
 class _LinearizedPath(NamedTuple):
-    """Linearization of the path at the unloaded equilibrium.
+    """Linearization of the static equations at a point of the path.
 
     Attributes
     ----------
     tangent
         Tangent of the static equations, (n + m, n + m).
     rate
-        Its derivative with respect to the load factor.
+        Derivative of `tangent` with respect to the load factor along `response`.
     response
         Derivative of the path with respect to the load factor.
     motion
-        Largest motion of a coordinate per load factor, in natural sizes.
+        Largest absolute entry of `response` for a coordinate, in natural sizes.
     """
 
     tangent: sp.csc_array
@@ -139,8 +139,7 @@ def buckling(
     K_0 is the tangent stiffness of the unloaded equilibrium, with the constraints, and K_1 its
     derivative with respect to the load factor along the linear response to the loads. The factors
     are exact if the displacements before buckling are negligible, as for straight columns and rings
-    under pressure. Otherwise, `Buckling.warnings` gives the first factor from the equilibrium at
-    half of its load, and `equilibrium` finds the right one.
+    under pressure. Otherwise, `Buckling.warnings` contains a warning; use `equilibrium` instead.
 
     Parameters
     ----------
@@ -164,7 +163,8 @@ def buckling(
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, no load is scaled, or the unloaded mechanism can move freely.
+        If an argument is invalid, no load is scaled, or the unloaded mechanism has no equilibrium,
+        can move freely or has no unique linear response.
     Interrupted
         If Ctrl-C ends the call.
 
@@ -234,7 +234,7 @@ def buckling(
 
 
 def _linearize_along_path(corrector: Corrector, begin: EquilibriumPoint) -> _LinearizedPath:
-    """Return the tangent at the beginning of the path and its rate along the linear response.
+    """Return the linearization at the equilibrium `begin`, along the response to the loads.
 
     Raises
     ------
@@ -258,10 +258,11 @@ def _linearize_along_path(corrector: Corrector, begin: EquilibriumPoint) -> _Lin
 def _check_prebuckling(
     corrector: Corrector, begin: EquilibriumPoint, response: PathDirection, factors: Array
 ) -> list[str]:
-    """Return a warning if the factors change when they are computed from a loaded equilibrium.
+    """Return a warning if the first factor changes when computed at half of its load.
 
-    Turning a slender beam by its thickness over its length makes the linearized stiffness useless,
-    so that displacements before buckling must be negligible by this measure, not by their size.
+    A warning is also returned if no equilibrium is found at that load. Otherwise, the list is
+    empty. Displacements before buckling are not judged by their size, because even a rotation by
+    the ratio of thickness to length makes the linearized stiffness of a slender beam useless.
     """
     if not len(factors):
         return []
@@ -283,9 +284,10 @@ def _check_prebuckling(
 
 
 def _solve(path: _LinearizedPath, count: int) -> tuple[Array, Array, float]:
-    """Return positive factors, their vectors and the negative factor nearest to zero (or -inf).
+    """Return the positive factors, their vectors, and the negative factor nearest to zero.
 
-    The eigenvalues of -K_0^-1 K_1 are the inverse factors.
+    There are at most `count` positive factors. The negative factor is -inf if there is none. The
+    eigenvalues of -K_0^-1 K_1 are the inverse factors.
 
     Raises
     ------

@@ -37,8 +37,8 @@ def resolve_load_stages(mechanism: Mechanism, loads: Any) -> Stages:
     Raises
     ------
     BeamdaeError
-        If a name is unknown, occurs twice, or belongs to a part that does not only apply forces, or
-        a stage is empty.
+        If `loads` does not consist of names, a name is unknown, occurs twice or belongs to a part
+        that does not only apply forces, or a stage is empty.
     """
     if loads is None:
         active = [x for x in mechanism.parts.values() if x.name not in mechanism.inactive]

@@ -64,7 +64,7 @@ class Stability:
     growth
         Eigenvalues [1/s] of the growing modes under forces without a potential; otherwise empty.
     growing_modes
-        Real parts of the shapes of the growing modes, (n, number of growing modes).
+        Real parts of the shapes of the modes in `growth`, (n, k); empty if `growth` is empty.
     """
 
     eigenvalues: Array
@@ -180,11 +180,11 @@ def _build_stability(
 
 
 def _sparse_stability(stiffness: sp.csc_array, gradients: sp.csr_array, scale: Array) -> Stability:
-    """Count negative eigenvalues by the signs of the pivots of the saddle-point matrix.
+    """Return the stability; negative eigenvalues are counted by the signs of pivots.
 
-    [[K + r G^T G, G^T], [G, 0]] has m negative eigenvalues besides those of K in the null space of
-    G, for any r (Sylvester's law of inertia). r keeps leading pivots nonzero if bodies would be
-    free without their joints.
+    The saddle-point matrix [[K + r G^T G, G^T], [G, 0]] has m negative eigenvalues besides those of
+    K in the null space of G, for any r (Sylvester's law of inertia). r keeps leading pivots nonzero
+    if bodies would be free without their joints.
     """
     n, m = stiffness.shape[0], gradients.shape[0]
     if n == m:

@@ -61,8 +61,9 @@ def equilibrium(
     loads
         Names of the loads that mu scales: parts that only apply forces, and "gravity". Defaults to
         every `Force`, `Moment`, `DistributedForce` and `MovingForce`, and gravity. A list of lists
-        defines stages, whose load factors are raised from 0 to 1 in turn; `to` refers to the last
-        stage. Loads that are not named act in full from the beginning.
+        defines stages, whose load factors are raised from 0 to 1 in turn; `to`, `control`, `step`
+        and `switch` refer to the last stage, and earlier stages are computed with load control.
+        Loads that are not named act in full from the beginning.
     to
         Target load factor, or a list of targets to reach in turn. {"tip.y": value} sets one or
         several target values of an observed position instead. Each target becomes a row of the
@@ -82,7 +83,7 @@ def equilibrium(
         control="arc length". Negative numbers select the opposite side. A list switches repeatedly;
         numbers are counted on the current path. 0 never switches.
     most_points
-        Maximum number of points in each stage.
+        No further step is taken once a stage has this many points; at least 2.
     t
         Time [s] at which laws are evaluated.
     start

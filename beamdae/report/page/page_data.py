@@ -89,7 +89,7 @@ def select_curves(
 
 
 def encode_curves(curves: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """Encode time and curves, by panel and name, for decoding by the page script."""
+    """Encode time and curves, by panel and name, for the page script; None without curves."""
     if not curves:
         return None
     panels = {
@@ -107,7 +107,7 @@ def encode_curves(curves: Mapping[str, Any] | None) -> dict[str, Any] | None:
 
 
 def encode_frames(frames: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """Encode times, bodies, symbols and colors of an animation for decoding by the page script."""
+    """Encode the frames of an animation for the page script; None if there are no frames."""
     if not frames or not frames["t"]:
         return None
     return {
@@ -148,8 +148,8 @@ def _pack_curves(curves: Mapping[str, Any], logarithmic: Sequence[str] = ()) -> 
 def _pack_values(values: Sequence[float | None] | Array, log: bool = False) -> dict[str, Any]:
     """Quantize values, or the logarithms of their magnitudes, into equal 16-bit steps.
 
-    Values that are missing, not finite or of magnitude `_MAX_MAGNITUDE` or more, and zeros on a
-    logarithmic scale, become `_MISSING_CODE`.
+    Missing and non-finite values become `_MISSING_CODE`, and so do zeros if `log` is True, and
+    magnitudes of `_MAX_MAGNITUDE` or more if it is False.
     """
     x = np.array(values, float)
     if log:

@@ -77,7 +77,8 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
     path
         Path of the HTML file.
     page
-        Plain values. All entries except the ids are optional:
+        Plain values. All entries are optional except "id", the "group" of a case, and the entries
+        of a column:
 
         - "title", "subtitle", "made" (versions by package name) and "notes" (list of sentences).
         - "groups": sets of cases that are compared with each other, for example cases with equal
@@ -90,7 +91,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
           "error" and "cost" of each case. The label of a case (key "label") and its status always
           come first.
         - "axes": keys "x" and "y" of the columns that the scatter plot shows initially. The user
-          can select any two numeric columns. Defaults to error over cost if these columns exist.
+          can select error, cost and numeric columns. Defaults to error over cost if available.
         - "tables" of facts: "title", "head" (column names) and "rows".
         - "cases": "id"; "group"; "label"; "family", which determines color and legend entry, for
           example the integrator; "series" (cases of the same series are connected by a line;
@@ -113,7 +114,8 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
     Raises
     ------
     BeamdaeError
-        If an id is used twice, a case refers to an unknown group, or the file cannot be written.
+        If two groups or two cases have the same id, a case refers to an unknown group, or the file
+        cannot be written.
     """
     title = html.escape(make_printable(page.get("title", "")))
     content = _complete_page(page)

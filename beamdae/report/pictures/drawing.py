@@ -42,9 +42,10 @@ def draw(mechanism: Mechanism) -> Plot:
     """Draw a mechanism: bodies, joints, supports, springs and loads with their names.
 
     The drawing shows the reference configuration, even if a different start is requested. Rigid
-    bodies are drawn by their shape or, without a shape, by a line through their attachment points;
-    beams are drawn along their axis. Forces are drawn as arrows of equal length in their direction
-    at t = 0 or, if they are zero at t = 0, at a later time.
+    bodies are drawn by their shape or, without a shape, by lines between their attachment points,
+    or between a single attachment point and the center of mass; beams are drawn along their axis.
+    Arrows of forces show the direction, not the magnitude, at t = 0 or, if the force is zero then,
+    at a later time.
 
     Parameters
     ----------

@@ -140,7 +140,7 @@ def format_axis(axis: Axes, title: str, ylabel: str) -> None:
 
 
 def single_point_marker(rows: Sequence[Any] | Array | pd.Series) -> dict[str, Any]:
-    """Return a marker style if there is only one row, because a line would be invisible."""
+    """Return a marker style for a single row, where a line would be invisible; otherwise empty."""
     return {"marker": "o", "ms": 4} if len(rows) == 1 else {}
 
 

@@ -100,7 +100,7 @@ def _require_drawable(name: str, modes: Any) -> Mechanism:
 
 
 def draw_modes(modes: Modes | Buckling) -> Plot:
-    """Draw up to twelve mode shapes, superimposed on the state about which they vibrate or buckle.
+    """Draw up to twelve mode shapes, superimposed on the state to which they belong.
 
     Displacements are linearized about the state of the modes and scaled to be visible.
 

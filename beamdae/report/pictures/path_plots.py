@@ -38,11 +38,11 @@ _CRITICAL_MARKERS = {"limit point": "o", "branch point": "s", "flutter point": "
 
 
 def save_path_figure(path: Path, equilibrium: Equilibrium, title: str) -> Path:
-    """Plot the load factor over observed positions, deformations and forces, and write the figure.
+    """Plot the load factor over observed columns that vary, except rates, and write the figure.
 
-    The suffix of `path` selects the image format. Lines are dashed where the equilibrium is
-    unstable under constant loads, and limit, branch and flutter points are marked. If the path has
-    several stages, their load factors are added.
+    The suffix of `path` selects the image format. Lines are dashed where the equilibrium under
+    constant loads is unstable or its stability is unknown, and limit, branch and flutter points are
+    marked. If the path has several stages, their load factors are added.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def save_path_figure(path: Path, equilibrium: Equilibrium, title: str) -> Path:
 
 
 def plot_path(equilibrium: Equilibrium, names: Sequence[str]) -> Plot:
-    """Plot the load factor over the named columns, see `Equilibrium.plot`."""
+    """Plot the load factor over the named columns; see `Equilibrium.plot` for the default."""
     merged = merge_columns(equilibrium.columns, equilibrium.coordinates())
     selections = (
         select_columns(merged, name, "Equilibrium", equilibrium.columns) for name in names

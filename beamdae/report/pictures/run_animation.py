@@ -54,7 +54,7 @@ def animate(
     """Animate a run in a notebook or in a file.
 
     Bodies, joints, guides, springs, dampers, contacts and loads are drawn as in `draw`. The length
-    of a load arrow is proportional to the load, relative to its maximum during the run.
+    of a load arrow is proportional to the load, relative to the largest value in the frames.
 
     Parameters
     ----------

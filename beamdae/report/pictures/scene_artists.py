@@ -43,7 +43,7 @@ class LineStyle(NamedTuple):
     fill, opacity
         Fill color of a closed line (None for no fill) and its opacity.
     order
-        Drawing order; larger values cover smaller ones.
+        Drawing order; lines of higher order cover lines of lower order.
     """
 
     color: str
@@ -206,7 +206,8 @@ def add_caption(axis: Axes) -> Text:
 def padded_extent(scenes: Iterable[Scene], margin: float = 0.05) -> tuple[Array, Array]:
     """Return the lower left and upper right corner [m] of all scenes, with a margin.
 
-    The margin is relative to the larger of width and height.
+    The margin is relative to the larger of width and height. The smaller one is first enlarged to a
+    fifth of the larger one if necessary.
     """
     low, high = bounding_box(np.array([x for scene in scenes for x in scene.extent()]))
     size = float(np.max(high - low)) or 1.0

@@ -41,7 +41,7 @@ def plot_section_diagram(forces: SectionForces, what: str = "M", t: float | None
     Raises
     ------
     BeamdaeError
-        If `what` is invalid, or `t` is out of range.
+        If `what` is invalid, or `t` is not close to an available time.
     """
     # Imported here because importing Matplotlib takes longer than some commands.
     from matplotlib.figure import Figure

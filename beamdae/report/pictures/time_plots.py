@@ -49,15 +49,16 @@ _PANEL_LEGEND_COLUMNS = 4
 
 
 def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Plot:
-    """Plot columns of one or several runs over time, with one panel for each of up to 12 columns.
+    """Plot columns of one or several runs over time, in one panel for each of up to 12 columns.
 
     Parameters
     ----------
     solutions
         A solution or a run of a sweep, or several of them.
     *names
-        Headers with or without units, or names of observables, which select all their columns; see
-        `Solution.__getitem__`. Defaults to up to three characteristic columns of the first run.
+        Headers with or without units, or names of observables or parts, which select all their
+        columns; see `Solution.__getitem__`. Defaults to up to three characteristic columns of the
+        first run.
     labels
         Labels of the runs. Defaults to the labels of the integrators or of the runs of a sweep,
         numbered if they are not distinct.
@@ -201,7 +202,7 @@ def _group_by_observable(table: Columns) -> dict[tuple[str, str], list[str]]:
 
 
 def _add_panel_legend(axis: Axes, labels: Sequence[str]) -> None:
-    """Add a legend above the right corner of the axes, where it covers no curve."""
+    """Add a legend above the upper right corner of the axes, where it covers no curve."""
     legend = axis.legend(
         axis.lines,
         [""] * len(labels),

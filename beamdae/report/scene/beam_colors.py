@@ -97,8 +97,8 @@ def compute_beam_colors(name: str, solution: Solution, what: Any, times: Array) 
     Raises
     ------
     BeamdaeError
-        If `what` is invalid, the mechanism has no beams, or strain or stress is requested and a
-        section does not define its height.
+        If `what` is invalid, the run has no mechanism or no beams, or strain or stress is requested
+        and a section does not define its height.
     """
     what = require_choice(name, "color", what, tuple(_QUANTITIES))
     mechanism = solution.equations.mechanism
@@ -135,8 +135,8 @@ def compute_beam_colors(name: str, solution: Solution, what: Any, times: Array) 
 def available_colors(solution: Solution, times: Array, first: Any = None) -> list[BeamColors]:
     """Return the color quantities that the viewer of an animation can select.
 
-    The quantity `first`, if given, is followed by stress and bending moment. Both are omitted if
-    the run has no beams; stress is also omitted if a section does not define its height.
+    The quantity `first`, if given, is followed by stress and bending moment. Stress and moment are
+    omitted if the run has no beams; stress is also omitted if a section does not define its height.
 
     Raises
     ------

@@ -22,7 +22,7 @@ _COLOR_DIGITS = 3  # of color values, relative to the limit of their scale
 
 
 def export_run_frames(solution: Solution) -> dict[str, Any] | None:
-    """Return the exported scene of a run, or None without drawable parts; see `export_frames`."""
+    """Return the exported scene of a run, or None if nothing can be drawn; see `export_frames`."""
     times = frame_times(solution)
     try:
         scene = build_run_scene("animate", solution, times)
@@ -42,8 +42,8 @@ def export_frames(scene: Scene, times: Array, colors: Sequence[BeamColors] = ())
           per frame. A trail has a single list and the number of "frames".
         - "poses": "x", "y" [m] and "turn" [rad] over the frames, or one value if it is constant.
         - "symbols", see `Symbol`: "name", "kind", "at" and "to" (indices of poses), "along", and
-          "points" with None at interruptions of the line. "absent" lists the frames without the
-          symbol.
+          "points" with None at interruptions of the line. If the part is inactive at times,
+          "absent" lists the frames without the symbol.
         - "colors" of beams: "title", "limits", "scale" (colors at equally spaced values) and
           "values" by beam name, as one list along the beam per frame.
         - "extent": lower left and upper right corner of the scene [m].

@@ -1,6 +1,6 @@
 """Symbols of joints, drivers, gears and rolling contacts.
 
-Each function adds the symbol of one part to a `SceneBuilder`; see `symbols` for the symbol names.
+Each function listed in `symbols.py` adds the symbol of one part to a `SceneBuilder`.
 The length constants are relative to the symbol size unless stated otherwise.
 """
 

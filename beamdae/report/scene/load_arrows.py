@@ -1,4 +1,4 @@
-"""Arrows of loads: equal lengths in drawings, lengths proportional to the loads in animations.
+"""Arrows of loads: in animations, their lengths are proportional to the loads.
 
 The length constants are relative to the symbol size.
 """
@@ -75,7 +75,7 @@ def draw_force_law(part: ForceLaw, builder: SceneBuilder) -> None:
 
 
 def draw_distributed_force(part: DistributedForce, builder: SceneBuilder) -> None:
-    """Draw short arrows along the beam and a line through their tails."""
+    """Draw arrows and a line through their tails, or heads if the load depends on the section."""
     sections = [part.beam.at(s) for s in np.linspace(0.0, part.beam.length, _DISTRIBUTED_ARROWS)]
     rows = [builder.add_attachment(section) for section in sections]
     middle = _DISTRIBUTED_ARROWS // 2
@@ -159,7 +159,7 @@ def _evaluate_laws(laws: Sequence[Law], builder: SceneBuilder) -> Array:
     """Return the values (frames, laws) of laws in all frames.
 
     In a drawing, which has a single frame, the laws are evaluated at the first of several times at
-    which at least one law is not zero.
+    which at least one law is not zero; if there is no such time, a unit load is returned.
     """
     if len(builder.times) > 1:
         return np.array([[law.at(t) for law in laws] for t in builder.times])

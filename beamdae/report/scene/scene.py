@@ -72,7 +72,7 @@ class Scene:
     poses
         Poses (poses, frames, 3): x, y [m] and rotation [rad].
     glyphs
-        Curves and symbols, in the order of the parts.
+        Curves and symbols: trails, then bodies, then the other parts.
     names
         Pairs of the index of a pose and the name of the part to show at this pose.
     size

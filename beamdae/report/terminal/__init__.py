@@ -1,5 +1,5 @@
 """Tables and texts for the terminal.
 
-May import: results, analysis and the layers below; rich.
+May import: report.text, analysis and lower layers; rich.
 To extend: add a function to `text_tables` for a new table; `responsive_table` handles the layout.
 """

@@ -216,7 +216,7 @@ def _format_range(least: Any, most: Any) -> str:
 
 
 def summary_table(summary: pd.DataFrame) -> ResponsiveTable:
-    """Return the summary table of a study; values are followed by units and ranges."""
+    """Return the summary table of a study; values are followed by their units and any ranges."""
     ranges = (
         f" ({_format_range(*x)})".replace(" (-)", "") for x in summary[["min", "max"]].to_numpy()
     )
@@ -289,7 +289,7 @@ def modes_table(table: pd.DataFrame) -> ResponsiveTable:
 
 
 def campbell_table(table: pd.DataFrame) -> ResponsiveTable:
-    """Return a table of frequencies over rotational speed, given `Campbell.table()`."""
+    """Return a table of frequencies over the rotational speed, given `Campbell.table()`."""
     frequencies = [name for name in map(str, table) if name.endswith("[Hz]")]
     columns = [Column(name.replace(" [", "\n["), k) for k, name in enumerate(frequencies)]
     rows = [
