@@ -149,7 +149,6 @@ def _compute_row_scale(pattern: sp.csc_array, nonzeros: Array) -> Array:
 def _plan(
     key: _PatternKey, is_cached: bool, ordered: _OrderedPattern, factors: SuperLU, scale: Array
 ) -> EliminationPlan:
-    """Return the plan with the pivots of these factors."""
     rows = ordered.order[np.argsort(factors.perm_r)]
     columns = ordered.order[np.argsort(factors.perm_c)]
     analyze = _cached_analyze_pattern if is_cached else _analyze_pattern
@@ -186,7 +185,6 @@ _cached_analyze_pattern = bounded_cache(_MAX_CACHED_BYTES, array_bytes)(_analyze
 
 
 def _flatten_columns(columns: list[list[int]]) -> tuple[Array, Array]:
-    """Return the starts of the columns and the concatenated rows."""
     starts = np.cumsum([0, *map(len, columns)])
     rows = np.fromiter(chain.from_iterable(columns), int, starts[-1])
     return _to_unsigned(starts), _to_unsigned(rows)

@@ -177,7 +177,7 @@ def require_movable(part: str, attachment: Attachment) -> None:
 
 
 def rotate(angle: Any, vector: Any) -> SX:
-    """Return a plane vector (2,) rotated counter-clockwise by `angle` [rad]."""
+    """Return the vector (x, y), rotated counter-clockwise by `angle` [rad], as a column."""
     c, s = ca.cos(angle), ca.sin(angle)
     return ca.vertcat(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1])
 

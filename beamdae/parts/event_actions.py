@@ -20,9 +20,9 @@ def activate(*parts: Part, as_is: bool = False) -> Switch:
     A joint must be closed when it becomes active. With `as_is`, the joint instead keeps the gap it
     has at the event: a driver continues from the angle or travel it has reached, a link keeps its
     length, a guide its offset, a gear its phase; a weld or a hinge keeps the position of point `b`
-    on the body of `a` (if `a` is a particle, of `a` on the body of `b`). For a weld or a hinge with
-    such a gap, `reaction` is the force at point `b`, and `reaction_on("a")` does not include the
-    moment of this force about point `a`.
+    on the body of `a` (if `a` is a particle, of `a` on the body of `b`). The force of a weld or a
+    hinge with such a gap acts at point `b` (if `a` is a particle, at `a`), and `reaction_on` does
+    not include the moment of this force about the other point.
 
     Parameters
     ----------
@@ -125,9 +125,10 @@ def impact(on: Joint | Quantity, restitution: float = 1.0) -> Impact:
 
     By Newton's law of restitution, the rate of the gap after the impact is minus `restitution`
     times the rate before it. The velocities v- before and v+ after the impact and the impulses P
-    satisfy M (v+ - v-) = -G^T P, where M is the mass matrix and G the Jacobian of the gap and of
-    the active joints. These joints stay closed. There is no friction. The lost energy is part of
-    the dissipated energy, and `Solution.events` lists the impulses.
+    satisfy M (v+ - v-) = -G^T P, where M is the mass matrix and G the Jacobian of the active joints
+    and of the joint `on` or, if `on` is a gap, of minus the gap: positive impulses open the gap.
+    The active joints stay closed. There is no friction. The lost energy is part of the dissipated
+    energy, and `Solution.events` lists the impulses.
 
     Parameters
     ----------

@@ -33,13 +33,13 @@ class Switch:
     Attributes
     ----------
     on, off
-        Parts that become active, and parts that become inactive.
+        Names of the parts that become active, and of the parts that become inactive.
     as_is
-        Joints in `on` that keep the gaps that they have at the event.
+        Names in `on` of joints that keep the gaps that they have at the event.
     laws
         Pairs (name of a driver in `on`, new law as a function of the time since the event [s]).
     parts
-        The parts in `on` and `off`; assembly requires that the mechanism contains these parts.
+        The parts named in `on` and `off`; assembly requires that the mechanism contains them.
     """
 
     on: tuple[str, ...] = ()

@@ -45,7 +45,7 @@ class GravityLaws:
         ----------
         forces
             Function that returns the forces of the part under a constant gravity, an array of shape
-            (2,) [m/s^2]. The data of the forces must be linear in gravity.
+            (2,) [m/s^2]. The data of the forces must be affine functions of gravity.
         """
         weightless, unit_x, unit_y = (
             forces(np.array(gravity)) for gravity in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))

@@ -71,8 +71,8 @@ class Law:
     Attributes
     ----------
     pieces
-        Smooth functions of t, one more than breakpoints: before the first, between neighboring ones
-        and after the last.
+        Smooth functions of t [s], one for each interval: before the first breakpoint, between
+        successive breakpoints and after the last; without breakpoints, a single function.
     breakpoints
         Ascending times [s] between the pieces; integrators stop and restart there.
     time_scale

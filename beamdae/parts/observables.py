@@ -23,9 +23,10 @@ from beamdae.symbolic.statements import SX, Local, Quantity, Variable, rebuilt_f
 
 @rebuilt_for_mesh
 def motion_quantity(attachment: Attachment) -> Quantity:
-    """Return position [m], angle [rad] and their rates of an attachment in the inertial frame.
+    """Return the position [m], the angle [rad] and their rates for an attachment.
 
-    The angle is omitted if the rotation is constant, as for particles and points of the ground.
+    All values refer to the inertial frame. The angle and its rate are omitted if the rotation is
+    constant, as for particles and points of the ground.
     """
     has_rotation = _has_rotation(attachment)
     columns = [Variable("x", "m"), Variable("y", "m"), *([Variable("angle", "rad")] * has_rotation)]
@@ -39,7 +40,7 @@ def motion_quantity(attachment: Attachment) -> Quantity:
 
 
 def as_quantity(name: str, what: Attachment | Quantity) -> Quantity:
-    """Return a quantity, or the motion of an attachment, for the present meshes of beams.
+    """Return a quantity, or the motion of an attachment, rebuilt for the present beam meshes.
 
     Raises
     ------
@@ -115,8 +116,8 @@ class _RelativeDisplacement:
 def relative_displacement(of: Attachment, on: Attachment, axes: str = "inertial") -> Quantity:
     """Return displacement and rotation of `of` relative to a rigid reference that moves with `on`.
 
-    With `on` at the root of a beam, these describe the deformation relative to the root, even
-    across several beams welded together.
+    With `on` at the root of a beam, the displacement and the rotation describe the deformation
+    relative to the root, even across several beams welded together.
 
     Parameters
     ----------

@@ -200,7 +200,7 @@ class Part:
 
     @property
     def gaps(self) -> Sequence[SurfaceGap]:
-        """Gaps of penalty forces; a deep penetration at the start causes a warning."""
+        """Gaps of penalty forces, for contact onsets and warnings about initial penetrations."""
         return ()
 
     @property

@@ -32,7 +32,6 @@ def _elongation(a: Any, b: Any, numbers: Any) -> SX:
 
 
 def _displacement(a: Any, b: Any, numbers: Any) -> SX:
-    """Return the vector from the first point to the second."""
     (position_a, _), (position_b, _) = a, b
     return position_b - position_a
 
@@ -181,7 +180,7 @@ class SpringDamper(_SpringLaw):
 
 @dataclass(frozen=True, eq=False)
 class Spring(SpringDamper):
-    """`SpringDamper` without damping.
+    """`SpringDamper` without a damping coefficient.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ class _ReactionAndPower(PointFunction):
 
 
 class DrivenJoint(Joint):
-    """Joint whose gap follows a time law."""
+    """Joint with a gap function that depends on one time law."""
 
     # Events may replace a relative law, because such a law may begin with any value.
     is_relative: ClassVar[bool] = True

@@ -36,7 +36,7 @@ class PlacedPoint(NamedTuple):
     Attributes
     ----------
     position
-        Position (x, y) in the inertial frame [m], shape (2,).
+        Position (x, y) in the inertial frame [m], a column.
     rotation
         Rotation of the body or section from the reference configuration [rad]; 0 for a particle.
     """
@@ -53,7 +53,7 @@ class MovingPoint(NamedTuple):
     position, rotation
         As in `PlacedPoint`.
     velocity
-        Rate of the position [m/s], shape (2,).
+        Rate of the position [m/s], a column.
     angular_velocity
         Rate of the rotation [rad/s].
     """
