@@ -1,6 +1,6 @@
-"""Integrators with `integrate(equations, times) -> Solution`; one folder per method.
+"""Integrators with `integrate(equations, times) -> Solution`; methods in `alpha`, `ida`, `radau`.
 
-May import: results, equations, parts, linear, symbolic, native; only `ida` imports SUNDIALS.
+May import: results and everything below; only `ida` imports sundials.
 To extend: subclass `Integrator`; its `integrate` passes `drive` a function that makes a `Method`.
 """
 

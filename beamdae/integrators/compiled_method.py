@@ -272,7 +272,7 @@ class FixedStepMethod:
     Raises
     ------
     BeamdaeError
-        If the run would take more than 1e8 steps of this length.
+        If the run would take more than 1e8 steps of this length, or `formulation` is unknown.
     """
 
     rows_per_step: ClassVar[int] = 1

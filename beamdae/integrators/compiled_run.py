@@ -34,7 +34,7 @@ MAX_ITERATIONS = 12
 
 
 class InterpretedSolver:
-    """Linear solver of an interpreted loop, with the interface of the compiled `LinearSolver`.
+    """Linear solver of an interpreted loop, with the counters of the compiled `LinearSolver`.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class FactorizedMatrix:
         Values on the pattern, written by the loop.
     pivot_source
         Matrix with the same pattern whose pivots are tried first, because a search for pivots takes
-        longer than many factorizations.
+        longer than many factorizations; None if there is none.
     """
 
     pattern: sp.csc_array

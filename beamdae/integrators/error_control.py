@@ -93,9 +93,10 @@ class MotionScales:
         return np.maximum(local * self.position, POSITION_ROUNDING * self.size)
 
     def first_step(self, local: float, state: State) -> float:
-        """Return the first step h [s], limited so that h^2 a / 2 is within the position tolerances.
+        """Return the first step h [s], for which h^2 a / 2 is within the position tolerances.
 
-        It is also limited to sqrt(2 local) / rate, where `local` is the relative tolerance.
+        Here, a are the accelerations of `state`. The step is also limited to sqrt(2 local) / rate,
+        where `local` is the relative tolerance.
         """
         fastest = float(np.max(np.abs(state.a) / self.tolerances(local)))
         return float(np.sqrt(2.0 / max(fastest, self.rate**2 / local)))
@@ -105,8 +106,8 @@ def motion_rate(plan: RunPlan) -> float:
     """Return the characteristic rate of the motion during a run [1/s].
 
     It is the largest of 1 / duration, 1 / (time scale of the laws), and the rate that a pilot run
-    measured. Without a pilot run, the rates of the initial velocities and accelerations take the
-    place of the measured rate.
+    measured. If no pilot run measured a rate, the rates of the initial velocities and
+    accelerations take its place.
     """
     equations, state, position = plan.equations, plan.state, plan.scales
     rates = [1.0 / plan.duration]
@@ -161,7 +162,7 @@ class ErrorControl:
     reason
         Reason for the choices of "auto", or "as set" if neither setting was "auto".
     is_limited
-        True if lightly damped modes limit the order.
+        True if "auto" limited the order to 2 because of lightly damped modes.
     """
 
     policy: str

@@ -39,7 +39,7 @@ class Method(Protocol):
 
     @property
     def resolved_options(self) -> dict[str, Any]:
-        """Values chosen for "auto" settings, and derived tolerances, by name."""
+        """Entries for `Solution.integrator`, such as values chosen for "auto" and tolerances."""
 
     @property
     def counts(self) -> Statistics:
@@ -111,9 +111,10 @@ class StepError(ArithmeticError):
 
 
 def clip_step(step: float, remaining: float) -> float:
-    """Return the next step [s]: `remaining` if `step` covers it, else at most half of `remaining`.
+    """Return the next step [s], so that the last step is not much shorter than those before it.
 
-    The limit prevents a last step that is much shorter than the steps before it.
+    If `step` covers `remaining`, this is `remaining`; otherwise `step`, but at most half of
+    `remaining`.
     """
     return remaining if step >= _LAST_STEP_MARGIN * remaining else min(step, 0.5 * remaining)
 

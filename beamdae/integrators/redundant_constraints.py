@@ -31,7 +31,8 @@ def remove_redundant(equations: EquationsOfMotion, start: float) -> ReducedEquat
 def restore_reactions(solution: Solution, reduced: ReducedEquations) -> Solution:
     """Return the solution of the full equations.
 
-    The multipliers of all constraints have the minimum norm among those that give the same forces.
+    The multipliers of all constraints have the minimum norm among those that give the same forces;
+    see `ReducedEquations.restore_reactions` for the norm.
     """
 
     def restore(interval: Interval) -> Interval:

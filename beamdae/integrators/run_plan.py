@@ -37,9 +37,9 @@ class RunPlan:
     intervals
         (start, end) of the smooth intervals between breakpoints [s].
     state
-        Consistent state at the start, or after the last event that switched parts.
+        Consistent state at the start, or after the last event with actions.
     fastest_modes
-        Cached function that returns the fastest natural mode of each body in this state.
+        Cached function that returns the fastest natural mode of each elastic body in this state.
     amplitudes
         Amplitudes of the parts measured by a pilot run, or None.
     matrices

@@ -1,5 +1,6 @@
 """Generalized-alpha, HHT and Newmark methods: settings, starting values and step loops.
 
-May import: equations, symbolic, native, results, and the shared modules of integrators.
+May import: equations, symbolic, native, results, errors, the shared modules of integrators, and
+`radau` for pilot runs.
 To extend: add a member of the family to `family`; change the steps of all members in `step_loop`.
 """

@@ -62,7 +62,7 @@ class ContactOnsetDetector:
     length: float
 
     def find_first(self, interval: Interval, begin: float) -> ContactOnset | None:
-        """Return the first onset in the steps after `begin` [s] that no step ends inside."""
+        """Return the first contact after `begin` [s] that a step passed over, or None."""
         inactive = (
             frozenset() if interval.configuration is None else interval.configuration.inactive
         )
@@ -112,7 +112,7 @@ class ContactOnsetDetector:
     def _locate_onset(
         self, gap: SurfaceGapTerm, interval: Interval, start: float, end: float
     ) -> ContactOnset | None:
-        """Return the onset between two times [s] at which the gap is open, if it closes."""
+        """Return the onset between two times [s] at which the gap is open, or None."""
 
         def evaluate(times: Array) -> Array:
             return gap.evaluate(times, interval.branch, interval.at(times).q)

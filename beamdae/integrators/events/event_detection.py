@@ -352,10 +352,10 @@ def _sample_times(steps: Array, is_start: bool) -> Array:
 
 
 def _list_possible_reversals(differences: Array) -> Array:
-    """Return samples around which a quantity may pass its threshold and return.
+    """Return the indices of samples around which a quantity may pass its threshold and return.
 
-    At these samples, the distance from the threshold is smaller than at both neighbors, with equal
-    signs, and smaller than its change to one of them.
+    At these samples and both their neighbors, the differences have equal signs. The distance from
+    the threshold is not larger than at the neighbors, and smaller than its change to one of them.
     """
     before, distance, after = (
         np.abs(x) for x in (differences[:-2], differences[1:-1], differences[2:])

@@ -160,7 +160,7 @@ class MethodCache:
     make
         Function that creates the method for a plan.
     first, configuration
-        Method at the start, and its configuration.
+        Method at the start, and its configuration (None if the active parts never change).
     """
 
     make: Callable[[RunPlan], Method]

@@ -1,5 +1,6 @@
 """IDA of SUNDIALS: settings, error weights, callbacks and two interfaces to the library.
 
-May import: equations, linear, native, sundials, results, and the shared modules of integrators.
+May import: equations, linear, native, sundials, results, memory, errors, and the shared modules of
+integrators.
 To extend: add functions that IDA calls to `callbacks`, and options of IDA to `stepper`.
 """

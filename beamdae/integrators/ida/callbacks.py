@@ -179,8 +179,8 @@ def factorize_jacobian(
 ) -> int:
     """Factorize dR/dy + c dR/dy' and return the code for IDA.
 
-    `out` contains the residual that IDA has just evaluated at the same point. It is replaced by the
-    raw residual premultiplied with the new factors.
+    `out` contains the residual that IDA has just evaluated at the same point. On success, it is
+    replaced by the raw residual premultiplied with the new factors.
     """
     evaluate_jacobian(newton.form, t, newton.branch, c, y, yp, newton.nonzeros)
     scale_jacobian(newton.kinematic, c, newton.nonzeros)

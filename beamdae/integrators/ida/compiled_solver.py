@@ -49,7 +49,7 @@ class CompiledIda:
         Value of "ida" in `Solution.integrator`.
     code
         Return code of the last call: DONE, FULL, NO_ADVANCE or a negative code of IDA. After
-        NO_ADVANCE and negative codes, no further steps are possible.
+        NO_ADVANCE and negative codes, no steps are possible before the next `start`.
     """
 
     name = "shared libraries"

@@ -40,9 +40,10 @@ class Ida(AdaptiveIntegrator):
     The entry "ida" of `Solution.integrator` is "shared libraries" if the callbacks of IDA are
     machine code, and "scikit-sundae" if they are called through that package. The results of both
     agree within the tolerance. Without machine code, the error test includes multipliers in runs
-    with friction, nonholonomic constraints or only prescribed motions. Machine code also reports
-    "orders" (number of steps per order), "error_test_failures" and "limited_by": the unknowns that
-    most often had the largest error of a step, with the fraction of such steps.
+    with friction, nonholonomic constraints or only prescribed motions. With machine code,
+    `Solution.integrator` also contains "orders" (number of steps per order), "error_test_failures"
+    and "limited_by": up to three unknowns that most often had the largest error of a step, with the
+    fraction of such steps.
 
     Parameters
     ----------
