@@ -19,9 +19,10 @@ _BASH_WORD_BREAKS = (":", "=")
 
 
 def complete_model_files(incomplete: str) -> list[str]:
-    """Return the model files and folders, or the examples, that begin with `incomplete`.
+    """Return the Python files and folders whose paths begin with `incomplete`.
 
-    Without a matching model file, the list is empty and the shell uses its default completion.
+    If `incomplete` begins with "example:" or a part of this prefix, return all examples. Without a
+    matching Python file, the list is empty and the shell uses its default completion.
     """
     if incomplete and PREFIX.startswith(incomplete[: len(PREFIX)]):
         return [f"{PREFIX}{name}" for name in example_names()]
@@ -39,7 +40,8 @@ def complete_model_files(incomplete: str) -> list[str]:
 def complete_parameters() -> list[tuple[str, str]]:
     """Return NAME=DEFAULT and a help text for each parameter of the models on the command line.
 
-    If the command line names no model, return the parameters of all models of the file.
+    If the command line names no model, return the parameters of all models of the file. Defaults
+    that require quotes in a shell are omitted: NAME=.
     """
     words = _command_line_words()
     models = _outline_of_model_file(words).models
@@ -51,13 +53,16 @@ def complete_parameters() -> list[tuple[str, str]]:
 
 
 def complete_models() -> list[str]:
-    """Return the models and studies of the file on the command line."""
+    """Return the names of the models, studies and sweeps of the file on the command line."""
     outline = _outline_of_model_file(_command_line_words())
     return [*outline.models, *outline.studies]
 
 
 def _command_line_words() -> list[str]:
-    """Return the words typed so far; typer drops them after an option without a value."""
+    """Return the words typed so far from the environment.
+
+    The arguments of typer lack the words after an option without a value.
+    """
     line = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")
     try:
         return shlex.split(line)
@@ -83,7 +88,8 @@ def _as_typed(default: str) -> str:
 def rejoin_bash_words() -> Iterator[None]:
     """Complete words such as `example:four_bar` and `length=2`, which bash splits.
 
-    Bash replaces only the part after the last ":" or "=", so the rest is removed from the output.
+    Bash replaces only the part after the last ":" or "=", so the part before is removed from the
+    completions.
     """
     if os.environ.get("_BEAMDAE_COMPLETE") != "complete_bash":
         yield

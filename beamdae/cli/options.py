@@ -192,12 +192,15 @@ def parse_assignments(settings: list[str] | None, option: str = "--set") -> dict
 
 
 def parse_start(options: list[str] | None) -> str | dict[str, float] | None:
-    """Return the start described by --start, or None for the start of the model.
+    """Return the start described by --start, or None without --start.
+
+    The start is the name of a state or a dict of values by coordinate.
 
     Raises
     ------
     BeamdaeError
-        If a value is not a number, or one of several entries does not have the form NAME=VALUE.
+        If a value is not a number, or an entry does not have the form NAME=VALUE. A single entry
+        without "=" is the name of a state, which is not checked here.
     """
     if not options:
         return None
@@ -213,7 +216,9 @@ def parse_start(options: list[str] | None) -> str | dict[str, float] | None:
 
 
 def parse_accuracy(text: str | None) -> float | None:
-    """Return the accuracy given by --accuracy, such as "1%" or "0.01", or None.
+    """Return the accuracy given by --accuracy as a fraction: 0.01 for "1%" or "0.01".
+
+    If `text` is None, return None.
 
     Raises
     ------

@@ -35,11 +35,11 @@ class CommandOutput:
     Attributes
     ----------
     quiet
-        True to print errors only.
+        True to print only errors and, if `as_json` is True, the JSON document.
     as_json
         True to print the results as one JSON document instead of tables.
     results, files, warnings, errors
-        Contents of the JSON document.
+        Contents of the JSON document, besides the command and its exit code.
     """
 
     quiet: bool = False
@@ -70,12 +70,12 @@ def use_output(output: CommandOutput) -> Iterator[None]:
 
 
 def current_output() -> CommandOutput:
-    """Return the output settings of the running command."""
+    """Return the output settings of the running command; the defaults if no command is running."""
     return _current_output.get() or CommandOutput()
 
 
 def is_quiet() -> bool:
-    """Return True if progress and results are not printed."""
+    """Return True if the running command has the option --quiet."""
     return current_output().quiet
 
 
@@ -87,9 +87,10 @@ def record_results(create: Callable[[], Mapping[str, Any]]) -> None:
 
 
 def create_console() -> Console:
-    """Return a console on standard output, with the width of the terminal or of COLUMNS.
+    """Return a console on standard output; with --quiet or --json, the console prints nothing.
 
-    Markup is disabled, because units are written in brackets.
+    Lines are as wide as the terminal or COLUMNS; without these, lines are not wrapped. Markup is
+    disabled, because units are written in brackets.
     """
     has_width = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
     output = current_output()
@@ -111,14 +112,14 @@ def create_progress_console() -> Console | None:
 
 
 def print_error(sentence: str) -> None:
-    """Print one line on standard error."""
+    """Print a sentence as one line on standard error, and add it to the JSON document."""
     line = make_printable(" ".join(sentence.split()))
     current_output().errors.append(line)
     typer.echo(line, err=True)
 
 
 def print_warnings(console: Console, sentences: Iterable[str]) -> None:
-    """Print warnings about a result."""
+    """Print warnings about a result, and add them to the JSON document."""
     for sentence in sentences:
         console.print(f"warning: {record_warning(sentence)}", style="yellow")
 
@@ -131,7 +132,7 @@ def record_warning(sentence: str) -> str:
 
 
 def print_written_files(console: Console, paths: Iterable[Path]) -> None:
-    """Print the paths of written files."""
+    """Print the paths of written files, and add them to the JSON document."""
     for path in paths:
         current_output().files.append(make_printable(str(path)))
         console.print(f"written: {make_printable(str(path))}", style="dim", soft_wrap=True)
@@ -157,7 +158,11 @@ class WrittenFiles:
 
 
 def _to_json_value(value: Any) -> Any:
-    """Convert a value for JSON: nan and infinity to null, arrays to lists, paths to strings."""
+    """Convert a value for JSON.
+
+    NaN and infinity become null, arrays and sets become lists, and paths and all other objects
+    become strings.
+    """
     if isinstance(value, Mapping):
         return {str(key): _to_json_value(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):

@@ -19,14 +19,14 @@ def require_writable(*groups: tuple[str, Iterable[Path]]) -> None:
 
     Parameters
     ----------
-    groups
-        Pairs of the option that sets the paths, for messages, and the paths of its files.
+    *groups
+        Pairs of an option, named in messages, and the paths of the files that the option sets.
 
     Raises
     ------
     BeamdaeError
-        If a path is not a valid name or is a folder, a folder cannot be created or written, or two
-        outputs have the same path.
+        If a path is not a valid name or is a folder, a folder cannot be created or written, or an
+        output has the path of another output or of its folder.
     """
     options: dict[Path, str] = {}
     for option, paths in groups:

@@ -41,7 +41,7 @@ class ProgressLine:
     remaining
         Remaining time [s], or None if unknown.
     label
-        Name of the running task.
+        Name of the running task; for a study, counts of its runs and the label of the last run.
     """
 
     fraction: float
@@ -165,7 +165,7 @@ def _format_counts(progress: StudyProgress) -> str:
 
 
 def estimate_remaining_time(progress: StudyProgress, start: float) -> float | None:
-    """Return the remaining time of a study [s], or None before the first run has ended.
+    """Return the remaining time of a study [s], or None if no estimate is available yet.
 
     If the study provides no estimate, the mean time per finished run since `start`, a value of
     `time.monotonic` [s], is extrapolated.
@@ -192,7 +192,7 @@ def format_clock(seconds: float | None) -> str:
 
 
 class _RunLines:
-    """Prints a line with the progress of a run every ten seconds."""
+    """Prints the progress of a run at most every ten seconds; nothing with --quiet."""
 
     def __init__(self) -> None:
         self._last = monotonic()
@@ -205,7 +205,7 @@ class _RunLines:
 
 
 class _StudyLines:
-    """Prints a line with the progress of a study after each tenth of the runs."""
+    """Prints the progress of a study at its start and end, and after each tenth of the runs."""
 
     def __init__(self) -> None:
         self._next = 0.0

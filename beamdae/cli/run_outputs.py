@@ -37,19 +37,20 @@ class Run:
     table
         Path of the table of all parts of the run; other files are named after it.
     columns
-        Columns of the table.
+        Columns of the table by header; empty until the table is written.
     files
         Files written so far.
     checkpoint
-        File to resume from, if one was written.
+        Checkpoint that was written, or None.
     errors
-        Error estimates of the observed columns.
+        Error estimates of the observed columns, by name of the estimate; None without estimates.
     accuracy_warning
-        Warning about columns whose error exceeds the bound, or an empty string.
+        Warning about columns with large errors or about a missing certification, or an empty
+        string.
     certificate
-        Certificate of the run, if an accuracy was required.
+        Certificate of the run; None unless an accuracy was required.
     interrupted
-        True if an interrupt ended a step after the integration.
+        True if an interrupt ended the integration or a later step.
     """
 
     model: Model
@@ -137,9 +138,9 @@ def integrate_run(
 def certify_run(
     run: Run, accuracy: float, t_end: float | None, output_step: float | None, *limits: Any
 ) -> Solution:
-    """Certify the model and return the solution; the budget becomes the errors of the run.
+    """Certify the model and return the solution; store the certificate and its errors in `run`.
 
-    `limits` are start and time limit, as for `certify`.
+    `limits` are the arguments `start` and `time_limit` of `certify`.
 
     Raises
     ------
@@ -207,8 +208,8 @@ def write_tables(run: Run, parts: RunParts, solution: Solution, checkpoint: Path
 def estimate_errors(run: Run, solution: Solution, verify: bool, table: Path) -> None:
     """Estimate the errors by a second run or, with `verify`, compare with a different method.
 
-    The errors of the observed columns are added to the metadata of the file `table`, unless the
-    second run is interrupted.
+    The errors of the observed columns are stored in `run` and in the metadata of the file `table`,
+    unless the second run is interrupted. Without observed columns, nothing is done.
     """
     from beamdae import verification
     from beamdae.results.storage.files import write_metadata
@@ -282,7 +283,7 @@ def draw_run(run: Run, solution: Solution) -> None:
 
 
 def print_results(run: Run, solution: Solution) -> None:
-    """Print the tables and warnings of a run."""
+    """Print the tables and warnings of a run, and add its results to the JSON document."""
     from beamdae.report.terminal import text_tables
     from beamdae.results.event_records import format_event_times
 

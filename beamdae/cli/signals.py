@@ -67,7 +67,7 @@ def exit_code() -> int:
 
 @contextmanager
 def defer_interrupts(immediate: int = 0) -> Iterator[None]:
-    """Defer interrupts until the end of the `with` block.
+    """Defer interrupts until the end of the `with` block, or of the outermost of nested blocks.
 
     The first `immediate` interrupts of the process, and all from the fourth on, are not deferred.
     """

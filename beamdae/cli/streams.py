@@ -38,11 +38,13 @@ class _UnclosableStream(io.TextIOWrapper):
 
 
 def secure_streams() -> None:
-    """Replace standard output and error with streams whose `write` never fails.
+    """Make writing to standard output and standard error safe.
 
-    Streams of terminals are kept, with characters escaped that they cannot encode. A closed stream
-    is connected to the null device. Otherwise, the next opened file would get its descriptor and
-    receive the output.
+    Files and pipes are replaced by streams that store the first write error instead of raising it.
+
+    A stream of a terminal is kept, but escapes characters that it cannot encode. A closed stream is
+    connected to the null device, because the next opened file would otherwise get the descriptor of
+    the stream and receive its output.
     """
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= _STDERR:
         os.set_inheritable(descriptor, True)

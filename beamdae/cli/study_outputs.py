@@ -88,7 +88,7 @@ class StudyOutputs:
     results
         Results of the study; None until the study has been run.
     n_runs
-        Number of runs, references included.
+        Number of runs, references included; 0 until the study has been started.
     files
         Files written so far.
     """
@@ -109,8 +109,8 @@ def run_and_write(
 ) -> None:
     """Run a study, write its files and print its results.
 
-    The command exits with 1 after a failure, with 3 if processes or a cluster failed so that runs
-    are missing, and with 130 or 143 after an interrupt.
+    The command exits with 1 if no case succeeded or a reference or file is missing, with 3 if
+    processes or a cluster failed so that runs are missing, and with 130 or 143 after an interrupt.
 
     Raises
     ------
@@ -151,7 +151,11 @@ def run_and_write(
 
 
 def _planned_files(folder: Path) -> list[Path]:
-    """Return paths of which none may be a folder: tables, pages and pictures, and one record."""
+    """Return paths that must be writable before the run.
+
+    These are all existing tables, pages and pictures, the case table, and a file in the folder of
+    the records.
+    """
     existing = [path for path in folder.glob("*.*") if path.suffix in _FILE_SUFFIXES]
     planned = [folder / "cases.csv", folder / "outcomes" / "record.json"]
     return list(dict.fromkeys([*existing, *planned]))

@@ -116,9 +116,9 @@ def run_command(
     the earlier parts are in the same folder, NAME.csv covers all parts. If a run ends early, the
     output names the checkpoint to resume from.
 
-    Exits with 0 if the run reached its end time (and its --accuracy), 1 if it did not (partial
-    results are written), 2 for a usage or model error, 130 after Ctrl-C, and 143 after SIGTERM,
-    which skips the PNG and the page.
+    Exits with 0 if the run was completed (and its --accuracy certified), 1 if it was not (partial
+    results are written) or a file could not be written, 2 for a usage or model error, 130 after
+    Ctrl-C, and 143 after SIGTERM, which skips the PNG and the page.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 

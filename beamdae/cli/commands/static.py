@@ -79,8 +79,8 @@ def static_command(
 ) -> None:
     """Compute equilibria of a model under increasing loads; write the path as CSV, JSON and PNG.
 
-    Exits with 0 if the path reached its target, 1 if it did not (partial results are written), and
-    2 for a usage or model error.
+    Exits with 0 if the path reached its target, 1 if it did not (partial results are written) or
+    the picture failed, and 2 for a usage or model error.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
@@ -162,7 +162,7 @@ def _json_results(result: Equilibrium) -> dict[str, Any]:
 
 
 def path_facts(result: Equilibrium) -> dict[str, str]:
-    """Describe an equilibrium path by topic."""
+    """Return descriptions of an equilibrium path, keyed by topic."""
     n_unstable = int(result.unstable[-1])
     if n_unstable == -1:
         stability = "not known"

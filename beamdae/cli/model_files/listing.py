@@ -32,7 +32,7 @@ class FileContent:
     Attributes
     ----------
     models, studies
-        One dict per model or study.
+        One dict per model, and one per study or sweep.
     problem
         Reason why the file cannot be imported, otherwise empty.
     """
@@ -45,8 +45,8 @@ class FileContent:
 def read_files(files: Iterable[Path]) -> Generator[FileContent, None, None]:
     """Yield the content of each file.
 
-    Files that take too long are reported as problems. The process is killed when the generator is
-    closed, also by an interrupt.
+    A file whose import takes over 10 s or ends the process is reported as a problem. The process is
+    killed when the generator is closed, also by an interrupt.
     """
     process = _ListingProcess()
     try:
@@ -152,7 +152,7 @@ def _describe_content(file: Path, model_file: Any) -> FileContent:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value that every process can load: values of other types as text."""
+    """Return a plain value unchanged, and any other value as text, which every process can load."""
     return value if value is None or type(value) in (bool, int, float, str) else str(value)
 
 

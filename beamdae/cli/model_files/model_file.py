@@ -1,4 +1,4 @@
-"""Model files: plain programs, imported from their path, that define models."""
+"""Model files: Python files that define models, imported from their paths."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class ModelFile:
 
     @property
     def integrators(self) -> dict[str, Any]:
-        """Integrators of the file, classes and instances, by the name of their variable."""
+        """Integrators of the file, classes and instances, by the name of their public variable."""
         from beamdae.integrators import Integrator
 
         def is_integrator(value: Any) -> bool:

@@ -22,7 +22,7 @@ class Outline:
     defines
         True if the file uses a name of beamdae that defines a model or a study.
     models
-        Parameters of each model, with the source text of their defaults.
+        Parameters of each model, with the source text of their defaults; "" without a default.
     studies
         Names of the studies and sweeps.
     """
@@ -82,7 +82,7 @@ def read_outline(file: Path) -> Outline:
 
 
 def _parameters(function: ast.FunctionDef) -> Iterator[tuple[str, str]]:
-    """Yield the name of each parameter and the source text of its default."""
+    """Yield the name of each parameter and the source text of its default, or ""."""
     signature = function.args
     positional = [*signature.posonlyargs, *signature.args]
     n_required = len(positional) - len(signature.defaults)

@@ -41,7 +41,8 @@ _MIN_PROGRESS = 1e-5  # simulated time per `Limits.patience`, relative to the en
 def run_task(serialized: bytes) -> Outcome:
     """Run a serialized task; exceptions other than KeyboardInterrupt become failed outcomes.
 
-    The outcome lists the files that were read. The working directory is restored afterwards.
+    The outcome lists the files that were read. The working directory is restored afterwards if it
+    still exists.
     """
     folder = working_folder()
     is_deleted = not folder.samefile(os.curdir)
@@ -127,7 +128,11 @@ class _BuiltEquations:
 
 
 def _build_equations(task: Task) -> _BuiltEquations:
-    """Return the equations of a task, cached if the previous task had the same mechanism."""
+    """Return the equations of a task.
+
+    They are cached if the previous task in this process had the same mechanism, and the files read
+    to build it have not changed.
+    """
     fingerprint = task.mechanism_fingerprint or task.case.mechanism_fingerprint()
     key = _EquationsKey(fingerprint, task.case)
     built = _cached_equations(key)

@@ -94,7 +94,10 @@ class SerialPool:
     workers = 1
 
     def run_tasks(self, tasks: Sequence[Task]) -> TaskResults:
-        """Yield the result of each task in the order of `tasks`."""
+        """Yield the result of each task in the order of `tasks`.
+
+        After the result of an interrupted task, KeyboardInterrupt is raised.
+        """
         models: SerializedModels = {}
         for task in tasks:
             clear_module_reads()
@@ -113,11 +116,12 @@ class _Attempt(NamedTuple):
 
 
 class LocalPool:
-    """Runs tasks in local processes, by default one per core.
+    """Runs tasks in local processes, by default one per available core.
 
     If a process dies, only its task is affected; the task is run once more in another process.
     Interrupts are raised between results, after all processes have been killed. If the system
-    cannot start all processes, fewer are used; if it can start none, the tasks run in this process.
+    cannot start all processes, fewer are used; if it can start none, all tasks that have not been
+    tried yet run in this process.
     """
 
     def __init__(self, workers: int | None = None) -> None:
@@ -242,7 +246,7 @@ class DaskPool:
     address
         Address of the scheduler, such as "tcp://host:8786".
     source
-        Argument or option that sets the address, to begin messages.
+        Beginning of messages: the argument or option that sets the address.
 
     Raises
     ------
@@ -281,7 +285,7 @@ class DaskPool:
             raise BeamdaeError(f"{label} has no workers; start at least one worker.")
 
     def run_tasks(self, tasks: Sequence[Task]) -> TaskResults:
-        """Yield the result of each task in the order of completion."""
+        """Yield the result of each task in the order of completion, then close the connection."""
         from distributed import KilledWorker, as_completed
 
         models: SerializedModels = {}
@@ -339,7 +343,7 @@ def _require_address(source: str, address: str) -> None:
 def create_executor(part: str, prefix: str, workers: Any, scheduler: Any) -> Executor:
     """Return a `DaskPool` if the address `scheduler` is given, otherwise a `LocalPool`.
 
-    In messages, the arguments are called `jobs` and `scheduler`, preceded by `prefix`.
+    Messages begin with `part` and call the arguments `jobs` and `scheduler`, preceded by `prefix`.
 
     Raises
     ------

@@ -38,11 +38,11 @@ class StudyProgress:
     stored
         Number of runs whose outcome was already stored in the results folder.
     running
-        Number of runs in progress.
+        Number of runs in progress, assuming that no worker is idle.
     last_label
-        Label of the run that ended last.
+        Label of the run that ended last; "" at the start.
     remaining_time
-        Remaining time [s], estimated when the last run ended; None if no estimate is available yet.
+        Estimated remaining time [s]; None if no estimate is available yet.
     """
 
     total: int
@@ -81,7 +81,7 @@ class ProgressCounter:
         self._estimator.add(task, outcome)
 
     def report(self, last_label: str) -> None:
-        """Report the progress, with the label of the run that ended last."""
+        """Report the progress, with the label of the run that ended last or "" at the start."""
         if self._report_progress is None:
             return
         self._estimator.start_running_tasks()
@@ -102,8 +102,8 @@ class TimeEstimator:
 
     The cost of a run is assumed to be proportional to the expected number of steps, which is a
     power of the tolerance if the step is adaptive. The cost per step is a weighted geometric mean
-    over the finished runs; runs with the same integrator, or with the same model and parameters,
-    have the largest weights. The time to transfer and store a run is added.
+    over the finished runs; runs with a similar integrator, and runs with the same model and
+    parameters, have larger weights. The time to transfer and store a run is added.
     """
 
     def __init__(self, tasks: Sequence[Task], workers: int) -> None:
@@ -151,7 +151,10 @@ class TimeEstimator:
 
     @property
     def remaining_time(self) -> float | None:
-        """Estimated remaining time [s]; None before the duration of a run is known."""
+        """Estimated remaining time [s].
+
+        0 if all runs have ended; None if runs are missing and no duration of a run is known.
+        """
         if not self._is_missing.any():
             return 0.0
         if not self._counts.any():

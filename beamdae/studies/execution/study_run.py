@@ -114,11 +114,12 @@ class StudyResults:
     summary
         Summary of the table by group; see `case_summaries`.
     references
-        References by group; only groups whose errors are computed have a reference.
+        References by group, for the groups whose errors are computed; see `Reference`.
     outcomes
         Outcomes by the key of the task.
     frames
-        Shapes of the bodies over time, by `Case.mechanism_fingerprint`.
+        Shapes of the bodies over time from runs that recorded them, by
+        `Case.mechanism_fingerprint`.
     interrupted
         True if the study was interrupted; run the study again to resume.
     notes
@@ -139,7 +140,7 @@ class StudyResults:
     task_by_case: Mapping[int, Task] = field(default_factory=dict, repr=False)
 
     def outcome(self, case: Case) -> Outcome:
-        """Return the outcome of a case."""
+        """Return the outcome of a case; `NOT_RUN` if the case was not run."""
         return self.outcomes.get(self._find_task(case).key, NOT_RUN)
 
     def frames_of(self, case: Case) -> dict[str, Any] | None:
@@ -158,7 +159,11 @@ class StudyResults:
 
     @property
     def not_run(self) -> list[Outcome]:
-        """Outcomes that are missing because processes or a cluster failed; run again to resume."""
+        """Outcomes with the status "not run".
+
+        Processes or a cluster failed before these runs were complete; run the study again to
+        resume.
+        """
         return [x for x in self.outcomes.values() if x.status.kind == "not run"]
 
     @property
@@ -173,7 +178,7 @@ class StudyResults:
         Raises
         ------
         BeamdaeError
-            If a stored trajectory is damaged, or a file cannot be written.
+            If a file cannot be written.
         """
         paths = []
         for outcome in self.outcomes.values():
@@ -195,10 +200,10 @@ def run_study(
 ) -> StudyResults:
     """Run the cases of a study and their references, and write its tables to `folder`.
 
-    Finished runs are stored in `folder` under a hash of everything they depend on, and are not
-    repeated. An interrupt (Ctrl-C) ends the current runs, and the tables contain the outcomes so
-    far. Interrupts that arrive while files are read or written, or after the first interrupt, are
-    deferred until the tables are written.
+    Finished runs are stored in `folder` and are not repeated, unless something they depend on has
+    changed. An interrupt (Ctrl-C) ends the current runs, and the tables contain the outcomes so
+    far. Interrupts are deferred until the tables are written if they arrive while stored results
+    are read, while the tables are written, or after the first interrupt.
 
     Parameters
     ----------
@@ -207,9 +212,9 @@ def run_study(
     folder
         Results folder, created if needed.
     executor
-        Executor that runs the cases.
+        Executor that runs the cases and references.
     progress
-        Function that is called at the start and after each run.
+        Function that is called with a `StudyProgress` at the start and after each run.
 
     Raises
     ------
@@ -298,9 +303,9 @@ def _run_missing_tasks(
 
 
 def _require_columns(plan: StudyPlan, task: Task, outcome: Outcome) -> None:
-    """Raise an error if the first model does not observe the columns of the study.
+    """Raise an error if the model of the first case does not observe the columns of the study.
 
-    This is checked after each run, because models are built only in the processes of tasks.
+    This is checked after each run of the model, because models are built only when tasks run.
     """
     study = plan.study
     table = outcome.table if study.columns and task.case.model is study.cases[0].model else None

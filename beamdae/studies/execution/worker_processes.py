@@ -34,7 +34,10 @@ Label = TypeVar("Label")
 
 
 class WorkerError(Exception):
-    """Raised if a worker process ends before its task; the message states how it ended."""
+    """Raised if a worker process ends before its task is finished.
+
+    The message states how the process ended.
+    """
 
 
 class WorkerStartError(Exception):
@@ -49,12 +52,13 @@ class WorkerProcess(Generic[Label]):
     current
         Label of the running task; None if the process is idle.
     deadline
-        Value of `time.monotonic` [s] by which the task must end; None means no limit.
+        Value of `time.monotonic` [s] by which the task must end; None without a limit or a task.
 
     Raises
     ------
     WorkerStartError
-        If the system has no multiprocessing, or a limit on processes or open files is reached.
+        If the process cannot be started, for example because the system has no multiprocessing or a
+        limit on processes or open files is reached.
     """
 
     def __init__(self) -> None:
@@ -70,7 +74,7 @@ class WorkerProcess(Generic[Label]):
         self.deadline: float | None = None
 
     def start_task(self, label: Label, serialized: bytes, time_limit: float | None) -> None:
-        """Start a serialized task, identified by `label`, with a time limit [s]."""
+        """Start a serialized task, identified by `label`, with a time limit [s] or None."""
         self.current = label
         self.deadline = None if time_limit is None else clock.monotonic() + time_limit
         # If the process has died, `receive_outcome` raises the error.
@@ -90,7 +94,7 @@ class WorkerProcess(Generic[Label]):
         Raises
         ------
         WorkerStartError
-            If the process ended before it could run tasks.
+            If the process could not start to run tasks.
         WorkerError
             If the process ended without an outcome.
         """
@@ -129,7 +133,7 @@ class WorkerProcess(Generic[Label]):
 
     @property
     def handles(self) -> list[Any]:
-        """Handles that become ready when the process has sent an outcome or has died."""
+        """Handles that become ready when the process has sent a message or has died."""
         return [self._connection, self._process.sentinel]
 
 
@@ -175,7 +179,10 @@ def _require_descriptors() -> None:
 
 @contextmanager
 def _one_blas_thread() -> Iterator[None]:
-    """Start processes in this block with one BLAS thread: runs use no more."""
+    """Give processes started in this block one BLAS thread, because runs use no more.
+
+    OPENBLAS_NUM_THREADS is not changed if it is set.
+    """
     is_set = "OPENBLAS_NUM_THREADS" in os.environ
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
@@ -280,7 +287,8 @@ def _isolate_process() -> None:
 def _exit_with_parent() -> None:
     """Wait for the end of the process that started this one, then end this process group.
 
-    The parent holds the write end of a pipe that is open until it ends, even if it is killed.
+    The parent process holds a pipe open until it ends; the system closes the pipe even if the
+    parent is killed.
     """
     from multiprocessing import parent_process
 

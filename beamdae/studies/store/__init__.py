@@ -1,6 +1,6 @@
 """Stored results of finished runs, and the hashes that determine whether they are still valid.
 
-May import: studies.tasks, results, model_functions and everything below.
+May import: studies.tasks, studies.run_values, results and everything below.
 To extend: to hash a new type of value, edit `fingerprints`; to add a field to the records, edit
 `store` and `record_rules`.
 """

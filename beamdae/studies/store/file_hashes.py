@@ -31,7 +31,7 @@ def _installed_folders() -> tuple[str, ...]:
 
 @cache
 def is_installed(file: str) -> bool:
-    """Return True if a file belongs to Python, a package, the system or a cache."""
+    """Return True if a file belongs to Python, an installed package, the system or a cache."""
     return file.startswith("<frozen ") or file.startswith(_installed_folders())
 
 
@@ -48,7 +48,7 @@ def digest_package() -> str:
 
 
 def file_signature(path: str) -> FileSignature:
-    """Return modification time, size and inode, or None if the file is inaccessible."""
+    """Return the signature of a file; None if it is missing or inaccessible."""
     try:
         status = os.stat(path)
     except (OSError, ValueError):

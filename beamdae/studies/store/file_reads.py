@@ -107,7 +107,7 @@ def _is_read_by_module() -> bool:
 
 @contextmanager
 def record_file_reads() -> Iterator[FileReads]:
-    """Record files read in this block by any thread, and all files read by imported modules.
+    """Record user files read in this block by any thread, or by imported modules at any time.
 
     The yielded dict maps names to signatures; it is complete at the end of the block.
     """
@@ -133,7 +133,8 @@ def digest_reads(reads: Mapping[str, FileSignature], home: Path) -> dict[str, st
 
     Relative names stay valid if a model is moved together with its files. Folders, and files that
     this process has written, are omitted. If a file has changed since it was read, a text that
-    differs from every hash takes the place of the hash.
+    differs from every hash takes the place of the hash. None takes the place of the hash of a
+    missing file.
     """
     digests: dict[str, str | None] = {}
     for name, signature in sorted(reads.items()):
@@ -162,7 +163,7 @@ def _portable_name(name: str, home: Path) -> str:
 
 
 def changed_files(digests: Mapping[str, str | None], home: Path) -> list[str]:
-    """Return the paths of files whose hash differs from the result of `digest_reads`."""
+    """Return the paths of files whose hash now differs from `digests`; see `digest_reads`."""
 
     def resolve(name: str) -> str:
         relative = name.removeprefix("model:")

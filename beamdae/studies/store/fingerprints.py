@@ -1,8 +1,8 @@
 """Hashes of arbitrary Python values that are the same in every process.
 
 A value is decomposed recursively into scalars: a function into its code and the values that the
-code refers to, a class into its members, a collection into its entries, and any other object into
-the parts of its pickle. Installed functions, classes and modules are identified by name and
+code refers to, a class into its members, a collection into its entries, and most other objects into
+the parts of their pickles. Installed functions, classes and modules are identified by name and
 version.
 """
 
@@ -78,7 +78,8 @@ class FingerprintError(TypeError):
     kind
         Type name of the value.
     containers
-        Names of the parts that contain the value, from the innermost to the outermost.
+        Names of the parts that contain the value, from the innermost to the outermost; "" for parts
+        without a name.
     """
 
     def __init__(self, value: Any) -> None:
@@ -88,7 +89,10 @@ class FingerprintError(TypeError):
 
     @property
     def location(self) -> str:
-        """Names of the parts that contain the value, from the outermost to the innermost."""
+        """Named parts that contain the value, from the outermost to the innermost, as text.
+
+        Without named parts, the text is "the value".
+        """
         return ", ".join(name for name in reversed(self.containers) if name) or "the value"
 
 
@@ -98,8 +102,8 @@ def digest(value: Any) -> str:
     Raises
     ------
     FingerprintError
-        If the value or a part of it cannot be reproduced, such as a lock, a generator, an open
-        file, or an object whose pickle contains a memory address.
+        If the value or a part of it cannot be reproduced, such as a lock, a generator or an open
+        file, or if the parts are nested too deeply.
     """
     return _Hasher().digest(value).hex()
 
@@ -176,7 +180,7 @@ class _Hasher:
 
 
 def _encode_scalar(value: Any) -> bytes | None:
-    """Return a scalar as bytes, or None if the value has parts."""
+    """Return a scalar of a built-in type as bytes, or None for any other value."""
     kind = type(value)
     if value is None or value is Ellipsis or value is NotImplemented or kind is bool:
         return repr(value).encode()

@@ -20,8 +20,8 @@ _MAX_OWNER_BYTES = 300
 def lock_folder(folder: Path) -> Iterator[None]:
     """Hold the lock of a results folder, which is created if needed.
 
-    The lock is a file that the system locks until the process ends, even if the process is killed.
-    The file of a killed process is therefore reused. File systems without locks are not protected.
+    The lock is a file that the system unlocks when the process ends, even if the process is killed,
+    so the file of a killed process can be reused. File systems without locks are not protected.
 
     Raises
     ------
@@ -68,7 +68,10 @@ def _acquire_lock(path: Path) -> int:
 
 
 def _lock_file(descriptor: int) -> bool:
-    """Lock an open file; return False if another process holds the lock."""
+    """Lock an open file; return False if another process holds the lock.
+
+    If the file system has no locks, return True.
+    """
     try:
         import fcntl
     except ImportError:

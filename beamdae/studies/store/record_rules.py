@@ -75,7 +75,7 @@ def _check_values(values: Any) -> None:
 
 
 def _check_frames(frames: Any) -> None:
-    """Check an animation, see `beamdae.report.scene.frame_export.export_frames`."""
+    """Check an animation; see `beamdae.report.scene.frame_export.export_frames`."""
     record({"t": numbers()}, others=True)(frames)
     count = len(frames["t"])
     per_frame = sequence(numbers(gaps=True), [1, count])
@@ -154,8 +154,8 @@ def parse_rows(text: bytes, content: dict[str, Any]) -> pd.DataFrame:
     Raises
     ------
     FieldError
-        If the columns, the start or the end differ from the record, the times do not ascend, or a
-        cell is not a number.
+        If the columns differ from the record, a cell is neither a number nor empty, or the times do
+        not ascend from 0 to the end time in the record. An unsuccessful run may end earlier.
     """
     try:
         table = parse_trajectory(text, TIME, content["rows"]["columns"])

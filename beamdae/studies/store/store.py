@@ -60,7 +60,7 @@ class Store:
         return self.folder / "trajectories" / f"{task.name or task.key}.csv"
 
     def save(self, task: Task, outcome: Outcome) -> Outcome:
-        """Write an outcome, and return it with the name of its trajectory file.
+        """Write an outcome; return it with the name of its trajectory file, without `text`.
 
         The record is written last: if the record exists, the trajectory is complete. The record
         contains checksums of the trajectory and of the other entries of the record.
@@ -106,7 +106,8 @@ class Store:
         Raises
         ------
         BeamdaeError
-            If the path of a file is a folder, or the link to the trajectory cannot be written.
+            If a folder of the store is a link, the path of a file is a folder, or the trajectory
+            cannot be written under its readable name.
         """
         for folder in (self.record_path(task).parent, self.trajectory_path(task).parent):
             if folder.is_symlink():

@@ -16,7 +16,7 @@ _NOT_SEPARATORS = bytes(k for k in range(256) if k not in b",\n")
 
 
 def format_trajectory(table: pd.DataFrame) -> bytes:
-    """Return a table of floats as CSV.
+    """Return a table of floats as CSV text in UTF-8.
 
     Except for escaped headers (see `escape_cell`), the result equals the output of
     `DataFrame.to_csv`, which takes twice as long.

@@ -51,18 +51,18 @@ class ParameterStudy(Study):
     Attributes
     ----------
     columns
-        Observed columns in the table. Defaults to all columns.
+        Observed columns in the table. Defaults to all observed columns.
     outputs
         Functions of a `Solution`, by column name.
     settings
-        Displayed parameter values of each case: numbers and strings, or the names of values of
-        other types.
+        Parameter values of each case as displayed: numbers, booleans and strings; other values,
+        and values with a name, are displayed as strings.
 
     Raises
     ------
     BeamdaeError
-        If `outputs` is not a dict of functions by name, a name is already a column of the table, or
-        another setting is invalid; see `Study`.
+        If `outputs` is not a dict of functions by name, a name is blank or already a column of the
+        table, or another setting is invalid; see `Study`.
     """
 
     references: tuple[Integrator, ...] | None = ()
@@ -92,7 +92,10 @@ class ParameterStudy(Study):
         return {id(case): x for case, x in zip(self.cases, self.settings, strict=True)}
 
     def tag(self, case: Case) -> str:
-        """Return a label with the values of the varied parameters, or of all if none varies."""
+        """Return a label with the values of the varied parameters.
+
+        If no parameter varies, the label contains the values of all parameters.
+        """
         setting = self._setting_by_case[id(case)]
         values = [f"{x}={format_setting(setting[x])}" for x in self.varied or setting]
         return ", ".join(values) or self.name

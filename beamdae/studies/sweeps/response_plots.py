@@ -62,7 +62,7 @@ class ParameterScale:
     labels
         Tick labels of a parameter that is not numeric; empty for numbers.
     log
-        True if the values form a geometric sequence, so that the axis is logarithmic.
+        True for a logarithmic axis: at least three positive values form a geometric sequence.
     """
 
     name: str
@@ -156,7 +156,8 @@ def plot_curves(
 ) -> Plot:
     """Plot each panel over one parameter, with a curve per combination of other parameters.
 
-    See `SweepResults.plot` for `x` and errors.
+    If there are several combinations, each measure has a panel; otherwise, the measures of a panel
+    are its curves. See `SweepResults.plot` for `x` and errors.
     """
     scale = ParameterScale.of(table, choose_axis(study, table, x))
     groups = group_rows(study, scale.name)
@@ -225,7 +226,7 @@ def _draw_curve(
 
 
 def _extract_numbers(column: pd.Series) -> Array:
-    """Return a column as floats; text and values too large for an axis become NaN."""
+    """Return a column as floats; values that are not numbers or too large to draw become NaN."""
     values = pd.to_numeric(column, "coerce").to_numpy(float)
     return figures.mask_huge_values({"": values})[""]
 
@@ -289,9 +290,10 @@ def plot_maps(
 
 
 def _draw_map(axis: Axes, x: ParameterScale, y: ParameterScale, heights: Array) -> None:
-    """Draw cells, or dots if few pairs were run; crosses mark missing values.
+    """Draw cells, or dots if fewer than half of all pairs were run; crosses mark missing values.
 
-    Contour lines are added if all cells have values and both parameters are numeric.
+    Contour lines are added to cells if all cells have values and both parameters are numeric with
+    at least three values.
     """
     cells = np.full((len(y.ticks), len(x.ticks)), np.nan)
     rows = np.searchsorted(y.ticks, y.positions)

@@ -63,10 +63,12 @@ def measure_columns(header: str) -> dict[str, str]:
 def select_headers(results: StudyResults, study: ParameterStudy) -> list[str]:
     """Return the observed columns to tabulate, collected from all runs.
 
+    If no run has observed columns, the list is empty.
+
     Raises
     ------
     BeamdaeError
-        If the study selects a column that no run has.
+        If runs have observed columns, but the study selects a column that no run has.
     """
     tables = [results.outcome(case).table for case in study.cases]
     headers = dict.fromkeys(c for x in tables if x is not None for c in observed_columns(x))
@@ -78,7 +80,7 @@ def select_headers(results: StudyResults, study: ParameterStudy) -> list[str]:
 def tabulate_responses(results: StudyResults, study: ParameterStudy) -> pd.DataFrame:
     """Return one row per case: parameters, status, outputs, measures, wall time and messages.
 
-    Measures are NaN for unsuccessful runs.
+    Measures are NaN for unsuccessful runs and for columns that a run does not observe.
     """
     headers = select_headers(results, study)
     rows = []
@@ -118,8 +120,9 @@ def _measure_run(outcome: Outcome, headers: list[str]) -> dict[str, float]:
 def select_characteristic(results: StudyResults, study: ParameterStudy) -> list[str]:
     """Return the responses shown by default.
 
-    Returns the outputs of the study. Without outputs, returns the selected columns or, without a
-    selection, the characteristic columns of the first successful run.
+    These are the outputs of the study or, without outputs, the selected columns or, without a
+    selection, the characteristic columns of the first successful run. If no run is successful, the
+    list is empty.
     """
     if study.outputs:
         return list(study.outputs)
@@ -206,8 +209,8 @@ def is_numeric_parameter(table: pd.DataFrame, name: str) -> bool:
 def choose_axis(study: ParameterStudy, table: pd.DataFrame, name: Any = None) -> str:
     """Return the parameter of the horizontal axis.
 
-    Defaults to the numeric parameter or, without numeric parameters, to the parameter with the most
-    distinct values.
+    Defaults to the numeric parameter with the most distinct values or, without numeric parameters,
+    to the parameter with the most distinct values.
 
     Raises
     ------
@@ -239,7 +242,7 @@ def choose_axis(study: ParameterStudy, table: pd.DataFrame, name: Any = None) ->
 
 
 def group_rows(study: ParameterStudy, x: str) -> dict[str, Array]:
-    """Group the rows of the table by the values of all varied parameters except `x`."""
+    """Return table row indices, grouped by the values of all varied parameters except `x`."""
     others = [name for name in study.varied if name != x]
     groups: dict[str, list[int]] = {}
     for row, setting in enumerate(study.settings):

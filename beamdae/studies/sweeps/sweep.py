@@ -59,12 +59,12 @@ class Sweep(ParameterStudy):
     Attributes
     ----------
     columns
-        Observed columns in the table. Defaults to all columns.
+        Observed columns in the table. Defaults to all observed columns.
     outputs
         Functions of a `Solution`, by column name.
     settings
-        Displayed parameter values of each case: numbers and strings, or the names of values of
-        other types.
+        Parameter values of each case as displayed: numbers, booleans and strings; other values,
+        and values with a name, are displayed as strings.
     """
 
     @interruptible
@@ -77,7 +77,7 @@ class Sweep(ParameterStudy):
         *,
         partial: PartialResult = "raise",
     ) -> SweepResults:
-        """Run all cases that are not yet stored in `folder`.
+        """Run all cases that are not yet stored in `folder`, and return the results.
 
         Parameters
         ----------
@@ -87,7 +87,8 @@ class Sweep(ParameterStudy):
         Raises
         ------
         BeamdaeError
-            If an argument is invalid, a column does not exist, or `folder` cannot be written.
+            If an argument is invalid, a column does not exist, `folder` cannot be written, or
+            `progress` fails.
         Interrupted
             If Ctrl-C ends the sweep; `Interrupted.partial` contains the results so far.
 
@@ -240,15 +241,15 @@ def sweep(
     Parameters
     ----------
     model
-        A model function, see `bd.model`, or any other function with keyword defaults that builds a
-        mechanism. Without `bd.model`, `t_end` is required.
+        A model function, see `bd.model`, or another function that builds a mechanism and has a
+        default for each parameter. Without `bd.model`, `t_end` is required.
     over
         Values by parameter name; all combinations are run: `{"elements": [4, 8]}`. A dict can name
         values that are not numbers: `{"section": {"thin": thin, "thick": thick}}`. Alternatively, a
         list of combinations, each of which is a dict of parameters; see `bd.grid`.
     of
         Observed columns to tabulate, by header with or without unit ("tip.y") or by observable
-        ("tip"). Defaults to all columns.
+        ("tip"). Defaults to all observed columns.
     outputs
         Functions of a `Solution` that return a number, a bool, a string or None, by column name,
         for example `{"peak [m]": lambda run: run["tip.y"].abs().max()}`.

@@ -58,15 +58,15 @@ class SweepRun(TimeSeries):
     Attributes
     ----------
     name
-        Label with the varied parameters and their values.
+        Label with the values of the varied parameters; of all parameters if none varies.
     parameters
-        Displayed values of all swept parameters.
+        Values of all swept parameters as displayed.
     status
         Status at the end of the run, with the reason.
     rows
         Observed columns, energies and drift by time.
     warnings
-        Warnings about the quality of the run.
+        A single string with all warnings of the run; empty if there are none.
     """
 
     name: str
@@ -77,7 +77,7 @@ class SweepRun(TimeSeries):
 
     @property
     def label(self) -> str:
-        """Label with the varied parameters and their values."""
+        """Same as `name`."""
         return self.name
 
     def all_columns(self) -> dict[str, Array]:
@@ -154,8 +154,8 @@ class SweepResults:
         Parameters
         ----------
         **parameters
-            Values by parameter name. Numbers may deviate from the values of the run by a relative
-            difference of 1e-9.
+            Values by parameter name; for a value with a name, this name. Numbers may deviate from
+            the values of the run by a relative difference of 1e-9.
 
         Raises
         ------
@@ -229,7 +229,7 @@ class SweepResults:
         return plot_curves(self.sweep, self.table, self.panels(*names), x)
 
     def map(self, *names: str, x: str | None = None, y: str | None = None) -> Plot:
-        """Plot responses as color maps over two parameters.
+        """Plot responses as color maps over the two varied parameters.
 
         Parameters
         ----------
@@ -242,8 +242,8 @@ class SweepResults:
         Raises
         ------
         BeamdaeError
-            If a response does not exist, the number of varied parameters is not two, or `x` or `y`
-            is not a varied parameter.
+            If a response does not exist, the number of varied parameters is not two, `x` or `y` is
+            not a varied parameter, or both are the same.
         """
         return plot_maps(self.sweep, self.table, self.panels(*names), x, y)
 
