@@ -110,7 +110,8 @@ class Beam(Part):
     name
         Unique name.
     curve
-        Reference curve of the axis (Line, Arc, Parabola, Curve, IntrinsicCurve or Segment).
+        Reference curve of the axis: a Line, Arc, Parabola, Curve, IntrinsicCurve, Segment or
+        another `PlaneCurve`.
     section
         Cross-section. For a section that varies along the beam, a `taper` or a function of arc
         length s [m] that returns a `Section`.

@@ -256,7 +256,7 @@ class Kinematics(ABC):
     def strain_validity(self) -> StrainValidity | None:
         """Data for assessing the strains, in element coordinates; None (default) for no assessment.
 
-        Strains that hold for any deformation need none.
+        Strains that hold for any deformation need no assessment.
         """
         return None
 

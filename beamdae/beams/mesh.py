@@ -138,7 +138,7 @@ class Mesh:
         return np.diff(self.element_bounds)
 
     def arc_lengths(self, element: Array, xi: Array) -> Array:
-        """Return the arc lengths [m] at the local coordinates `xi` of elements, shape (n,)."""
+        """Return the arc lengths [m] at coordinates `xi` of the elements `element`, shape (n,)."""
         if self.bounds is None:
             # Fewer roundings than with the element ends.
             return (element + 0.5 * (xi + 1.0)) * (self.curve.length / self.elements)

@@ -309,7 +309,7 @@ class SlidingOnBeam(Part):
         Attachment of another part; it must lie on the axis of the beam in the reference
         configuration.
     beam
-        The beam, of at most 32 elements.
+        The beam, of at most 32 elements, not counting those that assembly adds at attachments.
     ends
         Action when the point passes an end: "record" the event and continue (default), or "stop"
         the run.

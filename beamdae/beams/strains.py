@@ -1,6 +1,7 @@
 """Elastic work, strains and section forces, shared by all beam formulations.
 
-Functions with an argument `numbers` are kinds of a `Formula`; see `symbolic.formula`.
+`InterpolatedStrains` is a kind of a `Formula`. `fiber_strain`, `fiber_stress`, `section_forces` and
+`identity` build `FormulaExpression`s; see `symbolic.formula`.
 """
 
 from __future__ import annotations

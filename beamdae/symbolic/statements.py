@@ -74,7 +74,7 @@ class ForceStatement:
 
     The operator of each piece stacks the rows of all copies; each copy has the same number of rows.
     The local coordinates of a copy are its rows of all pieces in sequence. `joint` is the name of
-    the part whose multipliers are `local.lam`, or None.
+    the part whose multipliers are `local.lam`; None if the kernel has no multipliers.
     """
 
     part: str
@@ -223,7 +223,7 @@ class Quantity:
     data
         Values of local.data, shape (n_data,).
     joint
-        Name of the part whose multipliers are local.lam, or None.
+        Name of the part whose multipliers are local.lam; None if the values depend on none.
     joint_part
         The part `joint`, to reject a part of another mechanism with the same name; None if unknown.
     recipe

@@ -44,7 +44,10 @@ class SectionMotion:
 
 
 def frame_motion(q: SX, frame_angle: Any) -> tuple[SX, SX]:
-    """Return position and rotation of the frame; `frame_angle` holds its reference angle."""
+    """Return position and rotation of the frame.
+
+    `frame_angle[0]` is the angle of the frame in the reference configuration [rad].
+    """
     return q[ORIGIN], q[THETA] - frame_angle[0]
 
 
