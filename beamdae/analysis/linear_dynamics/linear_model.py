@@ -63,7 +63,7 @@ class LinearModel:
         Names and units of the output columns.
     state_values, output_values
         Values of states and outputs at the state about which the model is linearized, in the units
-        of `states` and `outputs`.
+        of `states` and `outputs`. At a steady rotation, velocities are absolute.
     about
         Description of the state.
     warnings
@@ -154,7 +154,8 @@ def linearize(
     Dependent coordinates are eliminated, so there are two states for each degree of freedom (fewer
     if constraints act on velocities only); outputs may include reactions. The displacement and
     velocity of a driver that is an input become states, and its acceleration is the input. About a
-    rotation, states and outputs refer to the rotating frame.
+    rotation, states are deviations in the rotating frame; velocities among the outputs are absolute
+    velocities, in the axes of that frame.
 
     Parameters
     ----------

@@ -60,10 +60,10 @@ def equilibrium(
         Constrained systems and equations have no named loads and are solved under all loads.
     loads
         Names of the loads that mu scales: parts that only apply forces, and "gravity". Defaults to
-        every `Force`, `Moment`, `DistributedForce` and `MovingForce`, and gravity. A list of lists
-        defines stages, whose load factors are raised from 0 to 1 in turn; `to`, `control`, `step`
-        and `switch` refer to the last stage, and earlier stages are computed with load control.
-        Loads that are not named act in full from the beginning.
+        every active `Force`, `Moment`, `DistributedForce` and `MovingForce`, and gravity. A list of
+        lists defines stages, whose load factors are raised from 0 to 1 in turn; `to`, `control`,
+        `step` and `switch` refer to the last stage, and earlier stages are computed with load
+        control. Loads that are not named act in full from the beginning.
     to
         Target load factor, or a list of targets to reach in turn. {"tip.y": value} sets one or
         several target values of an observed position instead. Each target becomes a row of the
