@@ -44,7 +44,7 @@ class IntrinsicCurve:
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, if the law fails or returns a value that is not finite, or if the
+        If an argument is invalid, if the law fails or does not return a finite number, or if the
         tangent turns by 0.5 rad or more within 1/400 of the length.
 
     Examples
@@ -111,7 +111,7 @@ class IntrinsicCurve:
         return np.concatenate([[self.start], self.start + np.cumsum(steps, axis=0)])
 
     def _integrate_tangent(self, a: Array, b: Array) -> Array:
-        """Return the vectors (..., 2) [m] between the points at arc lengths `a` and `b`."""
+        """Return the vectors (..., 2) [m] from the points at arc lengths `a` to those at `b`."""
         nodes, weights = ARC_LENGTH_GAUSS
         half = 0.5 * (b - a)
         angle = self.tangent_angle(0.5 * (a + b)[..., None] + half[..., None] * nodes)

@@ -1,4 +1,4 @@
-"""Plane curves parametrized by arc length: point, tangent angle and signed curvature."""
+"""Interface of plane curves; straight lines, circular arcs and segments of other curves."""
 
 from __future__ import annotations
 
@@ -244,7 +244,7 @@ class Segment:
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """Values that `beamdae check` reports for the whole curve, by name; often empty."""
+        """Values of `curve` that `beamdae check` reports, by name; empty if there are none."""
         return getattr(self.curve, "facts", {})
 
     def point(self, s: Any) -> Array:

@@ -1,4 +1,4 @@
-"""Curves represented by splines: parabolas, functions y = f(x) and measured points."""
+"""Curves represented by splines: parabolas, functions y = f(x) and curves through points."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ class Parabola(_SplineCurve):
     Raises
     ------
     BeamdaeError
-        If an argument is not finite, the span is not positive, or the vertex is too sharp.
+        If an argument is invalid, or the vertex is too sharp.
 
     Examples
     --------
@@ -212,20 +212,21 @@ class Curve(_SplineCurve):
         length joins them.
     noise
         Standard deviation of x and of y of measured points [m]. If given, the curve is a smoothing
-        spline (Dierckx 1993). The RMS of the deviations of all coordinates from the points is
-        `noise`, or less if a single cubic is closer. Without `noise`, the curvature of a curve
-        through measured points is often mostly noise.
+        spline (Dierckx 1993). The RMS of the differences between the coordinates of the points and
+        of the curve is `noise`, less if a single cubic is closer, or more if the fit does not
+        converge for a very small `noise`. Without `noise`, the curvature of a curve through
+        measured points is often mostly noise.
 
     Raises
     ------
     BeamdaeError
         If an argument is invalid, the function fails, is not smooth or not finite, the noise is too
-        large for the points, or the curve folds onto itself.
+        large for the points, or the curve folds onto itself or bends sharply.
 
     Warns
     -----
     BeamdaeWarning
-        If `noise` is omitted and the curvature of the spline is mostly noise.
+        If `points` are given without `noise`, and the curvature of the spline is mostly noise.
 
     Examples
     --------
@@ -265,9 +266,9 @@ class Curve(_SplineCurve):
 
     @property
     def facts(self) -> Mapping[str, float]:
-        """RMS and largest distance of the points from the curve, and the largest curvature.
+        """RMS and largest distance of the points from the curve [m], and largest curvature [1/m].
 
-        The values are in m and 1/m; there are none for a curve y = f(x).
+        The dictionary is empty for a curve y = f(x).
         """
         return {} if self.points is None else measure_fit(self, np.array(self.points, float))
 
@@ -400,9 +401,9 @@ def fit_smoothing_spline(parameter: Array, points: Array, noise: float) -> Any:
 
 
 def measure_fit(curve: PlaneCurve, points: Array) -> Mapping[str, float]:
-    """Return RMS and largest distance of points from a curve, and its largest curvature.
+    """Return RMS and largest distance of points from a curve, and the largest |curvature|.
 
-    The keys contain the units, m and 1/m.
+    `points` has the shape (n, 2) [m]. The keys of the result contain the units.
     """
     s = np.linspace(0.0, curve.length, _DISTANCE_SAMPLES)
     on_curve, tangent = curve.point(s), curve.tangent_angle(s)
@@ -415,7 +416,7 @@ def measure_fit(curve: PlaneCurve, points: Array) -> Mapping[str, float]:
 
 
 def _distance_to_curve(p: Array, on_curve: Array, tangent: Array) -> float:
-    """Return the distance to the nearest sample if it is an end, else to the tangent there."""
+    """Return the distance [m] to the tangent at the nearest sample, or to a nearest end."""
     nearest = int(np.argmin(np.sum((on_curve - p) ** 2, axis=1)))
     dx, dy = p - on_curve[nearest]
     if nearest in (0, len(on_curve) - 1):
@@ -424,9 +425,10 @@ def _distance_to_curve(p: Array, on_curve: Array, tangent: Array) -> float:
 
 
 def warn_about_curvature_jumps(spline: Any, length: float) -> None:
-    """Warn if the curvature of the spline through points is mostly noise.
+    """Warn if the curvature of a spline through points is mostly noise.
 
-    `length` is the arc length of the spline [m].
+    `length` is the arc length of the spline [m]. Splines with fewer than four inner knots are not
+    checked.
     """
     # Cubic interpolation has no knots at the second and the second-to-last point; the end knots are
     # omitted, because no condition determines the curvature there.

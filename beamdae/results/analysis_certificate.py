@@ -24,8 +24,8 @@ class AnalysisCertificate(CertificateStatus):
 
     See `certify_equilibrium`, `certify_modes` and `certify_periodic`.
 
-    The errors are estimated from at least three meshes, unless no beam can be refined; the
-    certificate is not a proof. Beams are geometrically exact where possible.
+    The errors are estimated from the results on the last three meshes; the certificate is not a
+    proof. Beams are geometrically exact where possible.
 
     Attributes
     ----------
@@ -40,17 +40,19 @@ class AnalysisCertificate(CertificateStatus):
         Values to which errors are relative (columns,): half the range along the path (for a path of
         one row, the magnitude of the value), the frequency, or the amplitude.
     mesh
-        Relative mesh errors (columns,) [-].
+        Relative mesh errors (columns,) [-]; NaN if the model has beams but none can be refined, and
+        infinite without values on three meshes.
     theory_as_written
-        Relative errors of the formulations that the model specifies (columns,) [-].
+        Relative errors (columns,) [-] of the formulations that the model specifies; NaN if they are
+        not assessed.
     required
-        True for columns that must be within the accuracy.
+        True for columns that must be within the accuracy, (columns,).
     accuracy
         Required relative accuracy [-].
     status
         "ok" if all required columns are within the accuracy, otherwise "limited" or "failed".
     elements
-        Number of elements of each beam in the finest mesh.
+        Number of elements of each beam in the finest mesh, by name.
     meshes
         Number of meshes.
     notes
@@ -91,7 +93,7 @@ class AnalysisCertificate(CertificateStatus):
         return pd.DataFrame(rows, index=pd.Index(list(self.columns)))
 
     def facts(self) -> dict[str, str]:
-        """Return status, meshes and notes as texts by name."""
+        """Return status, meshes and any notes as strings by name."""
         beams = [f"{name} with {count} elements" for name, count in self.elements.items()]
         rows = {
             "certificate": f"{self.status.kind}: {self.reason}",

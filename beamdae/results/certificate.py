@@ -67,16 +67,18 @@ class ErrorBudget:
     half_range
         Half the range of each column in the unit of the column, (columns,).
     time
-        Error of the time integration, (columns,), like all following arrays.
+        Error of the time integration, (columns,), like all following arrays; NaN if it is not
+        assessed.
     mesh
         Error of the meshes of the beams; NaN if it is not assessed.
     theory
         Error of floating frames compared with geometrically exact beams; 0 for exact beams, NaN if
         it is not assessed.
     theory_as_written
-        Error of the formulations that the model specifies, which the solution may replace.
+        Error of the formulations that the model specifies, which the solution may replace; NaN if
+        it is not assessed.
     required
-        True for columns that the certificate must cover.
+        True for columns that must be within the accuracy.
     """
 
     columns: tuple[str, ...]
@@ -108,7 +110,7 @@ class CertificateRun(NamedTuple):
     steps
         Number of steps.
     processor_time
-        Processor time with assembly [s].
+        Processor time [s], including the assembly if the run needs new equations.
     """
 
     formulation: str
@@ -129,7 +131,7 @@ class Certificate(CertificateStatus):
     Attributes
     ----------
     solution
-        Solution of the last run, with the tightest tolerance and the finest mesh.
+        Solution on the finest mesh, with the tightest tolerance used on this mesh.
     error_budget
         Estimated errors of the observed columns; `budget` returns them as a table.
     accuracy
@@ -138,14 +140,15 @@ class Certificate(CertificateStatus):
         "ok" if all required columns are certified, otherwise "limited", "failed" or "interrupted",
         with the reason.
     good_until
-        Time [s] up to which all required columns are within the accuracy.
+        Time [s] up to which all required columns are within the accuracy; the start time if the
+        errors are not assessed.
     growth_rate
         Exponential growth rate of the error [1/s]; its inverse is the Lyapunov time. NaN if the
         accuracy is reached or no exponential growth is found.
     event_shift
-        Largest difference [s] between the times of matching events in the last two runs, or 0 if
-        events were not matched. If a column jumps at events, its error is measured at matching
-        events.
+        Largest difference [s] between the times of matching events in the last two runs that were
+        compared, or 0 if events were not matched. Errors of columns that jump at events are
+        measured at matching events.
     formulations, elements
         Formulation and number of elements of each beam in the solution, by name.
     runs
@@ -202,7 +205,7 @@ class Certificate(CertificateStatus):
         }
 
     def facts(self) -> dict[str, str]:
-        """Return status, settings and cost as texts by name."""
+        """Return accuracy, status, settings, cost, scope and any notes as strings by name."""
         beams = [
             f"{name} {self.formulations[name]} with {count} elements"
             for name, count in self.elements.items()
@@ -221,7 +224,7 @@ class Certificate(CertificateStatus):
         return rows
 
     def settings(self) -> dict[str, Any]:
-        """Return integrator, meshes, formulations and cost as a JSON-compatible dictionary."""
+        """Return accuracy, status, settings, runs and cost as a JSON-compatible dictionary."""
         return {
             "accuracy": self.accuracy,
             "status": self.status.kind,

@@ -50,7 +50,7 @@ class Header(NamedTuple):
 
 
 def observed_columns(table: Iterable[object]) -> list[str]:
-    """Return the headers of a table, excluding time, drift, energies and works."""
+    """Return the headers of a table, excluding time, drift and the energy ledger."""
     others = {TIME, *LEDGER_COLUMNS, *DRIFT_COLUMNS}
     return [str(column) for column in table if str(column) not in others]
 
@@ -111,7 +111,7 @@ def require_column_names(part: str, value: Any) -> tuple[str, ...]:
     Raises
     ------
     BeamdaeError
-        If `value` is not a list of strings.
+        If `value` is a string or is not an iterable of strings.
     """
     allowed = "a list of names of observed columns"
     names = require_iterable(part, "columns", value, allowed)
@@ -122,7 +122,9 @@ def require_column_names(part: str, value: Any) -> tuple[str, ...]:
 
 
 def select_observed_columns(part: str, names: Sequence[str], present: Sequence[str]) -> list[str]:
-    """Return the observed columns that match `names`, in this order; see `select_columns`.
+    """Return the headers in `present` that `names` select, in the order of `names`.
+
+    Each name selects columns as in `select_columns`.
 
     Raises
     ------
@@ -214,7 +216,7 @@ def mark_resting_columns(
     headers
         Headers of the columns.
     rows
-        Columns (k, columns).
+        Values of the columns (k, columns).
     half_range
         Half the range of each column, (columns,).
     length

@@ -1,4 +1,4 @@
-"""Figures and animations for notebooks, and access to the functions that draw them."""
+"""Figures and animations for notebooks, and access to the functions that display results."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Animation:
     Attributes
     ----------
     page
-        Self-contained HTML document with the frames and the player.
+        Self-contained HTML document with the frames and a player.
     height
         Approximate height of the document [pixels].
     """

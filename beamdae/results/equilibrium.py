@@ -45,14 +45,14 @@ class CriticalPoint(NamedTuple):
     ----------
     kind
         "limit point" (extremum of the load factor), "branch point" (intersection with another
-        path) or "flutter point" (onset of oscillations under a follower load).
+        path) or "flutter point" (onset of growing oscillations under forces without a potential).
     row
         Index of the point in the path.
     factor
         Factor of the loads scaled in the stage of this point [-].
     moves
-        Name of the coordinate that moves most in the critical mode (at limit and branch points, the
-        mode of zero stiffness), or "" if the model has no modes.
+        Name of the coordinate that moves most in the critical mode. At limit and branch points,
+        this mode has no stiffness.
     """
 
     kind: str
@@ -74,7 +74,7 @@ class Equilibrium:
         Time at which the loads are evaluated [s].
     status
         Termination status and its reason: "ok" if the path reached its last target, otherwise
-        "limited" or "failed".
+        "limited", "failed" or "interrupted".
     loads
         Names of the scaled loads, one tuple per stage.
     factors
@@ -84,8 +84,8 @@ class Equilibrium:
     lam
         Lagrange multipliers of the constraints (k, m) [N or N m].
     unstable
-        Number of unstable directions of each equilibrium under constant loads (k,), or -1 if not
-        known. An equilibrium with 0 is stable, unless it can move without stiffness; see `free`.
+        Number of unstable directions of each equilibrium under constant loads (k,), or -1 if it is
+        not known. If it is 0, the equilibrium is stable unless it can move without stiffness.
     critical
         Limit, branch and flutter points, in the order of the path.
     settings
@@ -191,13 +191,13 @@ class Equilibrium:
     def __getitem__(self, name: str) -> pd.Series | pd.DataFrame:
         """Return columns over the load factor by name; see `Solution.__getitem__`.
 
-        The index is the sum of the load factors of all stages.
+        The index is the sum of the load factors of all stages, or 0 if no load is scaled.
 
         Parameters
         ----------
         name
-            Header of a column with or without its unit, or the name of an observable or a part,
-            which selects all its columns.
+            Header of a column of `table` or `coordinates`, with or without its unit, or the name of
+            an observable or a part, which selects all its columns.
 
         Raises
         ------
@@ -231,8 +231,8 @@ class Equilibrium:
         Parameters
         ----------
         *names
-            Names of columns, see `equilibrium[name]`. Defaults to the observed columns that change.
-            At most twelve columns are plotted.
+            Names of observed columns, coordinates or multipliers, as in `equilibrium[name]`.
+            Defaults to the observed columns that change. At most twelve columns are plotted.
 
         Raises
         ------
@@ -306,7 +306,7 @@ class Equilibrium:
 
     @cached_property
     def validity(self) -> tuple[BeamRange, ...]:
-        """Largest deformation of each beam and the resulting error of its strain measure."""
+        """Largest deformation of each floating-frame beam, and estimated error of its strains."""
         return measure_beam_ranges(self.equations, self.q)
 
     @property
@@ -323,7 +323,7 @@ class Equilibrium:
         return tuple(filter(None, (*self.notes, free, *beams, *strains)))
 
     def metadata(self, **further: Any) -> dict[str, Any]:
-        """Return the metadata that `to_csv` writes, with `further` entries added or replaced."""
+        """Return status, settings and warnings for `to_csv`; `further` adds or replaces entries."""
         return {
             "status": self.status.kind,
             "reason": self.status.sentence,
@@ -341,7 +341,7 @@ class Equilibrium:
     def to_csv(self, path: str | Path, **further: Any) -> Path:
         """Write the table as CSV, and settings and status as JSON; return the path of the CSV file.
 
-        The JSON file has the name of the CSV file with the suffix .json.
+        The JSON file has the name of the CSV file, but the suffix .json.
 
         Parameters
         ----------
@@ -351,7 +351,8 @@ class Equilibrium:
         Raises
         ------
         BeamdaeError
-            If the suffix is .json, or a file cannot be written.
+            If `path` is invalid or ends with .json, an entry of `further` is not a JSON value, or a
+            file cannot be written.
         """
         return write_result(path, self.all_columns(), self.status, self.metadata(**further))
 

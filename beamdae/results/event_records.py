@@ -36,9 +36,10 @@ class EventRecord:
     state
         State at the crossing, before the actions of the event.
     impulses
-        Impulses of joints and gaps during a velocity jump, by multiplier name [N s or N m s].
+        Impulses of joints and gaps during a velocity jump, by multiplier name [N s or N m s]; empty
+        unless the event switches parts or causes an impact.
     energy_lost
-        Kinetic energy dissipated by the velocity jump [J].
+        Kinetic energy dissipated by the velocity jump [J]; 0 without a jump.
     done
         False if the run ended before the actions of the event were executed; a resumed run executes
         these actions first.
@@ -54,7 +55,10 @@ class EventRecord:
     done: bool = True
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the record without state and branch as a JSON-compatible dictionary."""
+        """Return the record without state and branch as a JSON-compatible dictionary.
+
+        Impulses and energy lost are omitted if there are no impulses, "done" if it is true.
+        """
         record: dict[str, Any] = {
             "event": self.name,
             "direction": self.direction,

@@ -64,7 +64,7 @@ class FrequencyResponse:
     parameter
         Name of the parameter.
     points
-        The motions, in order along the curve.
+        The motions, in order along the curve; empty if no first motion was found.
     status
         Outcome of the continuation; `status.kind` is "ok" if the curve reached the end of the range
         or returned to its start.
@@ -111,7 +111,7 @@ class FrequencyResponse:
     def plot(self, column: str) -> Plot:
         """Plot the half range of an observed column over the parameter.
 
-        Unstable parts of the curve are dashed.
+        Unstable parts of the curve are dashed, and its peaks are marked.
 
         Parameters
         ----------

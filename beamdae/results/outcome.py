@@ -16,9 +16,10 @@ class Status:
     Attributes
     ----------
     kind
-        "ok" if the run was completed, "limited" if a limit stopped it, "interrupted" if the
-        user stopped it, "failed" if the run could not continue, and "not run" if processes or a
-        cluster failed before a result of the case was known.
+        "ok" if the run reached its end or was stopped by an event, "limited" if a limit or the
+        function `progress` stopped it, "interrupted" if the user interrupted it, "failed" if it
+        could not continue, and "not run" if processes or a cluster failed before a result of the
+        case was known.
     sentence
         The reason why the run ended, in one line without a final period: line breaks become
         spaces.
@@ -32,19 +33,22 @@ class Status:
 
     @property
     def success(self) -> bool:
-        """True if the run was completed."""
+        """True if `kind` is "ok"."""
         return self.kind == "ok"
 
     def is_unreliable(self, has_pending_event: bool) -> bool:
         """Return True if the last state of the run may be wrong.
 
         The last state of a failed run is unreliable, unless the run failed while executing an
-        event, because such a failure does not affect the state.
+        event (`has_pending_event`), because such a failure does not affect the state.
         """
         return self.kind == "failed" and not has_pending_event
 
     def followed_by(self, later: Status, has_pending_event: bool) -> Status:
-        """Return the combined status of this run and a later run that resumed this run."""
+        """Return the combined status of this run and a later run that resumed this run.
+
+        `has_pending_event` is True if this run recorded an event but did not execute it.
+        """
         if not later.success or not self.is_unreliable(has_pending_event):
             return later
         return Status(

@@ -39,7 +39,9 @@ def state_hash(t: float, q: Any, v: Any) -> str:
 
 
 def _describe_fields(instance: Any, described: set[int]) -> dict[str, Any]:
-    """Return descriptions of the public fields of an instance, by name, except the field `name`.
+    """Return descriptions of the public fields of an instance, by name.
+
+    The field `name` and fields that cannot be described are omitted.
 
     `described` contains the ids of dataclass instances that have been described and are skipped.
     """

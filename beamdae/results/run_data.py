@@ -69,7 +69,7 @@ class RunData:
 
     @property
     def versions(self) -> dict[str, str]:
-        """Versions of beamdae and of other packages that computed the run."""
+        """Versions of beamdae and of the other packages with which the run was computed."""
         return dict(self.loaded_versions or installed_versions())
 
     @property
@@ -154,7 +154,7 @@ class RunData:
 
     @cached_property
     def validity(self) -> tuple[BeamRange, ...]:
-        """Largest deformation of each beam and the resulting error of its strain measure."""
+        """Largest deformation of each floating-frame beam, and estimated error of its strains."""
         return measure_beam_ranges_of_run(self.equations, self.trajectory)
 
     @cached_property
@@ -211,7 +211,7 @@ class RunData:
         }
 
     def metadata(self, **further: Any) -> dict[str, Any]:
-        """Return the metadata that `to_csv` writes, with `further` entries added or replaced."""
+        """Return the metadata of the run for `to_csv`; `further` adds or replaces entries."""
         end, last = self.trajectory.end, self.trajectory.intervals[-1].state
         ledger = self._energy_ledger.at(np.array([end]))[0].tolist()
         return {

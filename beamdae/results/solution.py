@@ -63,23 +63,24 @@ class Solution(RunData, TimeSeries):
     integrator
         Settings of the integrator, including the values selected by "auto".
     model
-        Requested end time of the run [s] and, if the model has a name, name and parameters.
+        Requested end time of the run [s] and, if a model function built the model, its name and
+        parameters.
     equations
         The equations of motion that were integrated.
     trajectory
         All accepted steps, with dense output.
     made_by
-        The integrator of the run.
+        The integrator of the run; None for a run loaded from a file.
     event_records
         The events that occurred, in chronological order; `events` returns them as a table.
     event_signs
         State of each event at the end of the run, by name: 1 if the monitored quantity was above
         the value to be crossed, -1 if below, 0 if not known.
     resume_warnings
-        Warnings about the earlier run that this run resumed.
+        Warnings about the earlier run that this run resumed; empty for other runs.
     loaded_versions
-        Package versions with which a run from a file or another process was computed. Empty if
-        this process has computed the run; `versions` returns them in any case.
+        Package versions with which a run from a file or another process was computed; empty if
+        this process computed the run. `versions` contains the versions in both cases.
     """
 
     def __repr__(self) -> str:
@@ -130,7 +131,10 @@ class Solution(RunData, TimeSeries):
 
     @property
     def events(self) -> pd.DataFrame:
-        """Table of the events: name, direction, time, impulses (if any) and observed columns."""
+        """Table of the events: name, direction, time, and observed columns.
+
+        If events have impulses, the table also contains the impulses and the energy lost.
+        """
         import pandas as pd
 
         return pd.DataFrame(tabulate_events(self.equations, self.event_records))
@@ -186,7 +190,7 @@ class Solution(RunData, TimeSeries):
         Raises
         ------
         BeamdaeError
-            If the times are not numbers, do not ascend or lie outside the run.
+            If `times` is empty, or the times are not numbers, do not ascend or lie outside the run.
         """
         numbers = require_sequence("at_times", "times", times, "a list of times [s]")
         t = np.array([require_finite("at_times", "times", number) for number in numbers])
@@ -220,8 +224,8 @@ class Solution(RunData, TimeSeries):
         t
             A time or ascending times within the run [s]. Defaults to the output times.
         s
-            An arc length or several arc lengths [m]. Defaults to the element boundaries and the
-            sections at which concentrated loads are fixed, with three sections in between.
+            An arc length or several arc lengths [m]. Defaults to the element boundaries, the
+            sections at which concentrated loads are fixed, and three sections between neighbors.
 
         Raises
         ------
@@ -260,7 +264,7 @@ class Solution(RunData, TimeSeries):
         The metadata contain status, settings, versions and statistics. If the run did not succeed,
         the table has an additional last column "status" with "failed", "limited" or "interrupted"
         in each row. Existing files are replaced atomically. Headers that a spreadsheet would read
-        as formulas are prefixed with an apostrophe.
+        as formulas begin with an additional apostrophe.
 
         Parameters
         ----------
@@ -277,7 +281,8 @@ class Solution(RunData, TimeSeries):
         Raises
         ------
         BeamdaeError
-            If the suffix is .json, or a file cannot be written.
+            If `path` is invalid or ends with .json, an entry of `further` is not a JSON value, or a
+            file cannot be written.
         """
         return write_result(path, self.all_columns(), self.status, self.metadata(**further))
 
@@ -294,7 +299,7 @@ class Solution(RunData, TimeSeries):
         Raises
         ------
         BeamdaeError
-            If the file cannot be written.
+            If the file cannot be written, or the run exceeds the size limits of a file.
         """
         return save_run(self, path)
 
@@ -331,7 +336,7 @@ class Solution(RunData, TimeSeries):
         ------
         BeamdaeError
             If `later` is not a solution or does not start at the end time of this run, or the
-            coordinates or numbers of the models differ.
+            coordinates or numerical values of the models differ.
         """
         if not isinstance(later, Solution):
             raise BeamdaeError(f"followed_by: later must be a solution, got {short_repr(later)}.")
@@ -380,6 +385,11 @@ class Solution(RunData, TimeSeries):
             The packed run, which contains the start.
         made_by
             The integrator of the run.
+
+        Raises
+        ------
+        FieldError
+            If the packed run does not fit the equations.
         """
         return cls(**unpack_fields(equations, packed), made_by=made_by)
 

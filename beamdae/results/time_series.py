@@ -43,7 +43,10 @@ class TimeSeries:
         raise NotImplementedError
 
     def coordinates(self) -> pd.DataFrame:
-        """Return time, coordinates, velocities and multipliers; headers contain names and units."""
+        """Return time, coordinates, velocities and multipliers; headers contain names and units.
+
+        The table has no columns if the coordinates are not stored.
+        """
         raise NotImplementedError
 
     def at_times(self, times: Array) -> TimeSeries:
@@ -93,7 +96,7 @@ class TimeSeries:
         return True
 
     def table(self) -> pd.DataFrame:
-        """Return time, observed columns and the energy ledger; headers contain units."""
+        """Return time, observed columns and energies as a table; headers contain units."""
         import pandas as pd
 
         return pd.DataFrame(self.all_columns())
@@ -105,7 +108,7 @@ class TimeSeries:
         ----------
         other
             The run to subtract, of the same model or a different one. A solution is evaluated at
-            the times of this run; a saved run must have rows at these times.
+            the times of this run; a saved run or a run of a sweep must have rows at these times.
         *names
             Names of columns, see `solution[name]`. Defaults to the observed columns that both runs
             contain.
@@ -119,8 +122,9 @@ class TimeSeries:
         Raises
         ------
         BeamdaeError
-            If `other` is not a run, one of the runs does not contain a column, no output time of
-            this run lies within the other run, or a saved run has no row at one of these times.
+            If `other` is not a run, one of the runs does not contain a named column, the runs have
+            no observed column in common, no output time of this run lies within the other run, or a
+            saved run or a run of a sweep has no row at one of these times.
 
         Examples
         --------
@@ -184,7 +188,7 @@ class TimeSeries:
     def to_parquet(self, path: str | Path) -> Path:
         """Write the table as Parquet and return the path.
 
-        This method requires pyarrow: `pip install beamdae[parquet]`.
+        This method requires pyarrow, which `pip install beamdae[parquet]` installs.
 
         Parameters
         ----------

@@ -44,7 +44,8 @@ class Interval:
     Attributes
     ----------
     nodes
-        Ascending times (k,) of the steps and, for methods with stages, of the stages [s].
+        Ascending times (k,) [s]: the start of the interval and, for each step, its end or, for
+        methods with stages, its stages.
     rows
         States at the nodes: q (k, n), v (k, n), a (k, n) and lam (k, m).
     branch

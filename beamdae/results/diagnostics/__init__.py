@@ -1,5 +1,5 @@
-"""Diagnostics of a run: energy balance, residual, drift, start, singular positions, strains.
+"""Diagnostics of results: energy balance, residual, drift, start, singularities, strains.
 
-May import: results.trajectory and results.event_records, equations.
+May import: results.trajectory, equations and the layers below; nothing else of results.
 To extend: add a module for a new check and include its warnings in `results.run_data`.
 """

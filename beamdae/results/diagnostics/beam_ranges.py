@@ -45,9 +45,10 @@ class BeamRange:
     name
         Name of the beam.
     deflection
-        Largest displacement relative to the undeformed beam in its frame, over the beam length [-].
+        Largest displacement of a node relative to the undeformed beam in its frame, divided by the
+        beam length [-].
     rotation
-        Largest section rotation relative to the frame [rad].
+        Largest rotation of a node relative to the undeformed beam in its frame [rad].
     strain
         Largest axial strain at the outer fibers of a rectangular section, including bending [-].
     error
@@ -55,9 +56,10 @@ class BeamRange:
         run or to the deflection in equilibrium. None if the strain measure does not limit the
         rotation. In the mechanisms of validation/strain_validity, the estimate is 0.9 to 14 times
         the actual error (median 2.5). The estimate is far too large for flexures whose deformation
-        is prescribed by heavier parts, and meaningless above 50 %.
+        is prescribed by heavier parts, and meaningless above 0.5.
     remedies
-        Settings of the beam that reduce the error, as alternatives to splitting the beam.
+        Settings of the beam that reduce the error, as alternatives to splitting the beam; may be
+        empty.
     """
 
     name: str
@@ -89,7 +91,7 @@ class BeamRange:
 def measure_beam_ranges_of_run(
     equations: EquationsOfMotion, trajectory: Trajectory
 ) -> tuple[BeamRange, ...]:
-    """Return the largest deformation of each beam over a run, sampled at 400 times."""
+    """Return the largest deformation of each floating-frame beam over a run, at up to 400 times."""
     if not equations.ranges:
         return ()
     q = sample_positions(trajectory)
@@ -97,7 +99,7 @@ def measure_beam_ranges_of_run(
 
 
 def measure_beam_ranges(equations: EquationsOfMotion, q: Array) -> tuple[BeamRange, ...]:
-    """Return the largest deformation of each beam over the equilibria q (k, n)."""
+    """Return the largest deformation of each floating-frame beam over the equilibria q (k, n)."""
     return tuple(_beam_range(term, q, _estimate_error_of_equilibria) for term in equations.ranges)
 
 

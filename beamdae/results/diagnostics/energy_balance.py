@@ -30,10 +30,10 @@ class Quality:
     Attributes
     ----------
     max_residual
-        Largest residual |F + G^T lam|, relative to the largest entry of G^T lam and of F at a = 0
-        [-].
+        Largest absolute entry of the residual F + G^T lam, relative to the largest absolute entry
+        of G^T lam and of F at a = 0 [-].
     max_position_drift, max_velocity_drift
-        Largest constraint violations |g| [m or rad] and |g_dot| [m/s or rad/s].
+        Largest violations |g| [m or rad] and |g_dot| [m/s or rad/s] of a constraint.
     energy_imbalance
         Largest |energy - work of loads - work of drivers + dissipated energy - initial energy|
         relative to the energy exchanged [-]. The energy exchanged is the largest of the kinetic
@@ -179,7 +179,7 @@ class EnergyLedger:
         return Imbalance(residual, scale, scale)
 
     def time_above(self, residual: float) -> float:
-        """Return the fraction of the run time in which |F + G^T lam| is nan or above `residual`."""
+        """Return the fraction of the run time in which |F + G^T lam| is NaN or above `residual`."""
         durations = [np.diff(i.t, prepend=i.t[0]) for i in self.trajectory.intervals]
         is_above = ~(self._step_norms[:, 0] <= residual)
         duration = self.trajectory.end - self.trajectory.start

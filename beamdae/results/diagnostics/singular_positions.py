@@ -51,7 +51,7 @@ class SingularPosition:
     t
         Time at which the run passed the position [s].
     joints
-        Joints whose reactions balance each other, so that the reactions are not unique.
+        Names of the joints whose reactions balance each other and are therefore not unique.
     jump
         True if the velocity jumped, which means that the run continued on a different branch.
     """
@@ -67,9 +67,9 @@ def find_singular_positions(
     """Find the positions of a run at which the constraint Jacobian G is nearly singular.
 
     In each segment of the run with constant active joints, the smallest singular value of G is
-    sampled at up to 401 times, and its minima are refined. Loops that are closed by the elasticity
-    of a beam do not lose rank. If redundant constraints are removed, G contains only the
-    independent constraints.
+    sampled at up to 401 times, and the time of each minimum that may be zero is refined. Loops that
+    are closed by the elasticity of a beam do not lose rank. If redundant constraints are removed, G
+    contains only the independent constraints.
     """
 
     def active_equations(interval: Interval) -> EquationsOfMotion:

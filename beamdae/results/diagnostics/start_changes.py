@@ -24,8 +24,8 @@ class StartChange:
     part
         Name of the part.
     displacement, velocity
-        Largest change of a coordinate [m] and of a velocity [m/s]. Angles and angular velocities
-        are multiplied by the size of the part.
+        Largest change of a coordinate [m] and of a velocity [m/s]. Changes of angles and angular
+        velocities are multiplied by the size of the part.
     coordinate
         Name of the coordinate with the largest displacement.
     """
@@ -48,8 +48,8 @@ class StartSummary:
     changes
         Changes to satisfy the joints, one entry per part with coordinates.
     warning
-        Warning if no displacement was requested and a part was displaced by more than a thousandth
-        of the length of the mechanism; otherwise empty.
+        Warning if no positions were requested and a part was displaced by more than a thousandth of
+        the length of the mechanism; otherwise empty.
     """
 
     request: str

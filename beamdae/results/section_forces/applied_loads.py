@@ -69,9 +69,9 @@ def collect_applied_loads(
     equations
         Equations of motion of the mechanism.
     times
-        Rows (t, branch).
+        Rows (t, branch), (rows, 2).
     state
-        Rows of states.
+        States at these times, one row per time.
     factors
         Load factors by part name, and of gravity by the name "gravity". Missing factors are 1.
     """
@@ -110,9 +110,10 @@ class _PartStatement(NamedTuple):
 def _list_statements(
     of_parts: Sequence[PartStatements], gravity: Array | None
 ) -> list[_PartStatement]:
-    """List the statements of all parts; gravity defaults to the gravity of the mechanism.
+    """List the statements of all parts.
 
-    The formulas are those of the run, even if objects to which laws refer have changed since.
+    If `gravity` [m/s^2] is None, the formulas are those of the run, even if objects to which laws
+    refer have changed since. Otherwise, the forces are stated again with this gravity.
     """
     statements: list[_PartStatement] = []
     multipliers: dict[str, slice] = {}

@@ -73,9 +73,9 @@ def recover_section_forces(
     t
         A time or ascending times within the run [s]. Defaults to the output times.
     s
-        An arc length or several arc lengths [m]. Defaults to the element boundaries and the
-        sections at which concentrated loads are fixed (evaluated on both sides of the load), with
-        three sections in between.
+        An arc length or several arc lengths [m]. Defaults to the element boundaries, the sections
+        at which concentrated loads are fixed (evaluated on both sides of the load), and three
+        sections between neighbors.
 
     Returns
     -------
@@ -184,7 +184,7 @@ def balanced_and_elastic_forces(
     equations
         Equations of motion of the mechanism.
     times, state
-        Rows (t, branch), and rows of states.
+        Rows (t, branch), (rows, 2), and the states at these times, one row per time.
     s
         Arc lengths (sections,) [m].
     before
@@ -305,7 +305,7 @@ def _require_numbers(part: str, name: str, value: Any) -> Array:
 
 
 def _requested_sections(beam: Beam, s: Any) -> tuple[Array, Array]:
-    """Return arc lengths, and the mask of the sections at the end, evaluated before a load."""
+    """Return arc lengths, and the mask of those at the end of the beam, evaluated before a load."""
     arc_lengths = _require_numbers(beam.name, "s", s)
     near = _SAME_SECTION_TOLERANCE * beam.length
     if np.any(arc_lengths < -near) or np.any(arc_lengths > beam.length + near):

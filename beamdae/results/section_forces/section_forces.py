@@ -1,4 +1,4 @@
-"""Section forces N, Q and M of a beam, with stresses, envelopes, safety factors and diagrams."""
+"""Section forces N, Q and M of a beam: stresses, envelopes, safety factors and diagrams."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Safety:
     Attributes
     ----------
     factor
-        Yield stress divided by the equivalent stress [-].
+        Yield stress divided by the equivalent stress [-]; infinite if the stress is zero.
     stress
         Von Mises equivalent stress [Pa].
     yield_stress
@@ -73,8 +73,9 @@ class SectionForces:
     t
         Times (k,) [s].
     s
-        Arc lengths (l,) [m]. The default arc lengths contain the position of a concentrated load
-        twice, for the section forces before and beyond the load.
+        Arc lengths (l,) [m]. For a concentrated load that is fixed between the ends of the beam,
+        the default arc lengths contain its position twice, for the section forces before and beyond
+        the load.
     N, Q, M
         Section forces (k, l) [N, N, N m].
     strained
@@ -156,8 +157,8 @@ class SectionForces:
         Raises
         ------
         BeamdaeError
-            If `offset` is invalid, or is "top" or "bottom" and a section does not define its
-            height.
+            If `offset` is invalid or outside a section, or is "top" or "bottom" and a section does
+            not define its height.
         """
         import pandas as pd
 
@@ -247,7 +248,7 @@ class SectionForces:
         )
 
     def diagram(self, what: str = "M", t: float | None = None) -> Plot:
-        """Plot "N", "Q" or "M" over the arc length, at one time or as an envelope.
+        """Plot N, Q or M over the arc length, at one time or as an envelope.
 
         At one time, the line is the section force in equilibrium with the loads, the dots are
         computed from the strains, and the gray band is the estimated error.
@@ -255,7 +256,7 @@ class SectionForces:
         Parameters
         ----------
         what
-            The section force.
+            The section force: "N", "Q" or "M".
         t
             Time [s]; the nearest available time is used. Defaults to the envelope over all times
             if there are several times.
@@ -268,6 +269,6 @@ class SectionForces:
         Raises
         ------
         BeamdaeError
-            If `what` is invalid, or `t` is out of range.
+            If `what` is invalid, or `t` is too far from the nearest available time.
         """
         return load_views().plot_section_forces(self, what, t)

@@ -1,4 +1,4 @@
-"""Motion of beam sections at several states: positions, rotations, accelerations and strains."""
+"""Motion of beam sections: positions, rotations, their accelerations, and strains."""
 
 from __future__ import annotations
 

@@ -75,14 +75,14 @@ class Checkpoint:
     inactive
         Names of the inactive joints and forces.
     frozen_gaps
-        Gaps that joints keep because an event activated them with `as_is`, by joint name.
+        Gaps that joints keep because of an event, by joint name; see `FrozenGap`.
     model, parameters
-        Name of the model, and its parameters as strings.
+        Name of the model function, and its parameters as strings; empty for other models.
     identity
         Hash of the equations, see `hash_model`. The hash of a checkpoint from an equilibrium path
         is empty, so that any model with the same coordinates can start from it.
     event_signs
-        Sign of each event quantity relative to the value to be crossed, see `Solution`.
+        `Solution.event_signs` at this time.
     doubt
         Reason why the state may be wrong. Empty if the state is reliable.
     """
@@ -202,7 +202,7 @@ class Checkpoint:
         Raises
         ------
         BeamdaeError
-            If the equations have other coordinates, or the run switched parts by events and the
+            If the equations have other coordinates, or parts are inactive or gaps frozen and the
             equations define no event that switches parts.
         """
         names, required = list(self.q), list(equations.q_names)

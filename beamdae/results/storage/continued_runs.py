@@ -84,7 +84,7 @@ class RunParts:
     Attributes
     ----------
     table
-        Path of the combined table.
+        Path of the combined table; the table of the run itself if there are no previous runs.
     before
         Paths of the tables of the previous runs in chronological order.
     """
@@ -96,10 +96,13 @@ class RunParts:
     def ending_at(cls, table: Path, checkpoint: Checkpoint) -> RunParts:
         """Find the runs in the folder of `table` that lead to a checkpoint.
 
+        There are no previous runs if `table` does not exist.
+
         Raises
         ------
         BeamdaeError
-            If the table belongs to a different run, or the table of a previous run is missing.
+            If the table belongs to a different run, the table of a previous run is missing, or
+            metadata cannot be read.
         """
         if not table.exists():
             return cls(table)
@@ -120,24 +123,27 @@ class RunParts:
 
     @property
     def latest(self) -> Path:
-        """Path of the table of the resumed run."""
+        """Path of the table that `write` creates for the resumed run."""
         return self._numbered_path(len(self.before) + 1) if self.before else self.table
 
     def _numbered_path(self, number: int) -> Path:
         return self.table.with_name(f"{self.table.stem}_part{number}{self.table.suffix}")
 
     def write(self, solution: Solution) -> tuple[dict[str, Any], list[Path]]:
-        """Write the table of the resumed run and the combined table of all runs.
+        """Write the table of the resumed run and, if there are previous runs, the combined table.
 
         Returns
         -------
-        dict, list of Path
-            Columns of the combined table by header, and the paths of all tables and their metadata.
+        dict
+            Columns of the combined table by header.
+        list of Path
+            Paths of all tables and their metadata.
 
         Raises
         ------
         BeamdaeError
-            If a file cannot be read or written. No file is left partially written.
+            If a file cannot be read or written, or the runs have different columns. No file is left
+            partially written.
         """
         latest = solution.to_csv(self.latest)
         if not self.before:
@@ -192,7 +198,7 @@ def _read_columns(table: Path) -> dict[str, Array]:
 def _join_columns(
     tables: Sequence[dict[str, Array]], metadata: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
-    """Concatenate the columns of all runs, accumulating works from run to run."""
+    """Concatenate the columns of all runs, accumulating works and imbalance from run to run."""
     latest = tables[-1]
     for table in tables[:-1]:
         if list(table) != list(latest):

@@ -49,7 +49,8 @@ def write_result(
     Raises
     ------
     BeamdaeError
-        If `path` is not a file path, its suffix is .json, or a file cannot be written.
+        If `path` is not a file path, its suffix is .json, an entry of `metadata` is not a JSON
+        value, or a file cannot be written.
     """
     file = require_file_path("to_csv", path)
     if not status.success:
@@ -61,8 +62,9 @@ def write_result(
 def write_table(path: Path, columns: Mapping[str, Any], metadata: Mapping[str, Any]) -> Path:
     """Write a table as CSV and its metadata to a JSON file of the same name.
 
-    Headers and texts are escaped by `escape_cell`, and NaN is written as an empty cell. The current
-    time is added to the metadata, and the installed package versions if they contain none.
+    Headers and strings are escaped by `escape_cell`, and NaN is written as an empty cell. The entry
+    "written", the current time, is added to the metadata, and the installed package versions if the
+    metadata have no entry "versions".
 
     Returns
     -------
@@ -72,7 +74,8 @@ def write_table(path: Path, columns: Mapping[str, Any], metadata: Mapping[str, A
     Raises
     ------
     BeamdaeError
-        If the suffix of the path is .json, or a file cannot be written.
+        If the suffix of the path is .json, an entry of `metadata` is not a JSON value, or a file
+        cannot be written.
     """
     if path.suffix == ".json":
         raise BeamdaeError(f"{path}: the suffix .json is reserved for the metadata; use .csv.")
@@ -143,11 +146,11 @@ def escape_table(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def escape_cell(value: Any) -> Any:
-    """Escape a text that a spreadsheet would read as a formula; line breaks become spaces.
+    """Escape a string that a spreadsheet would read as a formula; line breaks become spaces.
 
-    Texts that begin with =, +, - or @ (half- or full-width), a tab or a carriage return, even after
-    apostrophes, and are not numbers are prefixed with an apostrophe. Other values are returned
-    unchanged.
+    Strings that begin with =, +, - or @ (half- or full-width), a tab or a carriage return, even
+    after apostrophes, and are not numbers are prefixed with an apostrophe. Values that are not
+    strings are returned unchanged.
     """
     if not isinstance(value, str):
         return value
@@ -157,7 +160,7 @@ def escape_cell(value: Any) -> Any:
 
 
 def unescape_cell(value: Any) -> Any:
-    """Return the original value of a cell escaped by `escape_cell`."""
+    """Remove the apostrophe that `escape_cell` has added to a string; return others unchanged."""
     is_escaped = isinstance(value, str) and value[:1] == "'" and escape_cell(value[1:]) == value
     return value[1:] if is_escaped else value
 

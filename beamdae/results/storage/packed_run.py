@@ -79,7 +79,8 @@ class PackedRun(NamedTuple):
     Attributes
     ----------
     arrays
-        Output times, states at the nodes of all intervals, states at the events, and the start.
+        Output times, nodes of all intervals and the states there, times and states of the events,
+        and the start.
     plain
         The remaining data as JSON-compatible values.
     """
@@ -177,7 +178,7 @@ def unpack_fields(equations: EquationsOfMotion, packed: PackedRun) -> dict[str, 
 
 
 def unpack_trajectory(packed: PackedRun, equations: EquationsOfMotion | None = None) -> Trajectory:
-    """Return the trajectory of a packed run; without equations, all parts count as active."""
+    """Return the trajectory of a packed run; without `equations`, its configurations are None."""
     arrays, plain = packed
     return Trajectory(
         tuple(
@@ -200,7 +201,7 @@ def unpack_trajectory(packed: PackedRun, equations: EquationsOfMotion | None = N
 
 
 def array_rules(plain: dict[str, Any]) -> dict[str, ArrayRule]:
-    """Return the rules for `PackedRun.arrays` that belong to the other data of a run."""
+    """Return the rules for the arrays of a run, given its `PackedRun.plain`."""
     intervals, events = len(plain["active"]), len(plain["events"])
     rules = {
         "t": ArrayRule(("rows",)),

@@ -76,9 +76,9 @@ class FileKind:
     Attributes
     ----------
     name
-        What the file contains, such as "checkpoint".
+        Name of the kind, such as "checkpoint".
     remedy
-        What to do if the file cannot be used.
+        Advice if the file cannot be used, such as "run the model again from the start".
     """
 
     name: str
@@ -143,7 +143,7 @@ def read_bytes(path: Path, kind: FileKind, most: int = _MAX_TABLE_BYTES) -> byte
     Raises
     ------
     FileContentError
-        If the file cannot be read, is not a regular file, or is larger.
+        If the file cannot be read, is not a regular file, or has more than `most` bytes.
     """
     with _open_bounded(path, kind, most) as (stream, size):
         # Files that grow while they are read are truncated, and fail their checksum.
@@ -151,23 +151,23 @@ def read_bytes(path: Path, kind: FileKind, most: int = _MAX_TABLE_BYTES) -> byte
 
 
 def read_json(path: Path, kind: FileKind) -> Any:
-    """Return the content of a JSON file within the limits of `parse_json`.
+    """Return the content of a JSON file, see `parse_json`.
 
     Raises
     ------
     FileContentError
-        If the file cannot be read, is not a regular file, is not JSON or exceeds a limit.
+        If the file cannot be read, is not a regular file, or `parse_json` rejects its content.
     """
     return parse_json(path, kind, read_bytes(path, kind, _MAX_JSON_BYTES))
 
 
 def parse_json(path: Path, kind: FileKind, raw: bytes) -> Any:
-    """Return the content of JSON text; size, number of values, nesting and equal keys are limited.
+    """Return the content of JSON text of limited size and nesting, without duplicate keys.
 
     Raises
     ------
     FileContentError
-        If the text is not JSON or exceeds a limit.
+        If the text is not JSON, exceeds a limit, or contains an object with duplicate keys.
     """
     require_json_limits(path, kind, raw)
 
@@ -231,7 +231,7 @@ def translate_field_errors(path: Path, kind: FileKind) -> Iterator[None]:
 def checksum(content: Any, arrays: Mapping[str, Array] | None = None, **layout: Any) -> str:
     """Return a hash of JSON content and arrays, independent of the layout of the file.
 
-    `layout` contains further arguments of `json.dumps`.
+    `layout` contains further arguments of `json.dumps`; they affect the hash.
     """
     digest = hashlib.sha256(json.dumps(content, **layout).encode())
     for name, array in sorted((arrays or {}).items()):
@@ -241,7 +241,7 @@ def checksum(content: Any, arrays: Mapping[str, Array] | None = None, **layout: 
 
 
 def is_compression_allowed(unpacked: int, packed: int) -> bool:
-    """Return True if `open_archive` accepts an archive with these sizes [bytes]."""
+    """Return True if `open_archive` accepts the compression of an archive; sizes in bytes."""
     return unpacked <= max(_MAX_BYTES_OF_ANY_COMPRESSION, _MAX_COMPRESSION * packed)
 
 
@@ -263,7 +263,7 @@ class Archive:
     _file: zipfile.ZipFile
 
     def read_array(self, name: str) -> Array:
-        """Read an array."""
+        """Return the array of this name; a damaged file raises FileContentError."""
         with self.translate_errors(), self._file.open(name + _ARRAY_SUFFIX) as member:
             header = self.headers[name]
             member.read(header.size)
@@ -283,7 +283,7 @@ class Archive:
             return values.reshape(header.shape)
 
     def read_arrays(self, rules: Mapping[str, ArrayRule]) -> dict[str, Array]:
-        """Read the arrays of `rules` after all their headers were compared with the rules."""
+        """Read the arrays of `rules`, which must be all arrays of the archive, and check them."""
         sizes: dict[str, int] = {}
         with translate_field_errors(self.path, self.kind):
             for name in rules:
@@ -311,7 +311,7 @@ class Archive:
 
 @contextmanager
 def open_archive(path: Path, kind: FileKind) -> Iterator[Archive]:
-    """Open an archive of NumPy arrays after its sizes were compared with the limits.
+    """Open an archive of NumPy arrays after comparing its sizes with the limits.
 
     Before an array is allocated, the sizes in the directory of the archive are compared with the
     size of the file, the shapes in the headers of the arrays and the available memory.
@@ -319,8 +319,9 @@ def open_archive(path: Path, kind: FileKind) -> Iterator[Archive]:
     Raises
     ------
     FileContentError
-        If the file cannot be read, is not a regular file or a complete archive, contains other
-        objects than arrays of numbers, or unpacks to more than 100 times its size.
+        If the file cannot be read, is not a regular file or a complete archive of arrays, contains
+        Python objects, has more than 4 GB, or unpacks to more than 64 MB and more than 100 times
+        its size.
     BeamdaeError
         If the arrays need more memory than is available.
     """

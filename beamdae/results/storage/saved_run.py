@@ -178,7 +178,7 @@ class SavedRun(TimeSeries):
         Parameters
         ----------
         times
-            Ascending output times of the run (k,) [s].
+            Output times of the run in ascending order, (k,) [s].
 
         Raises
         ------
@@ -202,7 +202,7 @@ class SavedRun(TimeSeries):
         Raises
         ------
         BeamdaeError
-            If the suffix is .json, or a file cannot be written.
+            If `path` is invalid or ends with .json, or a file cannot be written.
         """
         return write_result(path, self._columns, self.status, self._metadata)
 
@@ -220,7 +220,7 @@ def save_run(run: RunData, path: str | Path) -> Path:
     Raises
     ------
     BeamdaeError
-        If the file cannot be written, or the run is larger than a saved run may be.
+        If the file cannot be written, or the run exceeds the size limits of a file.
     """
     file = require_file_path("save", path)
     packed, table = pack_run(run), run.all_columns()

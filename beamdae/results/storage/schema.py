@@ -1,6 +1,6 @@
-"""Rules for the content of result files: types, ranges and lengths of values, shapes of arrays.
+"""Rules for the content of result files: types, ranges and lengths, and shapes of arrays.
 
-A rule is a function that returns if a value is allowed, and raises `FieldError` otherwise.
+A rule is a function that does nothing if a value is allowed, and raises `FieldError` otherwise.
 """
 
 from __future__ import annotations
@@ -29,8 +29,11 @@ class FieldError(Exception):
 
     Attributes
     ----------
+    problem
+        Violation of the rule, such as "is missing".
     fields
-        Names of the field and of the objects that contain it, from the innermost to the outermost.
+        Names of the field and of the objects that contain it, from the innermost to the outermost;
+        empty if the content as a whole violates the rule.
     """
 
     def __init__(self, problem: str, *fields: str) -> None:
@@ -60,7 +63,7 @@ def wrong_value(allowed: str, value: Any) -> FieldError:
 def number(
     least: float = -math.inf, most: float = math.inf, finite: bool = True, optional: bool = False
 ) -> Rule:
-    """Return the rule for a number; `optional` allows None."""
+    """Return the rule for a number; `finite` excludes inf and NaN, and `optional` allows None."""
     bounds = " and ".join(
         [f"of at least {least:g}"] * (least > -math.inf) + [f"at most {most:g}"] * (most < math.inf)
     )
@@ -113,7 +116,10 @@ def flag(value: Any) -> None:
 
 
 def text(value: Any) -> None:
-    """Require a text of at most 1e6 characters without control characters except line breaks."""
+    """Require a string of at most 1e6 characters.
+
+    Line breaks and tabs are the only control characters allowed.
+    """
     if type(value) is not str or len(value) > MAX_TEXT:
         raise wrong_value(f"a text of at most {MAX_TEXT} characters", value)
     if not value.isprintable() and len(value.translate(_CONTROL_CHARACTERS)) < len(value):
@@ -121,7 +127,7 @@ def text(value: Any) -> None:
 
 
 def column_name(value: Any) -> None:
-    """Require a printable text, as the headers of columns are."""
+    """Require a printable string, such as the header of a column."""
     text(value)
     if not value.isprintable():
         raise wrong_value("a printable text", value)
@@ -143,7 +149,7 @@ def _hint(value: Any, choices: Iterable[Any]) -> str:
 
 
 def optional(rule: Rule) -> Rule:
-    """Return the rule that also allows None."""
+    """Return the rule that allows None and the values that `rule` allows."""
 
     def check(value: Any) -> None:
         if value is not None:
@@ -157,7 +163,7 @@ def anything(value: Any) -> None:
 
 
 def scalar(value: Any) -> None:
-    """Require a number, true, false, null or a text."""
+    """Require a number, true, false, null or a string."""
     if type(value) is str:
         text(value)
     elif type(value) is int:
@@ -167,7 +173,10 @@ def scalar(value: Any) -> None:
 
 
 def sequence(rule: Rule, lengths: Iterable[int] | None = None) -> Rule:
-    """Return the rule for a list with entries of one kind, of one of the `lengths` if given."""
+    """Return the rule for a list whose entries obey `rule`.
+
+    The length of the list must be one of `lengths`, unless `lengths` is None.
+    """
     allowed_lengths = None if lengths is None else tuple(dict.fromkeys(lengths))
 
     def check(value: Any) -> None:
@@ -187,7 +196,7 @@ def sequence(rule: Rule, lengths: Iterable[int] | None = None) -> Rule:
 
 
 def numbers(lengths: Iterable[int] | None = None, gaps: bool = False) -> Rule:
-    """Return the rule for a list of finite numbers; with `gaps`, also of None. Fast if valid."""
+    """Return a fast rule for a list of finite numbers, which may contain None if `gaps` is true."""
     slow = sequence(number(optional=gaps), lengths)
     allowed_lengths = None if lengths is None else set(lengths)
     types = {float, type(None)} if gaps else {float}
@@ -205,7 +214,7 @@ def numbers(lengths: Iterable[int] | None = None, gaps: bool = False) -> Rule:
 
 
 def mapping(rule: Rule) -> Rule:
-    """Return the rule for an object whose values are of one kind, with any names."""
+    """Return the rule for an object with any names, whose values obey `rule`."""
 
     def check(value: Any) -> None:
         if type(value) is not dict:
@@ -254,11 +263,11 @@ class ArrayRule:
     Attributes
     ----------
     shape
-        Sizes: numbers, or names of sizes that several arrays and fields share.
+        Sizes: numbers, or names of sizes that several arrays share.
     kind
-        Kind of the numbers: "f" for 8-byte floats, "i" for integers, "u" for bytes.
+        Kind of the numbers: "f" for 8-byte floats, "i" for 4- or 8-byte integers, "u" for bytes.
     finite
-        True if all numbers must be finite.
+        True if floats must be finite.
     """
 
     shape: tuple[str | int, ...]
@@ -266,7 +275,7 @@ class ArrayRule:
     finite: bool = True
 
     def check_header(self, name: str, header: ArrayHeader, sizes: dict[str, int]) -> None:
-        """Check type and shape; sizes that are not known yet are added to `sizes`."""
+        """Check type and shape; named sizes that are not in `sizes` are added to it."""
         types = {"f": (8,), "i": (4, 8), "u": (1,)}[self.kind]
         if header.dtype.kind != self.kind or header.dtype.itemsize not in types:
             raise FieldError(
@@ -318,7 +327,7 @@ class ArrayHeader:
 
 
 def require_ascending(name: str, values: Array, strictly: bool = True) -> None:
-    """Require ascending values of an array."""
+    """Require that values ascend or, if `strictly` is false, do not descend."""
     steps = np.diff(values)
     if not (steps > 0.0 if strictly else steps >= 0.0).all():
         raise FieldError("must ascend", name)
