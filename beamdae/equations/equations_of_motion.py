@@ -291,7 +291,7 @@ class EquationsOfMotion:
     ----------
     coordinates, multipliers
         Name and unit of each coordinate and multiplier. Names are 'part.coordinate' and
-        'part.constraint'; coordinates of a constrained system have no prefix.
+        'part.constraint'; coordinates of a constrained system keep their given names.
     q0, v0
         Initial coordinates and velocities, (n,) each: as drawn, or adjusted to the requested
         values. Integrators make them consistent.

@@ -210,7 +210,7 @@ def write_lane_wrapper(name: str) -> str:
 
 
 def write_lane_module(function: ca.Function) -> str:
-    """Return LLVM IR of an SX function of (shared, local) with one dense output.
+    """Return LLVM IR of an SX function of the form that `require_lane_form` checks.
 
     Raises
     ------
@@ -227,7 +227,7 @@ def write_lane_module(function: ca.Function) -> str:
 
 @cache
 def library_imports() -> dict[str, int]:
-    """Return the addresses of the `LIBRARY_FUNCTIONS` that exist on this system."""
+    """Return the addresses of the `LIBRARY_FUNCTIONS` that exist on this system, by symbol."""
     addresses = {}
     for name in LIBRARY_FUNCTIONS:
         with suppress(MachineCodeError):
@@ -369,7 +369,7 @@ def _write_instructions(function: ca.Function, writer: _LaneWriter) -> bool:
 
 
 def require_lane_form(function: ca.Function) -> None:
-    """Require an SX function of (shared, local) with one dense output.
+    """Require an SX function of two dense columns (shared, local) that returns one dense column.
 
     Raises
     ------

@@ -28,11 +28,11 @@ class LinearSolver:
     plan, factors
         Pivots, and factors of the last matrix.
     needs_pivots
-        1 if new pivots have been requested for the current matrix.
+        1 while a request for new pivots is pending, else 0.
     is_untried
-        1 if no matrix has been factorized with the current pivots yet.
+        1 from `set_plan` until a matrix has been factorized with the new pivots, else 0.
     singular
-        1 if no pivots suit the matrix of the current step.
+        1 if no pivots suit the matrix of the current step, else 0.
     factorizations, solves
         Numbers of factorizations and solutions.
     """

@@ -61,7 +61,10 @@ def pick(out: Array, at: Array, vector: Array, of: Array, begin: int, end: int) 
 def gather(
     out: Array, at: Array, weights: Array, vector: Array, of: Array, begin: int, end: int
 ) -> None:
-    """Set out[at] = weights * vector[of], for the slice begin:end; sum repeated indices."""
+    """Set out[at] = weights * vector[of], for the slice begin:end of `at`, `weights` and `of`.
+
+    Terms with the same index in `at` are added.
+    """
     out[at[begin:end]] = 0.0
     add_weighted(out, at, weights, vector, of, begin, end)
 
@@ -74,7 +77,10 @@ def add(out: Array, rows: Array, vector: Array, of: Array, begin: int, end: int)
 def add_weighted(
     out: Array, rows: Array, weights: Array, vector: Array, of: Array, begin: int, end: int
 ) -> None:
-    """Add weights * vector[of] to out[rows], for the slice begin:end of these three arrays."""
+    """Add weights * vector[of] to out[rows].
+
+    The slice begin:end of `rows`, `weights` and `of` is used.
+    """
     np.add.at(out, rows[begin:end], weights[begin:end] * vector[of[begin:end]])
 
 

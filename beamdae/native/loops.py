@@ -180,7 +180,7 @@ def _field_names(owner: Any) -> tuple[str, ...]:
 
 
 def _iterate_code(function: FunctionType, visited: dict[FunctionType, None]) -> Iterator[str]:
-    """Yield the bytecode of a function and of all functions it calls, and their constants.
+    """Yield the bytecode and the constants of a function and of all functions compiled with it.
 
     Bytecode is what numba compiles, and reading sources would take as long as the steps of a short
     run. `visited` collects the functions.

@@ -1,9 +1,9 @@
 """Translation of plain Python functions to LLVM IR by numba.
 
-Importing this module imports numba. It replaces internal parts of numba (`_library_class`,
-`get_executable` and `nrt` of its target), so that numba emits only IR. pyproject.toml therefore
-limits numba and llvmlite to tested versions. If the replacements fail with another version,
-`compile_loops` falls back to the standard behavior of numba.
+Importing this module imports numba. While loops are compiled, `_emit_ir_only` replaces internal
+parts of numba (`_library_class`, `get_executable` and `nrt` of its target), so that numba emits
+only IR. pyproject.toml therefore limits numba and llvmlite to tested versions. If the replacements
+fail with another version, `compile_loops` falls back to the standard behavior of numba.
 """
 
 from __future__ import annotations
@@ -166,7 +166,7 @@ def compile_loops(
 
 
 def _define_entry_point(function: Callable[..., int], arguments: str, kind: Any) -> tuple[Any, Any]:
-    """Return a C function that calls a loop, and its signature."""
+    """Return a function from which numba makes the C entry point of a loop, and its signature."""
     names = ["table" if argument == "@" else f"a{k}" for k, argument in enumerate(arguments)]
     call_arguments = ", ".join(["object_at(table)", *(name for name in names if name != "table")])
     namespace = {"function": function, "object_at": structs.object_at_table(_numba_type(kind))}
@@ -175,7 +175,7 @@ def _define_entry_point(function: Callable[..., int], arguments: str, kind: Any)
 
 
 def _compile_entries(entry_points: Mapping[str, tuple[Any, Any]]) -> str:
-    """Return one module of LLVM IR with these C functions, named by their symbols."""
+    """Return one module of LLVM IR with the C entry points, named by their symbols."""
     texts: dict[str, None] = {}
     symbols = {}
     for symbol, (entry, signature) in entry_points.items():

@@ -1,9 +1,10 @@
 """Cache of compiled objects: files with checksums in a private folder of the user.
 
 Loaded objects are executed. Therefore a file is loaded only if no other user could have written it
-and its checksum is correct. The file name contains a hash of the recipe from which the object was
-built. The file begins with the checksum of recipe and object, and is renamed atomically to its name
-when it is complete. It is read only once, so that the checked bytes are the loaded bytes.
+and its checksum is correct; on Windows, only the checksum is checked. The file name contains a hash
+of the recipe from which the object was built. The file begins with the checksum of recipe and
+object, and is renamed atomically to its name when it is complete. It is read only once, so that the
+checked bytes are the loaded bytes.
 """
 
 from __future__ import annotations

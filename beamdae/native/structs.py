@@ -103,7 +103,7 @@ def _store_field(context: Any, builder: Any, signature: Any, arguments: Any, nam
 
 
 def object_at_table(struct: Struct) -> Any:
-    """Return a compiled function that maps a table to the object stored in it."""
+    """Return a numba intrinsic that maps a table to the object stored in it."""
 
     @intrinsic
     def object_at(typing, table):

@@ -36,7 +36,7 @@ class SundialsLibrary:
     addresses
         Addresses of the functions, for compiled code.
     call
-        The functions as callables.
+        Namespace of the functions as callables, by their names in C.
     """
 
     version: tuple[int, int, int]
@@ -51,8 +51,8 @@ def load_library() -> SundialsLibrary:
     Raises
     ------
     UnavailableError
-        If functions are missing, or if the version, precision, index width or a build with MPI is
-        not supported.
+        If scikit-sundae or a function is missing, or if the version, the precision, the index width
+        or a build with MPI is not supported.
     """
     images = _find_images()
     addresses = FunctionAddresses(

@@ -56,8 +56,8 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     Parameters
     ----------
     mechanism
-        Parts, observables, events and gravity. Later changes to the mechanism do not affect the
-        result.
+        The mechanism, with at least one part that has coordinates. Parts, observables and events
+        that are added later do not affect the result.
     start
         Initial conditions, see `Mechanism`. Defaults to those of the mechanism.
 

@@ -25,6 +25,8 @@ Array = np.ndarray
 class CoordinateMap:
     """Maps the ground and each part to its slice of the global coordinates, which may be empty.
 
+    For a constrained system, the only part is the system.
+
     Attributes
     ----------
     sizes

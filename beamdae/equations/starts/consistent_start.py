@@ -47,7 +47,8 @@ class ConsistencySolver(StateEvaluator):
 
         [[M, G^T], [G, 0]] (a, lam) = (f, gamma),
 
-    where f = -F and gamma = -g_ddot at a = 0 and lam = 0.
+    where f = -F and gamma = -g_ddot at a = 0 and lam = 0. With friction in joints, F depends on
+    lam, and Newton's method solves this system.
 
     Times are arrays (t, branch) with t [s]. Do not share an instance between threads.
     """
@@ -84,8 +85,8 @@ class ConsistencySolver(StateEvaluator):
         Raises
         ------
         BeamdaeError
-            If forces are not finite, a motion has no inertia, or the equations with friction have
-            no solution.
+            If forces or their derivatives are not finite, a motion has no inertia, or no solution
+            of the equations with friction is found.
         """
         e = self.equations
         gamma = -self.constraint_levels(time, q, v)[2]

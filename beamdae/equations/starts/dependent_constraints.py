@@ -41,13 +41,14 @@ _MAX_DESCRIBED_SETS = 8
 
 
 def require_independent_constraints(evaluator: StateEvaluator, time: Array, q: Array) -> None:
-    """Reject constraints that vanish or depend on each other at positions `q`.
+    """Reject constraints that depend on each other or have a zero gradient at positions `q`.
 
     Raises
     ------
     BeamdaeError
-        If such constraints exist. The message names the constraints and, if constraints depend on
-        each other in a mechanism with up to 300 of them, the motions blocked more than once.
+        If such constraints exist. The message names one constraint with a zero gradient, or all
+        dependent constraints. Unless there are more than 300 constraints, it also describes the
+        motions that dependent constraints block more than once.
     """
     e, pattern = evaluator.equations, evaluator.sums.gradient_pattern
     names, t = e.lam_names, float(time[0])
@@ -115,7 +116,7 @@ class DependentSet:
     parts
         Names of the parts to which the constraints belong.
     blocks
-        Description of the motion that the last of these parts and the others all block.
+        Phrase for the motion that the last of these parts blocks although the others already do.
     contradiction
         Differences of the prescribed values [m or rad] and of their rates [m/s or rad/s]; zero if
         the constraints agree.
@@ -209,7 +210,8 @@ class ConstraintRank:
     Attributes
     ----------
     matrix
-        G with columns scaled by `position_scales` and rows of length one, (m, n).
+        G with columns scaled by `position_scales` and rows of length one, (m, n); rows of zeros
+        remain zero.
     lengths
         Lengths of the rows of G with scaled columns, before the rows are normalized, (m,).
     rows
@@ -309,11 +311,11 @@ def _part_name(constraint: str) -> str:
 def _describe_blocked_motion(
     equations: EquationsOfMotion, q: Array, matrix: Array, members: Array, weights: Array
 ) -> str:
-    """Describe the motion that the last part of a set and the others all block.
+    """Describe the motion that the last part of a set blocks although the others already do.
 
     If sum w_i G_i = 0, the sum over the rows of one part is minus the sum over the other parts, so
-    that both block the same combination of coordinates. The motion is the projection of this
-    combination onto the motions that all constraints outside the set allow.
+    that this part and the others block the same combination of coordinates. The motion is the
+    projection of this combination onto the motions that all constraints outside the set allow.
     """
     names = equations.lam_names
     last = _part_name(names[members[-1]])

@@ -48,8 +48,8 @@ def apply_initial_conditions(
     Raises
     ------
     BeamdaeError
-        If a name is unknown, the joints or drivers do not allow the values, or no equilibrium is
-        found.
+        If `start` is invalid or contains an unknown name, the joints or drivers do not allow the
+        values, or no equilibrium is found.
     """
     start = require_start("start", start)
     if start == AS_DRAWN:

@@ -34,7 +34,8 @@ class ConstraintJacobian:
     scatter
         For each joint, the operator from the gradients of its copies to the non-zeros of G.
     rank
-        Rank of G at regular positions; less than m if constraints are redundant.
+        Rank of G at regular positions; less than m if constraints are redundant. Equal to m unless
+        set by `with_rank_at`.
     """
 
     equations: EquationsOfMotion
@@ -48,7 +49,10 @@ class ConstraintJacobian:
         return replace(self, rank=int(np.sum(singular > RANK_TOLERANCE)))
 
     def at(self, times: Array, q: Array) -> Array:
-        """Return the scaled G at rows of (t, branch) and q, (rows, m, nonempty columns)."""
+        """Return the nonempty columns of the scaled G, (rows, m, columns), at rows of times and q.
+
+        The rows of `times` are (t, branch).
+        """
         pattern = self.pattern
         count = np.diff(pattern.indptr)
         (nonzero_columns,) = np.nonzero(count)
@@ -76,10 +80,10 @@ class ConstraintJacobian:
         return np.concatenate(blocks)
 
     def singular_joints(self, time: Array, q: Array) -> list[str]:
-        """Return the names of joints whose reactions cancel at a position where G loses rank.
+        """Return the names of the joints that become dependent where G loses rank, at or near `q`.
 
-        At other positions, the smallest singular value is positive, and the joints with the largest
-        entries in its left singular vector are returned.
+        These are the joints with the largest entries in the left singular vector of the smallest
+        singular value, except singular values that vanish due to redundant constraints.
         """
         left_vectors, _, _ = np.linalg.svd(self.at(time[None], q[None])[0])
         share = np.abs(left_vectors[:, self.rank - 1])
@@ -134,7 +138,7 @@ def _scatter_operator(joint: ConstraintTerm, m: int, positions: Array) -> sp.csr
 
 
 def has_closed_loops(e: EquationsOfMotion) -> bool:
-    """Return True if joints close a kinematic loop; the Jacobian of open chains keeps its rank."""
+    """Return True if joints or drivers form a loop; without loops, the rank of G is constant."""
     owner = [name.rpartition(".")[0] for name in e.q_names]
     group = {body: body for body in (*owner, _GROUND)}
 

@@ -31,7 +31,8 @@ class ReducedEquations:
     Attributes
     ----------
     full, equations
-        Equations with all constraints, and equations without the redundant constraints.
+        Equations with all constraints, and equations without the redundant constraints and without
+        observables.
     independent, redundant
         Indices of the constraints of `full` that are kept and that are removed, ascending.
     """
@@ -130,7 +131,7 @@ def remove_redundant_constraints(
 def drop_dependent_constraints(
     equations: EquationsOfMotion, time: Array
 ) -> ReducedEquations | None:
-    """Return the equations without dependent constraints, which may contradict the others.
+    """Return the equations without dependent constraints, even if these contradict the others.
 
     Dependence is assessed at the positions `q0`. Returns None if no constraint is dependent.
     """

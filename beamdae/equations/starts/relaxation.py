@@ -64,8 +64,8 @@ class FlowStep(NamedTuple):
     q, lam
         Positions and multipliers at the end of the step.
     size
-        Largest displacement, relative to the scale of the coordinate plus its travel since the
-        start; for angles, relative to the scale alone.
+        Largest displacement in the step, relative to the scale of the coordinate plus its travel
+        since the start; for angles, relative to the scale alone.
     gap
         Size of the correction that closes the joints after the step, in the same relative measure.
     rounding
@@ -116,8 +116,9 @@ class GradientFlow:
     def initial_acceleration(self) -> tuple[Array, Array]:
         """Return the acceleration (n,) and the multipliers (m,) at rest in `begin`.
 
-        Both follow from the forces of `static`, which may be a fraction of the forces in its
-        equations. If the acceleration is zero, `begin` is an equilibrium with these multipliers.
+        Both follow from the forces of `static`, which may be a fraction of those in
+        `static.equations`. If the acceleration is zero, `begin` is an equilibrium with these
+        multipliers.
         """
         time, q, n = self.static.time, self.begin, len(self.begin)
         mass = self.solver.linearize_forces(time, self.solver.rest_state(q))[2]
@@ -178,8 +179,9 @@ def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
     Raises
     ------
     BeamdaeError
-        If the joints cannot be closed, or no equilibrium is found; the message then names the
-        coordinate that moved farthest.
+        If there is no consistent state at rest near `q` (see `ConsistencySolver.state`), or no
+        equilibrium is found. In the second case, the message names the coordinate that moved
+        farthest.
     """
     e, solver = static.equations, ConsistencySolver(static.equations)
     q = begin = solver.state(static.time, q, np.zeros(e.n)).q

@@ -82,7 +82,8 @@ def _node_coordinates(index: dict[str, int]) -> Array | None:
 def compute_rigid_motions(e: EquationsOfMotion, q: Array) -> Array:
     """Return the rigid motions at q as columns divided by `position_scales`, (n, k).
 
-    Parts with neither a frame (x, y, angle) nor nodes contribute one motion per coordinate.
+    Parts with a frame (x, y, angle) or with nodes contribute three motions, and other parts one
+    motion per coordinate.
     """
     columns: list[Array] = []
     for body in collect_bodies(e):
@@ -97,7 +98,7 @@ def compute_rigid_motions(e: EquationsOfMotion, q: Array) -> Array:
 
 
 def _rigid_motions_of_nodes(e: EquationsOfMotion, q: Array, nodes: Array) -> Array:
-    """Return two translations of nodes and their rotation about the first node, (n, 3)."""
+    """Return scaled translations of nodes and their rotation about the first node, (n, 3)."""
     motions = np.zeros((e.n, 3))
     x, y, angle = nodes.T
     motions[x, 0] = motions[y, 1] = e.length

@@ -125,7 +125,7 @@ class StateEvaluator:
 
     @property
     def sums(self) -> StateSums:
-        """Sums and patterns, shared by all models with the same structure."""
+        """Plans of the sums, and patterns; equations with the same `structure` share them."""
         return plan_state_sums(self.equations.structure)
 
     @cached_property
@@ -153,7 +153,7 @@ class StateEvaluator:
         return self._evaluate(self._motion, time, (q, v, a), n + 3 * m)[n:].reshape(3, m)
 
     def position_gaps(self, time: Array, q: Array) -> Array:
-        """Return g, the gap of each constraint, (m,)."""
+        """Return g, the gap of each constraint, (m,); 0 if the constraint is nonholonomic."""
         return self.constraint_levels(time, q)[0]
 
     def force(
