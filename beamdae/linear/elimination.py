@@ -103,7 +103,7 @@ def refactorize(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> boo
 
 
 def solve(plan: EliminationPlan, factors: Factors, right: Array) -> None:
-    """Replace `right` by the solution, with the number of refinements that `refactorize` set."""
+    """Replace `right` by the solution; apply the refinements that `refactorize` found necessary."""
     rows, columns, scale = plan.rows, plan.columns, plan.scale
     x, scaled_right = factors.x, factors.right
     for k in range(len(x)):

@@ -116,7 +116,7 @@ class Law:
 
     @property
     def formula(self) -> Callable[[SX], SX]:
-        """The law as a `Formula` if all its pieces are formulas, otherwise the law itself."""
+        """A plain `Law` as a `Formula` if all its pieces are formulas, otherwise the law itself."""
         # A subclass may evaluate its pieces in another way.
         if type(self) is not Law or not all(isinstance(piece, Formula) for piece in self.pieces):
             return self

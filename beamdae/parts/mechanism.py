@@ -70,9 +70,10 @@ class Mechanism(HasOrigin):
         Acceleration of gravity (gx, gy) [m/s^2]: numbers, or time laws. With time laws, the weight
         is a load, because gravity then has no potential.
     start
-        Initial state: "as drawn" (the reference configuration), "equilibrium" (at rest under the
-        loads at t = 0), or positions and velocities by name, {"part.coordinate": value,
-        "part.coordinate_dot": value}; all other values are adjusted to satisfy the joints.
+        Initial state: "as drawn" (the reference configuration with the initial velocities of the
+        parts), "equilibrium" (at rest under the loads at t = 0), or positions and velocities by
+        name, {"part.coordinate": value, "part.coordinate_dot": value}; all other values are
+        adjusted to satisfy the joints.
     redundant
         Treatment of redundant constraints: "refuse" raises an error; "minimum norm" removes them
         from the equations and distributes the reactions so that their norm is smallest.
@@ -98,8 +99,8 @@ class Mechanism(HasOrigin):
     ------
     BeamdaeError
         If `gravity` is not a pair of numbers or valid time laws, or `start` or `redundant` is
-        invalid. Assembly raises this error if a name in `start` is not that of a coordinate, or no
-        state with the values of `start` satisfies the joints.
+        invalid. Assembly raises this error if a name in `start` is neither that of a coordinate nor
+        that of a velocity, or no state with the values of `start` satisfies the joints.
 
     Examples
     --------

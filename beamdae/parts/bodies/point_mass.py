@@ -141,5 +141,5 @@ class PointMass(Part):
         return [ForceStatement(self.name, kernel, (point.piece,), data)]
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing:
-        """Return the dot that represents a point mass."""
+        """Return the drawing of the particle as a point."""
         return Drawing("point", [self.point])

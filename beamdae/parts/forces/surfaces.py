@@ -138,7 +138,7 @@ class LineSurface(_Surface):
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """Left unit normal of the line."""
+        """Left unit normal of the line in the reference configuration."""
         x, y = self.direction
         length = math.hypot(x, y)
         return (-y / length, x / length)

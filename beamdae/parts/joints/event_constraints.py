@@ -124,7 +124,8 @@ def evaluate_frozen_gap(
     joint
         Joint with a gap function.
     law
-        New law of the joint. If None, the joint keeps its original laws.
+        New law of the joint as a function of the time of the run. If None, the joint keeps its
+        original laws.
     time
         Time, and the time that selects the piece of each law, (t, branch) [s].
     local
@@ -185,7 +186,7 @@ class ClosedGap(Part):
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:
-        """Empty, because the gap quantity contains the coordinates."""
+        """Empty, because the constraint uses the pieces of the gap quantity."""
         return ()
 
     def constraints(self) -> list[ConstraintStatement]:

@@ -16,7 +16,7 @@ from beamdae.symbolic.statements import SX, Variable
 
 
 def require_direction(part: str, value: Any) -> tuple[float, float]:
-    """Return `value` as a pair of floats if it is a nonzero vector (x, y), or raise an error."""
+    """Return `value` as floats (x, y), or raise BeamdaeError if it is not a nonzero vector."""
     direction = require_point(part, "direction", value)
     if np.hypot(*direction) == 0.0:
         raise BeamdaeError(f"{part}: direction must not be zero, got (0, 0).")

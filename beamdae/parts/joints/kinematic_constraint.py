@@ -72,7 +72,10 @@ def load_columns(at: Attachment) -> tuple[Variable, ...]:
 
 
 def resolve_load(axes: str, rotation: SX, force: SX, moment: Any = None) -> SX:
-    """Resolve a force, and a moment if given, in "inertial" axes or in "body" axes."""
+    """Return a force in "inertial" or "body" axes, followed by the moment if one is given.
+
+    `force` has the components in inertial axes; `rotation` is the angle of the body axes [rad].
+    """
     components = rotate(-rotation, force) if axes == "body" else force
     return components if moment is None else ca.vertcat(components, moment)
 

@@ -175,7 +175,7 @@ class RollingOnCircle(_RollingJoint):
 
     @staticmethod
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint, arm_a: SX, arm_b: SX) -> SX:
-        """Return the change of the distance between the centers [m]."""
+        """Return the distance between the centers minus its prescribed value [m]."""
         return ca.norm_2(b.position - a.position) - (arm_a - arm_b)
 
     @staticmethod
