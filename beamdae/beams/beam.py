@@ -370,7 +370,10 @@ class Beam(Part):
         return read_only(self.curve.point(np.linspace(0.0, self.length, _OUTLINE_POINTS)))
 
     def forces(self, gravity: Array) -> list[ForceStatement]:
-        """Return the forces of inertia, elasticity, material damping and `gravity` (2,) [m/s^2]."""
+        """Return the forces of inertia, elasticity, material damping and weight.
+
+        `gravity` is the acceleration of gravity (2,) [m/s^2].
+        """
         kernel, piece = self.kinematics.element.kernel(), Piece(self, self.kinematics.operator)
         return [ForceStatement(self.name, kernel, (piece,), self.kinematics.data(gravity))]
 
@@ -592,7 +595,7 @@ class Beam(Part):
     def _evaluate_strains(
         self, s: float, columns: tuple[Variable, ...], kind: Callable[..., SX], *numbers: float
     ) -> Quantity:
-        """Return the quantity that the formula `kind` computes from the strains at `s`."""
+        """Return the quantity that `kind` computes from the strains at `s` and `numbers`."""
         strains = self.kinematics.strains(self._require_arc_length(s))
         values, data = FormulaExpression.of(kind, (strains.values, constant_formula(*numbers)))
         return Quantity(columns, (Piece(self, strains.operator),), values, data)

@@ -297,7 +297,7 @@ class Section:
 
     @property
     def GA(self) -> float:
-        """Shear stiffness k_G G A with the shear correction factor k_G [N]."""
+        """Shear stiffness k_G G A [N] with the shear correction factor k_G."""
         return self.shear_coefficient * self.material.G * self.area
 
     @property
