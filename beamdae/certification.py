@@ -177,7 +177,8 @@ def certify(
         Function called repeatedly during each run with the time reached [s]; see `simulate`.
     partial
         "return" to return the certificate so far if the call is interrupted, with the status
-        "interrupted", instead of raising `Interrupted`.
+        "interrupted", instead of raising `Interrupted`. Before the end of the first run,
+        `Interrupted` is raised in any case.
 
     Returns
     -------

@@ -66,7 +66,7 @@ class ConstraintResidual:
     Attributes
     ----------
     part
-        Name of the part.
+        Name of the part; "constraint" for all constraints of a constrained system.
     position, velocity
         Largest |g| [m or rad] and |g_dot| [m/s or rad/s] before the start is made consistent.
     acceleration

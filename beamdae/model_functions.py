@@ -44,7 +44,7 @@ class Origin(NamedTuple):
 
 
 class HasOrigin:
-    """Base class of mechanisms and systems; `origin` is set if a model builds the object."""
+    """Base class of mechanisms and systems; `origin` is None unless a model built the object."""
 
     origin: Origin | None = None
 

@@ -83,7 +83,7 @@ def simulate(
         End time [s]. Defaults to the model's end time.
     output_step
         Time between rows of the result [s]. Defaults to a thousandth of the end time. The last row
-        is at the end time.
+        of a completed run is at its end.
     progress
         Function called repeatedly with the time reached [s], or with the start time during a pilot
         run. Return a string to stop the run; it becomes the reason.
@@ -101,7 +101,8 @@ def simulate(
         numbers or formulas; the differences are reported as a warning.
     partial
         "return" to return the solution so far if the run is interrupted, with the status
-        "interrupted", instead of raising `Interrupted`.
+        "interrupted", instead of raising `Interrupted`. Before the run has begun, `Interrupted` is
+        raised in any case.
 
     Returns
     -------

@@ -44,9 +44,9 @@ def run_pilot(
 ) -> tuple[RunPlan, R, Trajectory, Status]:
     """Measure the amplitudes of the motion by up to four pilot runs.
 
-    A pilot run is repeated if the amplitude of a part is below 0.3 times the amplitude that the
-    pilot run assumed for this part. During pilot runs, `limits.progress` is called with the start
-    time.
+    A completed pilot run is repeated if the amplitude of a part is below 0.3 times the amplitude
+    that the pilot run assumed for this part. During pilot runs, `limits.progress` is called with
+    the start time.
 
     Parameters
     ----------
