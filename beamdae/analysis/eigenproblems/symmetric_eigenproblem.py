@@ -92,7 +92,9 @@ class SymmetricProblem:
         self.mode_count, self.zero_square = self.e.n - self.e.m, lin.zero_square
 
     def solve(self, count: int | None) -> UndampedModes:
-        """Return at least the `count` modes with the smallest |w^2|; all modes if `count` is None.
+        """Return all modes or, with sparse matrices, the `count` modes with the smallest |w^2|.
+
+        Sparse matrices are used for large systems if `count` is less than half the number of modes.
 
         Raises
         ------

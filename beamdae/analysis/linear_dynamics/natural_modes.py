@@ -114,7 +114,7 @@ class Modes:
 
     @cached_property
     def shares(self) -> dict[str, Array]:
-        """Share of each part in the kinetic energy of each mode [-]: arrays (k,) by part name."""
+        """Share of each moving part in the kinetic energy of each mode [-], (k,), by part name."""
         e = self._linearization.equations
         momentum = self._linearization.tangent.mass @ self.shapes.T
         energy = np.real(self.shapes.conj().T * momentum)

@@ -1,6 +1,7 @@
 """Predictor-corrector continuation of equilibrium paths, with branch switching.
 
-Steps are controlled by load, displacement or pseudo-arc length (Keller 1977); failed steps are cut.
+Steps are controlled by load, displacement or pseudo-arc length (Keller 1977). Failed steps are
+shortened and repeated.
 """
 
 from __future__ import annotations

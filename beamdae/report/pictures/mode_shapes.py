@@ -151,7 +151,7 @@ def create_modes_figure(modes: Modes | Buckling, title: str = "") -> Figure:
 def animate_mode(
     modes: Modes | Buckling, mode: int, path: str | Path | None = None, frames: int = 32
 ) -> Animation | Path:
-    """Animate one undamped period of a mode in a notebook or in a file.
+    """Animate one period of a mode, without decay or growth, in a notebook or in a file.
 
     Parameters
     ----------

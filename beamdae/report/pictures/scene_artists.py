@@ -41,7 +41,7 @@ class LineStyle(NamedTuple):
     color, width, dash
         Color, width [pt] and dash pattern, as defined by Matplotlib.
     fill, opacity
-        Fill color of a closed line (None for no fill) and its opacity.
+        Fill color of a closed line (None for no fill), and opacity of the fill.
     order
         Drawing order; lines of higher order cover lines of lower order.
     """

@@ -75,7 +75,7 @@ def draw_force_law(part: ForceLaw, builder: SceneBuilder) -> None:
 
 
 def draw_distributed_force(part: DistributedForce, builder: SceneBuilder) -> None:
-    """Draw arrows and a line through their tails, or heads if the load depends on the section."""
+    """Draw arrows and a line through their tails; only heads if the load varies with s."""
     sections = [part.beam.at(s) for s in np.linspace(0.0, part.beam.length, _DISTRIBUTED_ARROWS)]
     rows = [builder.add_attachment(section) for section in sections]
     middle = _DISTRIBUTED_ARROWS // 2
