@@ -81,8 +81,8 @@ class StudyOutputs:
     study, folder
         The study, and the folder of its results.
     create_writers
-        Function that returns two dicts of file-writing functions by name: the first for the table
-        and the page, the second for the pictures.
+        Function that returns two dicts of file-writing functions by name: the first for the page
+        and, in sweeps, the table; the second for the pictures.
     parquet
         If True, also write the trajectories as Parquet files.
     results
@@ -191,7 +191,7 @@ def _run_study(outputs: StudyOutputs, create_executor: Callable[[], Executor]) -
 
 
 def print_failures(results: StudyResults) -> None:
-    """Print one line for each of the first 16 failed cases, and the number of further failures.
+    """Print a line for each of the first 16 unsuccessful cases, and the number of further ones.
 
     Interrupted cases and cases that were not run are omitted.
     """

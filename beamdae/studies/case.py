@@ -271,7 +271,8 @@ def grid(**lists: Iterable[Any]) -> list[dict[str, Any]]:
     Raises
     ------
     BeamdaeError
-        If an argument is not a list of values, or there are more than a million combinations.
+        If an argument is not iterable, is a string or a dict, or there are more than a million
+        combinations.
 
     Examples
     --------

@@ -238,7 +238,7 @@ def study(
     references, columns, t_end, output_step, repetitions, over, errors
         See `Study`.
     time_limit
-        Maximum wall time of a case [s]. Defaults to 120 s; None means no limit.
+        Maximum wall time of each repetition of a case [s]. Defaults to 120 s; None means no limit.
     memory_limit
         Maximum memory of the process of a case [GB]. Defaults to no limit.
     patience

@@ -56,7 +56,7 @@ class Reference:
 
     @property
     def resolution(self) -> float:
-        """Smallest error that the reference can resolve: ten times its uncertainty."""
+        """Smallest error that the reference can resolve: ten times its uncertainty; may be NaN."""
         return RESOLUTION_FACTOR * self.uncertainty
 
 

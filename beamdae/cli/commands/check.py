@@ -25,8 +25,7 @@ def check_command(
 ) -> None:
     """Build a model, compute its consistent start, and report its mobility, meshes and defects.
 
-    Exits with 0 if the model can be run, and with 2 for a usage or model error, which the report
-    explains.
+    Exits with 0 if the model can be run, and with 2 and a message for a usage or model error.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 

@@ -35,8 +35,8 @@ class Outline:
 def read_outline(file: Path) -> Outline:
     """Return the outline of a file.
 
-    The outline of an unreadable file, and of a pipe or device, is empty. If the file has a syntax
-    error, `defines` is True if the file mentions beamdae.
+    The outline of an unreadable file, and of a pipe or device, is empty. The outline of a file that
+    cannot be parsed contains no names, and `defines` is True if the file mentions beamdae.
     """
     if not file.is_file():
         return Outline()

@@ -44,7 +44,7 @@ _HOST_AND_PORT = re.compile(r"(?:\[[\w:.%]+\]|[\w.-]+):(?P<port>\d{1,5})")
 
 
 class TaskResult(NamedTuple):
-    """A finished task and its outcome.
+    """Result of an executor for one task.
 
     Attributes
     ----------

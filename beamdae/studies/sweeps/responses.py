@@ -141,7 +141,7 @@ class Panel:
     Attributes
     ----------
     title, unit
-        Name and unit of the quantity on the vertical axis.
+        Name and unit of the quantity on the vertical axis; the unit is "" if there is none.
     lines
         Columns of the table, keyed by measure; a single column has the key "".
     """

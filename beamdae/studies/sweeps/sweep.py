@@ -284,8 +284,8 @@ def sweep(
     ------
     BeamdaeError
         If an argument is invalid, a parameter is unknown, has no values or values of the wrong
-        type, a column does not exist, or `folder` cannot be written. If the model rejects a value,
-        no error is raised; the row of the run contains the reason.
+        type, a column does not exist, `folder` cannot be written, or `progress` fails. If the model
+        rejects a value, no error is raised; the row of the run contains the reason.
     Interrupted
         If Ctrl-C ends the sweep; `Interrupted.partial` contains the results so far. Call the sweep
         again with the same `folder` to resume.

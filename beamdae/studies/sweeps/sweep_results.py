@@ -303,7 +303,11 @@ def create_sweep_results(results: StudyResults) -> SweepResults:
 
 
 def list_warnings(swept: SweepResults) -> Iterator[str]:
-    """Yield a message about failed runs and a message about runs with warnings, if any."""
+    """Yield messages about the runs of a sweep.
+
+    There is one message about all unsuccessful runs, if any, and one about all successful runs with
+    warnings, if any.
+    """
     failed = swept.table[STATUS] != "ok"
     with_warnings = (swept.table[WARNINGS] != "") & ~failed
     for selection, column, problem in (
