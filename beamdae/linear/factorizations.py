@@ -80,7 +80,7 @@ class DenseFactorization:
 class SparseFactorization:
     """SuperLU factors in a bordered ordering; the cost is linear in the number of beam elements.
 
-    Rows of the band are scaled to size 1, rows of the border
+    Rows of the band are scaled to a largest entry near 1, rows of the border
     (`orderings.compute_bordered_ordering`) to far less. SuperLU therefore chooses pivots from the
     border only if the band has none. Without this scaling, it takes pivots from the dense rows of
     floating frames, which may increase the number of entries of the factors a hundredfold. A test

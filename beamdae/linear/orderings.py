@@ -45,7 +45,7 @@ class Ordering(NamedTuple):
 
     @property
     def row_weights(self) -> Array:
-        """Sizes to which the ordered rows are scaled: far below 1 in the border, 1 elsewhere."""
+        """Weights of the ordered rows: far below 1 in the border, 1 elsewhere."""
         size = len(self.order)
         return np.where(np.arange(size) < size - self.border, 1.0, _BORDER_WEIGHT)
 

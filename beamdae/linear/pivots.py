@@ -100,7 +100,7 @@ class _OrderedPattern(NamedTuple):
     starts, indices, sources
         Permuted CSC pattern, and the indices of its entries in the original CSC pattern.
     weights
-        Sizes to which the rows are scaled.
+        Weights by which the scaled rows are multiplied.
     """
 
     order: Array

@@ -20,9 +20,10 @@ def activate(*parts: Part, as_is: bool = False) -> Switch:
     A joint must be closed when it becomes active. With `as_is`, the joint instead keeps the gap it
     has at the event: a driver continues from the angle or travel it has reached, a link keeps its
     length, a guide its offset, a gear its phase; a weld or a hinge keeps the position of point `b`
-    on the body of `a` (if `a` is a particle, of `a` on the body of `b`). The force of a weld or a
-    hinge with such a gap acts at point `b` (if `a` is a particle, at `a`), and `reaction_on` does
-    not include the moment of this force about the other point.
+    on the body of `a` (if `a` is a particle, of `a` on the body of `b`), and a weld also keeps the
+    relative angle. The force of a weld or a hinge with such a gap acts at point `b` (if `a` is a
+    particle, at `a`), and `reaction_on` does not include the moment of this force about the other
+    point.
 
     Parameters
     ----------
