@@ -131,7 +131,7 @@ class Check:
     Attributes
     ----------
     name
-        Name of the model.
+        Name of the model function; "mechanism" if the model was built without one.
     coordinates, constraints, rank
         Numbers of coordinates, of constraints, and of independent constraints at the start; `rank`
         is None if there are more than 1500 constraints.

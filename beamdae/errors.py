@@ -353,7 +353,10 @@ def require_keywords(part: str, settings: Mapping[str, Any], function: Callable[
 
 
 def require_pair(part: str, name: str, value: Any, what: str = "a pair (x, y)") -> tuple[Any, Any]:
-    """Return the two entries of `value`, or raise BeamdaeError with `what` as expected value."""
+    """Return the two entries of `value`, or raise BeamdaeError.
+
+    `what` describes the expected value in the message.
+    """
     entries = require_sequence(part, name, value, what)
     if len(entries) != 2:
         raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")

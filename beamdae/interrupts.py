@@ -116,8 +116,8 @@ def acknowledge() -> bool:
     """Stop raising the pending interrupt, because the caller ends the call itself.
 
     Call this function first where KeyboardInterrupt is caught to keep results. Return True if an
-    interrupt was pending, even if C code discarded its exception; return False in other threads
-    than the main thread.
+    interrupt was pending, even if C code discarded its exception. Outside the main thread, do
+    nothing and return False.
     """
     if threading.current_thread() is not threading.main_thread():
         return False

@@ -115,7 +115,7 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
 
     - after `Radau`, or `Ida` with a maximum order above 2, it uses the same method, and the
       factor is 1.75 / (1 - (n / n2)^p), at most 3, with the numbers of steps n and n2 of the first
-      and second runs and the order p;
+      and second runs and p = 5 for `Radau` or the maximum order for `Ida`;
     - after `GeneralizedAlpha`, or `Ida` with a maximum order of 1 or 2, it uses `Radau`, and the
       factor is 1.25: the same method would take two to three times the steps.
 

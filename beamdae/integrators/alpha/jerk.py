@@ -120,7 +120,7 @@ class AdaptiveAlphaWorkspace(AlphaWorkspace):
     jerk
         Work arrays of the jerk that corrects velocities when the step changes.
     corrects_velocities
-        1 if velocities are corrected.
+        1 if velocities are corrected when the step changes, otherwise 0.
     """
 
     jerk: JerkBuffers
