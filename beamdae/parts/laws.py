@@ -229,7 +229,7 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
     ------
     BeamdaeError
         If a number is not finite, a function or a piece of a `Law` is not a formula in t, a
-        function is not smooth, or the value at `start` is not finite or exceeds 1e75.
+        function is not smooth, or the value at `start` is not finite or exceeds 1e75 in magnitude.
     """
     if isinstance(value, Law):
         law = value
@@ -485,7 +485,7 @@ def _require_numeric_agreement(
 ) -> None:
     """Raise BeamdaeError if the expression of a law differs from the values of its function.
 
-    For example, a function that calls float(t) is nan if t is a symbol.
+    For example, a function that calls float(t) returns nan for a symbol t.
     """
     times = start + np.array(_SAMPLE_TIMES)
     try:
