@@ -101,7 +101,7 @@ class Case:
     def series(self) -> str:
         """Label without the value of step or rtol, such as `Ida(rtol)`.
 
-        Cases of a group that have the same series form one curve.
+        In work-precision plots, the cases of a group that have the same series form one curve.
         """
         accuracy = self.integrator.accuracy.name
         others = [f"{k}={v}" for k, v in self.changed.items() if k != accuracy]

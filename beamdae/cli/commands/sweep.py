@@ -139,7 +139,7 @@ def parse_values(model: Model, name: str, text: str) -> list[Any]:
     Raises
     ------
     BeamdaeError
-        If the parameter is unknown, or the text has none of the supported forms.
+        If the parameter is unknown, a value has the wrong type, or a range has a wrong form.
     """
     if type(model.parameters.get(name)) in (int, float) and ":" in text:
         return _parse_range(model, name, text)

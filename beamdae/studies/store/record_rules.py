@@ -139,7 +139,7 @@ _OUTCOME = record(
 
 
 def check_outcome(content: Any) -> None:
-    """Raise FieldError unless the content of a record has the fields that `Store.save` writes."""
+    """Raise FieldError unless a record has the fields and types that `Store.save` writes."""
     _OUTCOME(content)
     rows = content["rows"]
     if rows is None and content["status"]["kind"] == "ok":
