@@ -438,12 +438,12 @@ class Configuration:
 @read_only_data
 @dataclass(frozen=True)
 class ImpactEquations:
-    """Equations of the active parts, extended by the constraints of an impact.
+    """Equations of the active parts, extended by the constraints of the impacts of an event.
 
     Attributes
     ----------
     equations
-        Equations with the constraints of the active parts and of the impact.
+        Equations with the constraints of the active parts and of the impacts.
     restitution
         Coefficient of restitution of each impact constraint, by name of its multiplier.
     gaps

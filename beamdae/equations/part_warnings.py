@@ -404,7 +404,7 @@ class MotionSamples(NamedTuple):
     Attributes
     ----------
     times
-        Rows (t, branch), ascending in a run; equal for arbitrary states, (k, 2) [s].
+        Rows (t, branch), (k, 2) [s]: ascending in a run, all equal without a run.
     q, v
         Coordinates and velocities, (k, n).
     exchanged_energy

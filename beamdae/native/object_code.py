@@ -69,7 +69,8 @@ def load_object(
     Warns
     -----
     KernelWarning
-        If the cache or the compiler cannot be used; once per process and reason.
+        If the cache or the compiler cannot be used, or `is_correct` returns False; once per process
+        and reason.
     """
     if not is_native_enabled():
         return None

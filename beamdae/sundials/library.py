@@ -89,7 +89,6 @@ def _find_images() -> list[ctypes.CDLL]:
 
 
 def _find_extension_module() -> str:
-    """Return the path of scikit-sundae's compiled IDA."""
     package = PathFinder.find_spec("sksundae")
     folders = package.submodule_search_locations if package else None
     module = PathFinder.find_spec("sksundae._cy_ida", folders) if folders else None

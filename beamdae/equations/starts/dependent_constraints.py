@@ -116,7 +116,8 @@ class DependentSet:
     parts
         Names of the parts to which the constraints belong.
     blocks
-        Phrase for the motion that the last of these parts blocks although the others already do.
+        Phrase for the motion that these parts all block, or that a single part blocks more than
+        once.
     contradiction
         Differences of the prescribed values [m or rad] and of their rates [m/s or rad/s]; zero if
         the constraints agree.
@@ -311,7 +312,7 @@ def _part_name(constraint: str) -> str:
 def _describe_blocked_motion(
     equations: EquationsOfMotion, q: Array, matrix: Array, members: Array, weights: Array
 ) -> str:
-    """Describe the motion that the last part of a set blocks although the others already do.
+    """Describe the motion that the parts of a set all block.
 
     If sum w_i G_i = 0, the sum over the rows of one part is minus the sum over the other parts, so
     that this part and the others block the same combination of coordinates. The motion is the
