@@ -416,7 +416,7 @@ def measure_fit(curve: PlaneCurve, points: Array) -> Mapping[str, float]:
 
 
 def _distance_to_curve(p: Array, on_curve: Array, tangent: Array) -> float:
-    """Return the distance [m] to the tangent at the nearest sample, or to a nearest end."""
+    """Return the distance [m] to the nearest sample if this is an end, else to its tangent."""
     nearest = int(np.argmin(np.sum((on_curve - p) ** 2, axis=1)))
     dx, dy = p - on_curve[nearest]
     if nearest in (0, len(on_curve) - 1):

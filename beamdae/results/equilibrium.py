@@ -85,7 +85,7 @@ class Equilibrium:
         Lagrange multipliers of the constraints (k, m) [N or N m].
     unstable
         Number of unstable directions of each equilibrium under constant loads (k,), or -1 if it is
-        not known. If it is 0, the equilibrium is stable unless it can move without stiffness.
+        not known. If it is 0, the equilibrium is stable, unless it can move without stiffness.
     critical
         Limit, branch and flutter points, in the order of the path.
     settings
@@ -137,6 +137,8 @@ class Equilibrium:
 
     def at(self, row: int) -> Equilibrium:
         """Return the path up to and including a row, for example up to a critical point.
+
+        `status`, `settings` and `free` remain those of the whole path.
 
         Parameters
         ----------

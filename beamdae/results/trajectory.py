@@ -30,12 +30,15 @@ class Interval:
     For multistep methods and one-step methods without stages, the dense output within a step is the
     Lagrange polynomial through the states at the end of the step and at the preceding steps
     (Hairer, Norsett & Wanner, Solving ODEs I, 1993, section III.6), of degree 4 for q and v and
-    degree 3 for a and lam. For methods with stages, the dense output is the collocation polynomial
-    through the start of the step and its stages, the last of which is the end of the step (Hairer &
-    Wanner, Solving ODEs II, 1996, section IV.8); q is the integral of v, one degree higher, with a
-    linear correction that matches q at the end of the step. Hermite interpolation is not used: with
-    the step size h, the terms h v and h^2 a contain modes that the step does not resolve, and stiff
-    sections would amplify these modes to spurious forces far larger than the forces at the steps.
+    degree 3 for a and lam. Near the start of an interval, it also passes through later states; in
+    short intervals, its degree is lower. For methods with stages, the dense output is the
+    collocation polynomial through the start of the step and its stages, the last of which is the
+    end of the step (Hairer & Wanner, Solving ODEs II, 1996, section IV.8); q is the integral of v,
+    one degree higher, with a linear correction that matches q at the end of the step.
+
+    Hermite interpolation is not used: with the step size h, the terms h v and h^2 a contain modes
+    that the step does not resolve, and stiff sections would amplify these modes to spurious forces
+    far larger than the forces at the steps.
 
     The first state of an interval is consistent with the laws, but fast modes have not yet
     responded to the laws of this interval. The polynomials therefore exclude the first state,

@@ -54,9 +54,9 @@ class BeamRange:
     error
         Estimated error of deflections due to the strain measure, relative to half their range in a
         run or to the deflection in equilibrium. None if the strain measure does not limit the
-        rotation. In the mechanisms of validation/strain_validity, the estimate is 0.9 to 14 times
-        the actual error (median 2.5). The estimate is far too large for flexures whose deformation
-        is prescribed by heavier parts, and meaningless above 0.5.
+        rotation. In the mechanisms of validation/strain_validity with errors above 1e-4, estimates
+        below 0.5 are 0.9 to 17 times the error (median 2.4). The estimate is far too large for
+        flexures whose deformation is prescribed by heavier parts, and meaningless above 0.5.
     remedies
         Settings of the beam that reduce the error, as alternatives to splitting the beam; may be
         empty.

@@ -1,4 +1,4 @@
-"""Warnings about runs whose energy balance, residual or columns indicate an unreliable result."""
+"""Warnings about runs whose energy balance, residual or columns are unreliable."""
 
 from __future__ import annotations
 

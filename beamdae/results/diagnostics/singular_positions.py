@@ -115,9 +115,10 @@ def _find_in_stretch(
 
 
 def _select_minima(values: Array) -> Array:
-    """Return the indices of at most 64 samples near which the function may vanish.
+    """Return the indices of at most 64 samples near which the singular value may vanish.
 
-    These are steep minima above the threshold and the first sample of each stretch below it.
+    These are steep minima above the threshold and the first sample of each stretch below it, except
+    the first sample of the run.
     """
     is_low = values < _SINGULAR_RATIO * values.max()
     following = np.append(values[1:], np.inf)

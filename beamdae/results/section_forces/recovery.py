@@ -282,7 +282,6 @@ class _BeamSections:
 
 
 def _find_beam(equations: EquationsOfMotion, beam: Any) -> Beam:
-    """Return the beam of the equations, given as a part or by name."""
     mechanism = equations.mechanism
     parts = {} if mechanism is None else mechanism.parts
     beam = plain_text(beam)

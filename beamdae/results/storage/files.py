@@ -309,7 +309,7 @@ def _is_running(process: int) -> bool:
 def versions() -> dict[str, str]:
     """Return the versions of beamdae and of the packages that affect numerical results.
 
-    Missing packages, which may be scikit-sundae, are listed as "not installed".
+    The version of a package that is missing is "not installed".
     """
     from importlib.metadata import PackageNotFoundError, version
 

@@ -202,7 +202,10 @@ def require_json_limits(path: Path, kind: FileKind, raw: bytes) -> None:
 
 
 def _measure_nesting(raw: bytes) -> tuple[int, int]:
-    """Return an upper bound of the number of lists and objects, and their nesting."""
+    """Return an upper bound of the number of lists and objects, and the depth of nesting.
+
+    The depth is 0 if the number exceeds its limit.
+    """
     begins = raw.count(b"[") + raw.count(b"{")
     ends = raw.count(b"]") + raw.count(b"}")
     if max(begins, ends) > _MAX_JSON_CONTAINERS:
@@ -231,7 +234,7 @@ def translate_field_errors(path: Path, kind: FileKind) -> Iterator[None]:
 def checksum(content: Any, arrays: Mapping[str, Array] | None = None, **layout: Any) -> str:
     """Return a hash of JSON content and arrays, independent of the layout of the file.
 
-    `layout` contains further arguments of `json.dumps`; they affect the hash.
+    `layout` contains further arguments of `json.dumps`, which formats the content to be hashed.
     """
     digest = hashlib.sha256(json.dumps(content, **layout).encode())
     for name, array in sorted((arrays or {}).items()):
@@ -385,7 +388,6 @@ def _has_small_directory(stream: BinaryIO, size: int) -> bool:
 
 
 def _read_header(member: Any) -> ArrayHeader:
-    """Read the header of an array in the NumPy format."""
     read: dict[tuple[int, int], Callable[..., Any]] = {
         (1, 0): np.lib.format.read_array_header_1_0,
         (2, 0): np.lib.format.read_array_header_2_0,
