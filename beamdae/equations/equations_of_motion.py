@@ -163,7 +163,7 @@ class Observable:
 
 @dataclass(frozen=True)
 class EventTerm:
-    """Event of a run: an observed column crosses a value.
+    """Event of a run: a column of an observable crosses a value.
 
     Attributes
     ----------
@@ -254,7 +254,7 @@ class PartStatements(NamedTuple):
 
 
 class Start(NamedTuple):
-    """Requested initial conditions other than "as drawn".
+    """Requested initial conditions.
 
     Attributes
     ----------

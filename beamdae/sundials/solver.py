@@ -145,7 +145,8 @@ class IdaSolver:
     Attributes
     ----------
     t, y, yp
-        Time [s] and state after the last step; IDA writes the state into the arrays y and yp.
+        Time [s] and state, set by `start` and by each step; IDA writes the state into the arrays y
+        and yp.
     errors
         Array into which IDA writes local errors or error weights, whichever are requested.
     pointers
@@ -228,7 +229,7 @@ class IdaSolver:
 
     @property
     def t(self) -> float:
-        """Time after the last step [s]."""
+        """Time at the start or after the last step [s]."""
         return self._t.value
 
     def start(self, t: float, y: Array, yp: Array, first_step: float) -> None:

@@ -108,7 +108,8 @@ class FirstOrderForm:
     equations, formulation
         Equations of motion, and the form to which they are converted.
     pattern
-        CSC pattern of the Jacobian, (size, size).
+        CSC pattern of the Jacobian, (size, size); for a form built with `apart`, of each of its two
+        parts.
     sums
         Plans of the sums of kernels that evaluate the residual and the Jacobian, with the inputs
         (y, y').
@@ -156,7 +157,10 @@ class FirstOrderForm:
         return result
 
     def jacobian(self, time: Array, y: Array, yp: Array, c: float) -> Array:
-        """Return the non-zeros of dR/dy + c dR/dy' on `pattern` at time = (t, branch)."""
+        """Return the non-zeros of dR/dy + c dR/dy' on `pattern` at time = (t, branch).
+
+        The form must have been built without `apart`.
+        """
         result = np.zeros(self.pattern.nnz)
         t, branch = time
         evaluate_jacobian(self._buffers, t, branch, c, y, yp, result)

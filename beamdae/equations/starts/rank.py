@@ -83,7 +83,7 @@ class ConstraintJacobian:
         """Return the names of the joints that become dependent where G loses rank, at or near `q`.
 
         These are the joints with the largest entries in the left singular vector of the smallest
-        singular value, except singular values that vanish due to redundant constraints.
+        singular value that is not zero due to redundant constraints.
         """
         left_vectors, _, _ = np.linalg.svd(self.at(time[None], q[None])[0])
         share = np.abs(left_vectors[:, self.rank - 1])

@@ -26,7 +26,7 @@ _REDUNDANT_GAP_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class ReducedEquations:
-    """Equations of motion with independent constraints only.
+    """Equations of motion before and after the removal of dependent constraints.
 
     Attributes
     ----------

@@ -141,7 +141,7 @@ class StateEvaluator:
         return self.sums.saddle.sum(False, self.equations.p)
 
     def rest_state(self, q: Array) -> State:
-        """Return the state at positions `q` with zero velocities, accelerations and reactions."""
+        """Return the state at rest at positions `q`, with zero accelerations and multipliers."""
         zeros = np.zeros(self.equations.n)
         return State(q, zeros, zeros, np.zeros(self.equations.m))
 
