@@ -87,8 +87,8 @@ class Views(Protocol):
 
 
 def load_views() -> Views:
-    """Import and return `beamdae.views`, which draws results.
+    """Import and return `beamdae.views`, which displays results.
 
-    Result classes do not import drawing code; their plotting methods call this function instead.
+    Result classes do not import drawing code; their display methods call this function instead.
     """
     return cast("Views", deferred.module("views"))

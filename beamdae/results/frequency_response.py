@@ -67,7 +67,7 @@ class FrequencyResponse:
         The motions, in order along the curve; empty if no first motion was found.
     status
         Outcome of the continuation; `status.kind` is "ok" if the curve reached the end of the range
-        or returned to its start.
+        of the parameter or returned to the start of the range.
     """
 
     parameter: str

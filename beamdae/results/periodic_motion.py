@@ -29,9 +29,9 @@ class PeriodicMotion:
     Attributes
     ----------
     solution
-        One period of the motion, of the best iterate if the search did not converge, or the
-        incomplete run if a run of the search ended early. After an incomplete run, `multipliers` is
-        empty, and `multiplier_error` and `off` are infinite.
+        One period of the motion or, if the search did not converge, of its best iterate. If a run
+        of the search ended early, this incomplete run; then, `multipliers` is empty, and
+        `multiplier_error` and `off` are infinite.
     period
         Period [s].
     multipliers

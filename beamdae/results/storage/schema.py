@@ -63,7 +63,10 @@ def wrong_value(allowed: str, value: Any) -> FieldError:
 def number(
     least: float = -math.inf, most: float = math.inf, finite: bool = True, optional: bool = False
 ) -> Rule:
-    """Return the rule for a number; `finite` excludes inf and NaN, and `optional` allows None."""
+    """Return the rule for a number from `least` to `most`.
+
+    `finite` excludes inf and NaN, and `optional` allows None.
+    """
     bounds = " and ".join(
         [f"of at least {least:g}"] * (least > -math.inf) + [f"at most {most:g}"] * (most < math.inf)
     )
@@ -96,7 +99,7 @@ def start_value(value: Any) -> None:
 
 
 def integer(least: int = -MAX_INTEGER, most: int = MAX_INTEGER, optional: bool = False) -> Rule:
-    """Return the rule for a whole number; `optional` allows None."""
+    """Return the rule for a whole number from `least` to `most`; `optional` allows None."""
     allowed = f"a whole number from {least} to {most}" + " or null" * optional
     if most == MAX_INTEGER:
         allowed = f"a whole number of at least {least}" + " or null" * optional
