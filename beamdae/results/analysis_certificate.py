@@ -79,7 +79,7 @@ class AnalysisCertificate(CertificateStatus):
 
     @property
     def budget(self) -> pd.DataFrame:
-        """Table with value, scale, mesh error, accuracy, verdict and theory error of each column."""
+        """Table with value, scale, mesh error, accuracy, verdict and theory error per column."""
         import pandas as pd
 
         rows = {
