@@ -142,8 +142,8 @@ class Arc:
     Raises
     ------
     BeamdaeError
-        If an argument is not finite, the radius is zero, the length is not positive, the angle
-        exceeds 1e6 rad in absolute value, or the arc is longer than a full circle.
+        If an argument is invalid, the radius is zero, the length is not positive, the angle exceeds
+        1e6 rad in absolute value, or the arc is longer than a full circle.
 
     Examples
     --------

@@ -239,7 +239,7 @@ class Equilibrium:
         Raises
         ------
         BeamdaeError
-            If no column has one of the names.
+            If a name selects no column.
         """
         return load_views().plot_equilibrium_path(self, names)
 

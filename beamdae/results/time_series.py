@@ -181,7 +181,7 @@ class TimeSeries:
         Raises
         ------
         BeamdaeError
-            If no column has one of the names.
+            If a name selects no column.
         """
         return load_views().plot_time_series(self, *names)
 

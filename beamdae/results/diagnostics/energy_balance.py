@@ -84,8 +84,8 @@ class EnergyLedger:
     length
         Length of the mechanism [m].
     energies, powers, norms
-        Energies (k, 3) [J], powers (k, 3) [W] and norms (k, 5) at the k nodes of each interval, see
-        `measures.plan_balance`.
+        Energies (k, 3) [J], powers (k, 3) [W] and norms (k, 5) at the k nodes of an interval, one
+        array per interval; see `measures.plan_balance`.
     works
         Works (steps + 1, 3) [J] from the start of the run to the times `Interval.t`, one array per
         interval.

@@ -67,8 +67,8 @@ class Checkpoint:
     q, v
         Coordinates [m or rad] and velocities [m/s or rad/s] by coordinate name.
     events
-        Events that were executed at this time and do not occur again at the start of the resumed
-        run.
+        Names of the events that were executed at this time and do not occur again at the start of
+        the resumed run.
     due
         Events that occurred at this time but were not executed: direction "up" or "down" by event
         name.

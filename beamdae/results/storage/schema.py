@@ -199,7 +199,10 @@ def sequence(rule: Rule, lengths: Iterable[int] | None = None) -> Rule:
 
 
 def numbers(lengths: Iterable[int] | None = None, gaps: bool = False) -> Rule:
-    """Return a fast rule for a list of finite numbers, which may contain None if `gaps` is true."""
+    """Return a fast rule for a list of finite numbers; `gaps` allows None among the numbers.
+
+    For `lengths`, see `sequence`.
+    """
     slow = sequence(number(optional=gaps), lengths)
     allowed_lengths = None if lengths is None else set(lengths)
     types = {float, type(None)} if gaps else {float}
