@@ -345,8 +345,9 @@ def resolve_error_control(
 def _max_lightly_damped_frequency(mode: Mode) -> float:
     """Return the highest frequency [rad/s] at which modes of a body may be lightly damped.
 
-    The damping ratio due to material damping is proportional to frequency, so that BDF of order 5
-    is stable for the modes above this frequency.
+    `mode` is the fastest mode of the body. The damping ratio due to material damping is
+    proportional to frequency, so that BDF of order 5 is stable for modes above the frequency
+    returned.
     """
     if mode.damping_ratio <= STABLE_DAMPING_RATIO:
         return mode.frequency

@@ -31,7 +31,7 @@ _NAME_DIGITS = 8
 
 
 class Struct(types.Type):
-    """Type of objects of a class; `fields` maps names to (first word, type)."""
+    """Numba type of a table that holds one object; `fields` maps names to (first word, type)."""
 
     def __init__(self, name: str, fields: dict[str, tuple[int, types.Type]]) -> None:
         self.fields = fields

@@ -241,9 +241,9 @@ class KinematicConstraint(Part):
 
     @property
     def offset_carrier(self) -> str | None:
-        """Name of the point whose axes carry the first two offsets of a frozen gap; see `activate`.
+        """Name of the point in whose axes the first two offsets of a frozen gap are constant.
 
-        If None, the offsets are constant.
+        If None, the offsets are used without rotation. For frozen gaps, see `activate`.
         """
         return None
 
