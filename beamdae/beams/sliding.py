@@ -58,7 +58,7 @@ _SEARCH_ITERATIONS = 10
 
 # All nodes of the beam are in one constraint kernel. Measured: a step with 30 elements takes 35
 # times as long as with 16 elements, a step with 60 elements thousands of times as long.
-_MAX_ELEMENTS = 32
+MAX_ELEMENTS_WITH_SLIDER = 32
 
 _SLIDER_OPERATOR = sp.eye_array(1, format="csr")
 
@@ -309,7 +309,7 @@ class SlidingOnBeam(Part):
         Attachment of another part; it must lie on the axis of the beam in the reference
         configuration.
     beam
-        The beam, of at most 32 elements, not counting those that assembly adds at attachments.
+        The beam, of at most 32 elements, including those that assembly adds at attachments.
     ends
         Action when the point passes an end: "record" the event and continue (default), or "stop"
         the run.
@@ -345,12 +345,7 @@ class SlidingOnBeam(Part):
             raise BeamdaeError(
                 f"{self.name}: the point must belong to a body other than the beam, got {self.a}."
             )
-        if self.beam.mesh.elements > _MAX_ELEMENTS:
-            raise BeamdaeError(
-                f"{self.name}: the beam must have at most {_MAX_ELEMENTS} elements, "
-                f"but {self.beam.name} has {self.beam.mesh.elements}; use fewer "
-                "elements, with up to 4 nodes each."
-            )
+        self._require_few_elements()
         section = self.beam.at(self._initial_arc_length)
         gap = float(np.hypot(*np.subtract(section.point, self.a.point)))
         if gap > meeting_tolerance(self.a, section):
@@ -358,6 +353,14 @@ class SlidingOnBeam(Part):
                 f"{self.name}: the point must lie on the beam in the reference "
                 f"configuration, but {self.a} is {gap:.6g} m off the axis of "
                 f"{self.beam.name}."
+            )
+
+    def _require_few_elements(self) -> None:
+        if self.beam.mesh.elements > MAX_ELEMENTS_WITH_SLIDER:
+            raise BeamdaeError(
+                f"{self.name}: the beam must have at most {MAX_ELEMENTS_WITH_SLIDER} elements, "
+                f"but {self.beam.name} has {self.beam.mesh.elements} (assembly adds elements at "
+                "attachments); use fewer elements, with up to 4 nodes each."
             )
 
     @cached_property
@@ -477,7 +480,15 @@ class SlidingOnBeam(Part):
         return False
 
     def constraints(self) -> list[ConstraintStatement]:
-        """Return the two constraint equations, x and y."""
+        """Return the two constraint equations, x and y.
+
+        Raises
+        ------
+        BeamdaeError
+            If the beam has more than 32 elements.
+        """
+        # Assembly may have added elements since the construction.
+        self._require_few_elements()
         sizes = self._sizes
         kernel, data = build_formula_kernel(
             _TrackConstraint(sizes, self._nodes), self._functions, sum(sizes) + 1, 2

@@ -126,9 +126,7 @@ class Law:
         return Formula(kind, (*self.breakpoints, *piece_numbers))
 
     def at(self, t: float) -> float:
-        """Return the value at time `t` [s]; the piece valid at `t` must accept numbers.
-
-        The spline of a `table` accepts only symbols.
+        """Return the value at time `t` [s].
 
         Raises
         ------
@@ -138,7 +136,7 @@ class Law:
         """
         t = require_finite("Law.at", "t", t)
         try:
-            return float(self.pieces[bisect_right(self.breakpoints, t)](t))
+            return _evaluate_at(self.pieces[bisect_right(self.breakpoints, t)], t)
         except Exception as problem:
             raise BeamdaeError(
                 f"Law.at: the law at t = {t:g} s must be a number, but the call failed: "
@@ -166,6 +164,18 @@ def _evaluate_piece(piece: Callable[[Any], Any], t: SX) -> Any:
     if getattr(value, "ndim", None) == 0:
         value = value.item()
     return SX(value) if isinstance(value, (SX, ca.DM)) else value
+
+
+def _evaluate_at(piece: Callable[[Any], Any], t: float) -> float:
+    """Return the value of a piece at the number t, also if the piece accepts only expressions."""
+    try:
+        return float(piece(t))
+    except Exception as problem:
+        # Some functions of CasADi, such as the steps of a `table`, accept symbols only.
+        try:
+            return float(ca.evalf(_evaluate_piece(piece, SX(t))))
+        except Exception:
+            raise problem from None
 
 
 @dataclass(frozen=True)

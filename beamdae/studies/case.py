@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from itertools import product
 from typing import Any
@@ -164,13 +164,13 @@ class Case:
 
         Undeclared files that the model reads are known only after the run; the record of the run
         contains their hashes. `t_end` and `output_step` are the end time and the time between rows
-        [s]. See `mechanism_fingerprint` for `digests` and errors; an integrator whose class cannot
-        be reproduced is also an error.
+        [s]. See `mechanism_fingerprint` for `digests` and errors; an integrator whose class or
+        settings cannot be reproduced is also an error.
         """
         digests = {} if digests is None else digests
         kind = type(self.integrator)
         code = cached_digest(digests, kind, lambda: _digest_integrator(kind))
-        settings = asdict(self.integrator)  # type: ignore[call-overload]
+        settings = _digest_settings(self.integrator)
         mechanism = self.mechanism_fingerprint(digests)
         return digest([mechanism, code, settings, t_end, output_step])[:FINGERPRINT_LENGTH]
 
@@ -215,6 +215,20 @@ def _digest_integrator(kind: type[Integrator]) -> str:
             f"{kind.__name__}: {problem.location} must be {_REPRODUCIBLE_VALUES}, "
             f"got an object of type {problem.kind}; create this object inside a method."
         ) from None
+
+
+def _digest_settings(integrator: Integrator) -> dict[str, str]:
+    digests = {}
+    for setting in fields(integrator):  # type: ignore[arg-type]
+        value = getattr(integrator, setting.name)
+        try:
+            digests[setting.name] = digest_transferable(value)
+        except FingerprintError as problem:
+            raise BeamdaeError(
+                f"{type(integrator).__name__}: {setting.name} must be {_REPRODUCIBLE_VALUES}, got "
+                f"{short_repr(value)} ({problem.location} has the type {problem.kind})."
+            ) from None
+    return digests
 
 
 @cache

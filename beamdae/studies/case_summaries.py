@@ -50,7 +50,9 @@ def summarize_mesh_study(cases: pd.DataFrame, over: str) -> pd.DataFrame:
     Only successful cases are included. Errors that are zero or that the reference cannot resolve
     are omitted. `over` is the name of the refined parameter.
     """
-    lines = []
+    lines: list[dict[str, Any]] = []
+    if ERROR_COLUMN not in cases:
+        return pd.DataFrame(lines, columns=_COLUMNS)
     for group, rows in cases[cases["status"] == "ok"].groupby("group", sort=False):
         resolved = rows.dropna(subset=[ERROR_COLUMN]).sort_values(over)
         resolved = resolved[~resolved["below resolution"] & (resolved[ERROR_COLUMN] > 0.0)]

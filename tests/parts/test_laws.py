@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from scipy.interpolate import CubicSpline
 
 import beamdae as bd
 from beamdae.parts.laws import as_law
@@ -279,3 +280,13 @@ def test_law_rejects_invalid_breakpoints(pieces, breakpoints, message):
 def test_law_rejects_pieces_that_are_not_functions():
     with pytest.raises(bd.BeamdaeError, match="pieces must be a tuple of functions"):
         bd.Law(np.sin)
+
+
+def test_regression_tables_have_values_at_numbers():
+    """The steps of the spline accepted symbols only."""
+    law = bd.table([0.0, 1.0, 2.0, 4.0], [0.0, 1.0, 0.0, 2.0])
+    at_rows = [law.at(t) for t in (-1.0, 0.0, 1.0, 2.0, 4.0, 5.0)]
+    assert at_rows == pytest.approx([0.0, 0.0, 1.0, 0.0, 2.0, 2.0], abs=1e-14)
+    spline = CubicSpline([0.0, 1.0, 2.0, 4.0], [0.0, 1.0, 0.0, 2.0], bc_type="natural")
+    assert law.at(2.7) == pytest.approx(float(spline(2.7)), rel=1e-14)
+    assert bd.piecewise((9.0, 1.0), law).at(9.5) == 2.0

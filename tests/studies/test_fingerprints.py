@@ -326,6 +326,27 @@ def test_regression_parameters_that_cannot_be_reproduced_are_refused(value, word
         bd.Study("made", (bd.Case(swing, {"extra": value}),))
 
 
+@dataclass(frozen=True)
+class Guarded(bd.GeneralizedAlpha):
+    guard: object = None
+
+
+@pytest.mark.parametrize(
+    ("guard", "words"),
+    [
+        (threading.Lock(), "got <unlocked _thread.lock object.* has the type lock"),
+        ({"deep": [threading.Lock()]}, r"\(item deep has the type lock\)"),
+        (Addressed(), "has the type Addressed"),
+    ],
+    ids=["lock", "inside", "address"],
+)
+def test_regression_settings_that_cannot_be_reproduced_are_refused(guard, words):
+    """`dataclasses.asdict` raised a TypeError."""
+    case = bd.Case(swing, {}, Guarded(step=1e-3, guard=guard))
+    with pytest.raises(bd.BeamdaeError, match=f"Guarded: guard must be .*{words}"):
+        case.fingerprint(1.0, 0.1)
+
+
 def test_globals_that_cannot_be_reproduced_are_refused(tmp_path):
     with pytest.raises(bd.BeamdaeError, match=r"falling: its global LOCK must be .*lock"):
         write_study(tmp_path, "import threading\nLOCK = threading.Lock()", "bool(LOCK)")

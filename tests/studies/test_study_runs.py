@@ -220,6 +220,15 @@ def test_study_without_references_runs_its_cases_only(swept):
     assert not swept.failed
 
 
+def test_regression_mesh_study_without_errors_has_an_empty_summary(tmp_path):
+    """The summary raised KeyError 'error [-]'."""
+    cases = tuple(bd.Case(swing, x, ALPHA) for x in bd.grid(mass=[1.0, 2.0]))
+    study = bd.Study("mesh", cases, over="mass", errors=False)
+    results = study_run.run_study(study, tmp_path, SerialPool())
+    assert "error [-]" not in results.table
+    assert results.summary.empty
+
+
 @pytest.mark.parametrize("masses", [(1.0, 1.0), (1.0, 2.0)], ids=["equal cases", "two groups"])
 def test_summary_is_written_only_with_errors(masses, tmp_path):
     """A group with a single run has no reference and no errors."""
