@@ -1,7 +1,8 @@
 """Equilibria, natural modes and periodic motions with an estimated mesh error.
 
 The error on the finest mesh follows from the ratio of the differences between three successive
-meshes, each with elements half as long as those of the previous mesh.
+meshes, each with elements half as long as those of the previous mesh. If a point slides along a
+beam of many elements, only two meshes may be possible; then the largest ratio is assumed.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from beamdae.analysis.periodic.shooting import DEFAULT_RTOL
 from beamdae.analysis.statics.static_equilibrium import equilibrium
 from beamdae.beams.beam import EXACT_FORMULATION
 from beamdae.beams.remeshing import BaseMesh, choose_base_meshes, with_meshes
+from beamdae.beams.sliding import MAX_ELEMENTS_WITH_SLIDER
 from beamdae.errors import BeamdaeError, require_count, require_positive, short_repr
 from beamdae.integrators import Integrator
 from beamdae.interrupts import interruptible
@@ -37,6 +39,7 @@ Array = np.ndarray
 
 _FIRST_ELEMENTS = 2
 _MIN_MESHES = 3
+# Elements of a beam up to which meshes are refined beyond the third.
 _MAX_ELEMENTS = 32
 # Factor applied to the error that follows from the ratio of two differences (Richardson).
 _SAFETY_FACTOR = 2.0
@@ -69,8 +72,10 @@ def certify_equilibrium(
     """Compute an equilibrium on meshes that are refined until its mesh error is small enough.
 
     Each mesh halves the elements of the previous one, until the required errors are small enough or
-    a beam would have more than 32 elements. An error estimate requires three meshes. Floating-frame
-    beams are replaced by geometrically exact beams, unless their mesh must not change.
+    a beam would have more than 32 elements. The first three meshes, from which errors are
+    estimated, may have more elements, except along beams with sliding points; there, errors that
+    follow from two meshes are larger, and a single mesh has infinite errors. Floating-frame beams
+    are replaced by geometrically exact beams, unless their mesh must not change.
 
     Parameters
     ----------
@@ -122,9 +127,11 @@ def certify_modes(
     """Compute natural modes on meshes that are refined until their frequencies are accurate.
 
     Each mesh halves the elements of the previous one, until the required errors are small enough or
-    a beam would have more than 32 elements. An error estimate requires three meshes. Floating-frame
-    beams are replaced by geometrically exact beams, unless their mesh must not change. Modes of
-    different meshes are matched by their order.
+    a beam would have more than 32 elements. The first three meshes, from which errors are
+    estimated, may have more elements, except along beams with sliding points; there, errors that
+    follow from two meshes are larger, and a single mesh has infinite errors. Floating-frame beams
+    are replaced by geometrically exact beams, unless their mesh must not change. Modes of different
+    meshes are matched by their order.
 
     Parameters
     ----------
@@ -188,10 +195,12 @@ def certify_periodic(
     """Find a periodic motion on meshes that are refined until its amplitudes are accurate.
 
     Each mesh halves the elements of the previous one, until the required errors are small enough or
-    a beam would have more than 32 elements. An error estimate requires three meshes. Floating-frame
-    beams are replaced by geometrically exact beams, unless their mesh must not change. Time
-    errors are not estimated; with an integrator that has an rtol (by default 1e-8), the stated
-    errors are at least 3 rtol.
+    a beam would have more than 32 elements. The first three meshes, from which errors are
+    estimated, may have more elements, except along beams with sliding points; there, errors that
+    follow from two meshes are larger, and a single mesh has infinite errors. Floating-frame beams
+    are replaced by geometrically exact beams, unless their mesh must not change. Time errors are
+    not estimated; with an integrator that has an rtol (by default 1e-8), the stated errors are at
+    least 3 rtol.
 
     Parameters
     ----------
@@ -280,19 +289,26 @@ def _certify(
     error = np.full(len(levels[0].values), np.inf)
     while len(levels) < _MIN_MESHES or not _is_within(error, required, accuracy):
         halvings = len(levels)
-        if max(base.refined(halvings).elements for base in refinable) > _MAX_ELEMENTS:
+        if not _can_refine(refinable, halvings):
             break
         levels.append(_evaluate(model, bases, halvings, True, evaluate))
         required = mark_required_columns(name, names, levels[-1].columns)
-        error = np.full(len(levels[-1].values), np.inf)
-        if len(levels) >= _MIN_MESHES:
-            error = np.maximum(_estimate_errors(levels), floor)
+        error = np.maximum(_estimate_errors(levels), floor)
     written = levels[-1]
     if any(not base.is_exact for base in refinable):
         written = _evaluate(model, bases, len(levels) - 1, False, evaluate)
     fine = levels[-1]
     theory = _relative(_resize(written.values, len(fine.values)) - fine.values, fine)
     return _finish(levels, error, theory, required, accuracy, bases, notes)
+
+
+def _can_refine(refinable: Sequence[BaseMesh], halvings: int) -> bool:
+    """Return True if a mesh with this number of halvings may be evaluated."""
+    counts = [base.refined(halvings).elements for base in refinable]
+    with_slider = [n for base, n in zip(refinable, counts, strict=True) if base.has_slider]
+    if max(with_slider, default=0) > MAX_ELEMENTS_WITH_SLIDER:
+        return False
+    return halvings < _MIN_MESHES or max(counts) <= _MAX_ELEMENTS
 
 
 def _evaluate(
@@ -310,16 +326,21 @@ def _evaluate(
 
 
 def _estimate_errors(levels: Sequence[_Values]) -> Array:
-    """Return the estimated relative errors on the finest of at least three meshes.
+    """Return the estimated relative errors on the finest of at least two meshes.
 
-    The errors of modes that one of the last three meshes does not have are infinite.
+    The ratio of two meshes is unknown; the largest is assumed. The errors of modes that one of the
+    last three meshes does not have are infinite.
     """
     count = len(levels[-1].values)
-    coarse, middle, fine = (_resize(level.values, count) for level in levels[-3:])
-    before, last = np.abs(middle - coarse), np.abs(fine - middle)
-    ratio = np.minimum(last / np.maximum(before, np.finfo(float).tiny), _MAX_RATIO)
+    *coarser, middle, fine = (_resize(level.values, count) for level in levels[-_MIN_MESHES:])
+    last = np.abs(fine - middle)
+    ratio = np.full(count, _MAX_RATIO)
+    for coarse in coarser:
+        before = np.maximum(np.abs(middle - coarse), np.finfo(float).tiny)
+        ratio = np.minimum(last / before, _MAX_RATIO)
     error = _relative(_SAFETY_FACTOR * ratio / (1.0 - ratio) * last, levels[-1])
-    return np.where(np.isnan(coarse) | np.isnan(middle), np.inf, error)
+    missing = np.isnan(np.stack([*coarser, middle])).any(axis=0)
+    return np.where(missing, np.inf, error)
 
 
 def _resize(values: Array, count: int) -> Array:
@@ -355,7 +376,9 @@ def _finish(
     if _is_within(error, required, accuracy):
         status = Status("ok", f"all required columns are within {accuracy:g}")
     else:
-        status = Status("limited", f"the mesh error requires more than {_MAX_ELEMENTS} elements")
+        counts = [x.refined(len(levels) - 1).elements for x in bases.values() if not x.fixed_by]
+        limit = max([_MAX_ELEMENTS, *counts])
+        status = Status("limited", f"the mesh error requires more than {limit} elements")
         if notes:
             status = Status("failed", "the mesh error is not assessed")
     return AnalysisCertificate(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae import analysis_certification
 from beamdae.symbolic.statements import Quantity, Variable
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
@@ -101,6 +102,44 @@ def test_an_accuracy_beyond_the_meshes_is_refused():
     assert not result.success
     assert result.reason == "the mesh error requires more than 32 elements"
     assert repr(result).startswith("<AnalysisCertificate of 1e-12: limited")
+
+
+def loaded_at(count, slider=False):
+    """Return a cantilever that the loads divide into `count` elements at least."""
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), STRIP, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.observe("tip", beam.end)
+    for k in range(1, count):
+        mech.add(bd.Force(f"load {k}", beam.at(k / count), (0.0, -5.0 / count)))
+    if slider:
+        bead = mech.add(bd.PointMass("bead", 0.1, at=(0.5, 0.0)))
+        mech.add(bd.SpringDamper("spring", mech.ground.at(0.4, 0.0), bead.point, 100.0))
+        mech.add(bd.SlidingOnBeam("slider", bead.point, beam))
+    return mech
+
+
+@pytest.mark.parametrize("certify", [bd.certify_equilibrium, bd.certify_modes])
+@pytest.mark.parametrize("count", [9, 12, 20])
+def test_regression_beams_of_many_elements_have_finite_errors(certify, count, monkeypatch):
+    """Only one or two meshes had at most 32 elements, too few for an estimate."""
+    # The load at 0.7 of the length is at an element end of 20 equal elements.
+    mechanism = cantilever(elements=count) if count == 20 else loaded_at(count)
+    if count == 20:  # otherwise, only strongly curved beams begin with so many elements
+        monkeypatch.setattr(analysis_certification, "_FIRST_ELEMENTS", count)
+    result = certify(mechanism)
+    assert result.meshes == 3
+    assert result.elements["beam"] == 4 * count
+    assert np.isfinite(result.mesh).all()
+    assert result.success
+
+
+@pytest.mark.slow(reason="kernels of a slider on 24 elements")
+def test_regression_sliders_on_beams_of_many_elements_have_finite_errors():
+    """A third mesh would have more elements than a slider permits."""
+    result = bd.certify_modes(loaded_at(12, slider=True), n=2)
+    assert result.elements == {"beam": 24}
+    assert np.isfinite(result.mesh).all()
 
 
 def test_beams_with_custom_quantities_are_not_assessed():
