@@ -368,6 +368,10 @@ class _RunInProgress:
             return self._failure(f"event {event.name}: {problem}")
         self._begin_segment(t, result.branch, result.state)
         self._detector.record_switch(self._segments[-1], result.impulses, result.energy_lost)
+        if stall := self.methods.unresolved_impact_reason(
+            event, result.impulses, self._plan.duration
+        ):
+            return Status("limited", f"stopped at t = {t:.6g} s: {stall}")
         if simultaneous := self._detector.next_simultaneous_event(self._segments[-1]):
             return self._status_at_event(simultaneous)
         if t < self._interval_ends[0]:

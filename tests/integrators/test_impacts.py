@@ -46,6 +46,18 @@ def test_a_ball_bounces_at_times_of_the_geometric_series(integrator):
     assert_allclose(dissipated, events["energy lost [J]"].sum(), rtol=1e-9)
 
 
+@pytest.mark.slow(reason="half a second each")
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize("method", [bd.Ida, bd.Radau])
+@pytest.mark.parametrize("rtol", [1e-3, 1e-5, 1e-8, 1e-9])
+def test_no_ball_sinks_into_the_floor_after_many_bounces(rtol, method):
+    # At 1e-8, the next bounce of Ida was detected four times as deep, and the ball gained energy.
+    solution = bd.simulate(bouncing(0.5), method(rtol), 3.0)
+    assert solution.status.kind == "limited"
+    assert_allclose(solution.trajectory.end, 3.0 * FALL, atol=5e-3)
+    assert solution.columns["gap [m]"].min() > -1e-6
+
+
 @RUNS
 def test_accumulating_bounces_end_the_run(integrator):
     """Zeno: all bounces are over at FALL (1 + e) / (1 - e)."""

@@ -294,7 +294,8 @@ PLAIN = ["tip", "a=b", "1-2", "'quoted'", "", " =1", "-5", "+1e-3", "-.5", "-inf
 
 @pytest.mark.parametrize("text", FORMULAS)
 def test_formulas_are_escaped(text):
-    assert escape_cell(text) == f"'{text}"
+    # A cell has no line breaks.
+    assert escape_cell(text) == f"'{text}".replace("\r", " ")
 
 
 @pytest.mark.parametrize("value", [*PLAIN, -5, -0.5, None, True, float("-inf")])

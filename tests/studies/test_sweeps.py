@@ -94,7 +94,7 @@ def test_values_of_any_type_are_swept_and_labeled():
     swept = run_sweep({"section": sections, "turns": [1, 2], "color": ["red"]})
     assert list(swept.table["section"]) == ["thin", "thin", "thick", "thick"]
     assert swept.table["turns"].dtype == int
-    assert swept.sweep.varied == ["section", "turns"]
+    assert swept.sweep.varied == ("section", "turns")
     assert swept.run(section="thick", turns=2).label == "section=thick, turns=2"
     unnamed = run_sweep({"section": [THIN, THICK]})
     assert all(x.startswith("Section #") for x in unnamed.table["section"])
@@ -150,7 +150,7 @@ def test_function_with_defaults_is_a_model():
         ({"model": lambda speed=1.0: 0}, "sweep: <lambda> has no default end time; pass"),
         (
             {"over": None, "jobs": 2},
-            "sweep: folder, jobs, scheduler and progress are not arguments",
+            "sweep: folder, jobs, scheduler, progress and partial are not arguments",
         ),
     ],
 )

@@ -8,8 +8,6 @@ import signal
 import sys
 from collections.abc import Generator, Iterable
 from dataclasses import dataclass, field
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -17,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
     from beamdae.model_functions import Model
 
 # A file of models is imported in less than a second; a script that runs simulations is not.
@@ -68,6 +68,9 @@ class _ListingProcess:
     """Process that imports files, one at a time."""
 
     def __init__(self) -> None:
+        # Imported here because browsers lack it, and other commands do not need it.
+        from multiprocessing import get_context
+
         context = get_context("spawn")
         self._connection, other = context.Pipe()
         self._process = context.Process(target=_serve_files, args=(other,), daemon=True)

@@ -90,8 +90,13 @@ class EventSide:
             self.begin_on(sign, difference)
 
     def begin_on(self, sign: float, difference: float) -> None:
-        """Start at the threshold, up to rounding, on the side given by `sign`."""
-        self.sign, self.near = sign, _LEAVING_FACTOR * abs(difference)
+        """Start at the threshold, up to rounding, on the side given by `sign`.
+
+        A quantity that starts on the other side crosses the threshold once it is farther away than
+        at the start. With a multiple of this distance, a ball that rests after many bounces would
+        sink into the floor, by a constant factor from each bounce to the next.
+        """
+        self.sign, self.near = sign, abs(difference)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ Positions change only as far as needed to close the small gaps of activated join
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from itertools import pairwise
@@ -36,6 +36,9 @@ _MAX_SWITCHES = 200
 _SWITCH_WINDOW = 1e-4
 # Impacts of one event accumulate if the time between them is less than this fraction of the run.
 _MIN_FLIGHT = 1e-9
+# They also accumulate if an impact after less than this fraction of the run has no impulse: the
+# bodies still separate, so that the flight is below the rounding errors of the positions.
+_MAX_UNRESOLVED_FLIGHT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -175,6 +178,7 @@ class MethodCache:
     _past_counts: list[Statistics] = field(default_factory=list, init=False)
     _switch_times: list[float] = field(default_factory=list, init=False)
     _impact_times: dict[str, float] = field(default_factory=dict, init=False)
+    _flights: dict[str, float] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         configuration = self.configuration
@@ -211,12 +215,9 @@ class MethodCache:
         if select_impacts(event.do):
             flight = t - self._impact_times.get(event.name, -np.inf)
             self._impact_times[event.name] = t
+            self._flights[event.name] = flight
             if flight < _MIN_FLIGHT * duration:
-                return (
-                    f"impacts of event {event.name} accumulate, and the last two are "
-                    f"{flight:.2g} s apart; activate a joint that keeps the bodies "
-                    "together, or use a Contact"
-                )
+                return _describe_accumulation(event, flight)
         self._switch_times.append(t)
         window = t - self._switch_times[-_MAX_SWITCHES:][0]
         if len(self._switch_times) < _MAX_SWITCHES or window > _SWITCH_WINDOW * duration:
@@ -225,3 +226,26 @@ class MethodCache:
             f"events acted {_MAX_SWITCHES} times within {window:.2g} s, the last one is "
             f"{event.name}; separate the thresholds of the events"
         )
+
+    def unresolved_impact_reason(
+        self, event: EventTerm, impulses: Mapping[str, float], duration: float
+    ) -> str | None:
+        """Return the reason why impacts of an event are not resolved any more, or None.
+
+        `impulses` are those of the last impact, by constraint. Without this check, bodies sink into
+        each other, because the next impact would be detected at the position that they have
+        reached.
+        """
+        flight = self._flights.get(event.name, np.inf)
+        if not select_impacts(event.do) or flight >= _MAX_UNRESOLVED_FLIGHT * duration:
+            return None
+        if not any(x for name, x in impulses.items() if name.startswith(f"{event.name}.")):
+            return _describe_accumulation(event, flight)
+        return None
+
+
+def _describe_accumulation(event: EventTerm, flight: float) -> str:
+    return (
+        f"impacts of event {event.name} accumulate, and the last two are {flight:.2g} s apart; "
+        "activate a joint that keeps the bodies together, or use a Contact"
+    )
