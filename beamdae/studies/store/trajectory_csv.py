@@ -25,7 +25,8 @@ def format_trajectory(table: pd.DataFrame) -> bytes:
     text.write(_format_headers(str(table.index.name), [str(c) for c in table]))
     rows = np.column_stack([table.index, table]).astype(float).tolist()
     numbers = repr(rows)[2:-2].replace("], [", "\n").replace(", ", ",").replace("nan", "")
-    text.write(f"{numbers}\n")
+    if rows:
+        text.write(f"{numbers}\n")
     return text.getvalue().encode(errors="replace")
 
 
