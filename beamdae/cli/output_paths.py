@@ -9,7 +9,6 @@ from contextlib import suppress
 from pathlib import Path
 
 from beamdae.errors import BeamdaeError, short_repr
-from beamdae.results.storage.files import is_in_deleted_folder
 
 
 def require_writable(*groups: tuple[str, Iterable[Path]]) -> None:
@@ -53,6 +52,9 @@ def _require_file_path(option: str, path: Path) -> None:
         raise BeamdaeError(f"{option}: {short_repr(str(path.parent))} is not a valid folder name.")
     if not str(path).isprintable() or not path.name:
         raise BeamdaeError(f"{option}: {short_repr(str(path))} is not a valid file name.")
+    # Imported here because the help is printed without NumPy.
+    from beamdae.results.storage.files import is_in_deleted_folder
+
     if is_in_deleted_folder(path):
         raise BeamdaeError(
             f"{option} {path}: the file cannot be written because the working folder has been "

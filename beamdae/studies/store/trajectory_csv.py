@@ -70,8 +70,8 @@ def parse_trajectory(content: bytes, index: str, columns: Sequence[str]) -> pd.D
             numbers = np.fromstring(cells[1:-1], sep=",")
         except (ValueError, DeprecationWarning):
             raise ValueError("contains cells that are not numbers") from None
-    if len(numbers) != rows * (1 + len(columns)) or not body.endswith(b"\n"):
+    if len(numbers) != rows * (1 + len(columns)) or (rows and not body.endswith(b"\n")):
         raise ValueError("contains cells that are not numbers")
-    numbers = numbers.reshape(rows, -1)
+    numbers = numbers.reshape(rows, 1 + len(columns))
     times = pd.Index(numbers[:, 0], name=index)
     return pd.DataFrame(numbers[:, 1:], times, pd.Index(columns))
