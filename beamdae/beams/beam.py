@@ -165,9 +165,9 @@ class Beam(Part):
         Initial velocity of the start point [m/s] and angular velocity [rad/s] of the beam, moving
         as a rigid body; made consistent with the joints.
     kinematics
-        Custom kinematics in place of `formulation`: a subclass of
-        `beamdae.beams.kinematics.Kinematics`, or a function of (name, mesh, section) that returns
-        an instance of such a class.
+        Custom kinematics in place of `formulation`: a subclass of `Kinematics` (in the module
+        beamdae.beams.kinematics), or a function of (name, mesh, section) that returns an instance
+        of such a class.
     free_curve
         Stress-free shape of a beam that is bent in the reference configuration, where it carries
         the moment M = EI (1/R_free - 1/R). The position of this curve is irrelevant. Its length may

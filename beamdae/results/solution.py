@@ -388,8 +388,8 @@ class Solution(RunData, TimeSeries):
 
         Raises
         ------
-        FieldError
-            If the packed run does not fit the equations.
+        Exception
+            `FieldError` of results.storage.schema if the packed run does not fit the equations.
         """
         return cls(**unpack_fields(equations, packed), made_by=made_by)
 
