@@ -63,6 +63,17 @@ Starts = Annotated[
         autocompletion=lambda: ["equilibrium"],
     ),
 ]
+Loads = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--load",
+        metavar="NAME",
+        help="Load to scale, or 'gravity'; repeatable. Defaults to all loads.",
+    ),
+]
+LoadTime = Annotated[
+    float, typer.Option("--t", help="Time in seconds at which laws are evaluated.")
+]
 IntegratorName = Annotated[
     str,
     typer.Option(

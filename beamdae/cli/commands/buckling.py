@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 
 from beamdae.cli.options import (
+    Loads,
+    LoadTime,
     ModelName,
     ModelPath,
     Out,
@@ -31,14 +33,8 @@ def buckling_command(
     settings: Settings = None,
     model_name: ModelName = None,
     number: Annotated[int, typer.Option("-n", "--number", help="Number of load factors.")] = 5,
-    load: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="Load to scale, or 'gravity'; repeatable. Defaults to all loads.",
-        ),
-    ] = None,
-    t: Annotated[float, typer.Option(help="Time in seconds at which laws are evaluated.")] = 0.0,
+    load: Loads = None,
+    t: LoadTime = 0.0,
     start: Starts = None,
     out: Out = Path("results"),
 ) -> None:

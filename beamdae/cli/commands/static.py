@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.cli.options import (
+    Loads,
+    LoadTime,
     ModelName,
     ModelPath,
     Out,
@@ -39,13 +41,7 @@ def static_command(
     path: ModelPath,
     settings: Settings = None,
     model_name: ModelName = None,
-    load: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="Load to scale, or 'gravity'; repeatable. Defaults to all loads.",
-        ),
-    ] = None,
+    load: Loads = None,
     to: Annotated[
         list[str] | None,
         typer.Option(
@@ -73,7 +69,7 @@ def static_command(
         ),
     ] = None,
     most_points: Annotated[int, typer.Option(help="Maximum number of points of the path.")] = 500,
-    t: Annotated[float, typer.Option(help="Time in seconds at which laws are evaluated.")] = 0.0,
+    t: LoadTime = 0.0,
     start: Starts = None,
     out: Out = Path("results"),
 ) -> None:
