@@ -294,10 +294,7 @@ def require_sequence(part: str, name: str, value: Any, what: str) -> list[Any]:
             return [plain_text(entry) for entry in value]
     except Exception as problem:
         # The methods of a user's sequence may fail.
-        raise BeamdaeError(
-            f"{part}: {name} must be {what}, but {short_repr(value)} cannot be read: "
-            f"{format_exception(problem)}."
-        ) from None
+        raise _unreadable_error(part, name, value, what, problem) from None
     raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")
 
 
@@ -334,11 +331,17 @@ def require_entries(part: str, name: str, value: Any, what: str) -> dict[Any, An
             return {plain_text(key): plain_text(value[key]) for key in value}
     except Exception as problem:
         # The methods of a user's mapping may fail.
-        raise BeamdaeError(
-            f"{part}: {name} must be {what}, but {short_repr(value)} cannot be read: "
-            f"{format_exception(problem)}."
-        ) from None
+        raise _unreadable_error(part, name, value, what, problem) from None
     raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")
+
+
+def _unreadable_error(
+    part: str, name: str, value: Any, what: str, problem: Exception
+) -> BeamdaeError:
+    return BeamdaeError(
+        f"{part}: {name} must be {what}, but {short_repr(value)} cannot be read: "
+        f"{format_exception(problem)}."
+    )
 
 
 def require_keywords(part: str, settings: Mapping[str, Any], function: Callable[..., Any]) -> None:

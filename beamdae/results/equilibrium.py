@@ -208,21 +208,24 @@ class Equilibrium:
         """
         import pandas as pd
 
-        observed = self.all_columns()
-        columns = merge_columns(observed, self.coordinates())
-        headers = select_columns(columns, name, "Equilibrium", observed)
+        columns, headers = self._select(name)
         index = pd.Index(self.factors.sum(axis=1), name=FACTOR)
         table = pd.DataFrame({h: np.asarray(columns[h]) for h in headers}).set_index(index)
         return table[headers[0]] if len(headers) == 1 else table
 
     def __contains__(self, name: object) -> bool:
         """Return True if `equilibrium[name]` selects columns."""
-        columns = merge_columns(self.all_columns(), self.coordinates())
         try:
-            select_columns(columns, name, "Equilibrium")
+            self._select(name)
         except BeamdaeError:
             return False
         return True
+
+    def _select(self, name: Any) -> tuple[dict[str, Any], list[str]]:
+        """Return all columns, and the headers of those selected by a name."""
+        observed = self.all_columns()
+        columns = merge_columns(observed, self.coordinates())
+        return columns, select_columns(columns, name, "Equilibrium", observed)
 
     def plot(self, *names: str) -> Plot:
         """Plot the load factor over columns, one panel per column.
