@@ -160,8 +160,7 @@ class QuadraticProblem:
             )
             shapes = (vectors * scales[:, None])[:n]
         order = np.argsort(-np.abs(inverses), kind="stable")[:number]
-        is_accurate = np.abs(inverses[order]) > _MIN_INVERSE_RATIO * np.max(np.abs(inverses))
-        order = order[is_accurate]
+        order = order[_is_accurate(inverses)[order]]
         return self._select(self.shift + 1.0 / inverses[order], shapes[:, order])
 
     def _solve_projected(self) -> tuple[Array, Array]:
@@ -186,7 +185,7 @@ class QuadraticProblem:
         if not np.any(damping):
             # Eigenvalues of the inverse of K + s^2 M times s M are s / (s^2 - l^2).
             inverses, vectors = la.eig(-by_rate)
-            is_accurate = np.abs(inverses) > _MIN_INVERSE_RATIO * np.max(np.abs(inverses))
+            is_accurate = _is_accurate(inverses)
             inverses, vectors = inverses[is_accurate], vectors[:, is_accurate]
             squares = s**2 - s / inverses
             is_real = np.abs(squares.imag) <= _IMAGINARY_TOLERANCE * np.abs(squares)
@@ -201,7 +200,7 @@ class QuadraticProblem:
             [[by_position, by_rate], [np.eye(len(by_rate)) / s + by_position, by_rate]]
         )
         inverses, vectors = la.eig(matrix)
-        is_accurate = np.abs(inverses) > _MIN_INVERSE_RATIO * np.max(np.abs(inverses))
+        is_accurate = _is_accurate(inverses)
         values = s + 1.0 / inverses[is_accurate]
         return values, basis @ vectors[: len(by_rate), is_accurate]
 
@@ -290,6 +289,11 @@ class QuadraticProblem:
         squares, vectors = la.eigh(0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T))
         is_zero = np.abs(squares) <= _ZERO_RATIO * self.shift**2
         return (basis @ vectors[:, is_zero]).astype(complex)
+
+
+def _is_accurate(inverses: Array) -> Array:
+    """Return a mask of the inverse eigenvalues that are not lost in rounding."""
+    return np.abs(inverses) > _MIN_INVERSE_RATIO * np.max(np.abs(inverses))
 
 
 def _is_split_double(values: Array, spread: Array) -> Array:

@@ -9,6 +9,7 @@ G x = 0.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -130,8 +131,11 @@ class SymmetricProblem:
             massless = basis @ la.eigh(m)[1][:, 0] / self.e.position_scales
             raise MasslessError(self.e.q_names[int(np.argmax(np.abs(massless)))]) from None
         s = _shift_below(la.eigh(k, m, eigvals_only=True))
-        # Stiffnesses may differ by many orders of magnitude, of which `la.solve` would warn.
-        inverse = la.lu_solve(la.lu_factor(k + s * m), lower)
+        with warnings.catch_warnings():
+            # Stiffnesses may differ by many orders of magnitude.
+            warnings.simplefilter("ignore", la.LinAlgWarning)
+            # It uses the symmetry, without which modes of stiff beams are orthogonal to 1e-5 only.
+            inverse = la.solve(k + s * m, lower)
         product = lower.T @ inverse
         _, vectors = la.eigh(0.5 * (product + product.T))
         return basis @ (inverse @ vectors), s
