@@ -108,9 +108,9 @@ _THEORY_SAFETY_FACTOR = 1.25
 # Smallest stated error relative to the accuracy. Much smaller differences contain rounding errors
 # and errors of Newton's method, and do not decrease in a geometric sequence.
 _FLOOR = 3e-6
-# The formulations of the model are kept if exact beams cost more by this factor, and the theory
-# error is at most this part of the accuracy.
-_MAX_EXACT_COST = 3.0
+# The formulations of the model are kept if exact beams need more steps by this factor, and the
+# theory error is at most this part of the accuracy. Times would make the choice irreproducible.
+_MAX_EXACT_STEP_RATIO = 3.0
 _MAX_KEPT_THEORY_SHARE = 0.2
 
 # Columns that exceed the accuracy at no more than this fraction of the samples may jump at events;
@@ -144,8 +144,8 @@ def certify(
     the errors of time integration, mesh and beam theory is within `accuracy`, for each required
     column and over the whole run, or until a limit is reached. Where possible, elements end at the
     attachments of a beam. Beams are geometrically exact in the solution, unless their formulation
-    or mesh must not change, or floating frames are accurate enough and much faster; the budget also
-    lists the theory error of the formulations that the model specifies.
+    or mesh must not change, or floating frames are accurate enough and need less than a third of
+    the steps; the budget also lists the theory error of the formulations that the model specifies.
 
     The errors of the solution are extrapolated from its differences from runs with looser
     tolerances and coarser meshes, with the observed ratio of two successive differences. The budget
@@ -654,7 +654,7 @@ class _Certification:
         return _MESH_RATIO_OF_TWO_ELEMENTS if fewest <= 2 else _MESH_RATIO
 
     def _choose_formulation(self, first: _Run) -> None:
-        """Keep the model's formulations if they are accurate and much faster than exact beams."""
+        """Keep the model's formulations if they are accurate and need far fewer steps."""
         if not any(base.can_be_exact and not base.is_exact for base in self._beams):
             return
         try:
@@ -667,7 +667,7 @@ class _Certification:
         theory = _THEORY_SAFETY_FACTOR * self._compare(written, first).largest
         self._theory_as_written = theory
         is_accurate = np.all(theory[self._required] <= _MAX_KEPT_THEORY_SHARE * self.task.accuracy)
-        if is_accurate and first.processor_time > _MAX_EXACT_COST * written.processor_time:
+        if is_accurate and first.steps > _MAX_EXACT_STEP_RATIO * written.steps:
             self._exact, self._theory = False, theory
 
     def _refine_further(self) -> Status:
