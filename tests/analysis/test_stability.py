@@ -5,6 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
+from beamdae.analysis.statics import stability as stability_module
+from beamdae.analysis.statics.corrector import Corrector
+from beamdae.analysis.statics.load_scaling import build_loading
+from beamdae.analysis.statics.path_controls import DisplacementControl
 
 STEEL = bd.Material.of("steel")
 
@@ -169,3 +173,59 @@ def test_strip_rolls_up_at_any_slenderness(slenderness, elements):
     # A closed circle; rounding is 1e-16 (L / h)^2.
     tip = [path.columns[f"tip.{axis} [m]"][-1] for axis in "xy"]
     assert_allclose(tip, 0.0, atol=1e-5)
+
+
+def lee_frame(elements, formulation="exact"):
+    """Return the frame of Lee, Manuel & Rossow, J. Eng. Mech. Div. 94 (1968) 521."""
+    strain = {} if formulation == "exact" else {"strain": "exact"}
+    options = {"formulation": formulation, **strain}
+    section = bd.Section.rectangle(bd.Material(E=7.2e6, nu=0.3, rho=1.0), width=3.0, height=2.0)
+    mech, corner, right = bd.Mechanism(), (0.0, 120.0), (120.0, 120.0)
+    column = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), corner), section, elements, **options))
+    # The force acts at a fifth of the beam.
+    count = 5 * ((elements + 4) // 5)
+    beam = mech.add(bd.Beam("beam", bd.Line(corner, right), section, count, **options))
+    mech.add(bd.Weld("corner", column.end, beam.start))
+    mech.add(bd.Revolute("foot", mech.ground.at(0.0, 0.0), column.start))
+    mech.add(bd.Revolute("right", mech.ground.at(*right), beam.end))
+    mech.add(bd.Force("press", beam.at(24.0), (0.0, -1000.0)))
+    mech.observe("ld", beam.at(24.0))
+    return mech
+
+
+@pytest.mark.slow(reason="several seconds")
+@pytest.mark.parametrize(
+    ("elements", "formulation", "settings"),
+    [
+        (8, "exact", {}),
+        (8, "exact", {"step": 10.0}),
+        (16, "floating frame", {"control": "arc length", "step": 0.02}),
+    ],
+)
+def test_limit_point_of_lees_frame_is_no_branch_point(elements, formulation, settings):
+    path = bd.equilibrium(lee_frame(elements, formulation), to={"ld.y": 60.0}, **settings)
+    assert path.status.success
+    (point,) = path.critical
+    assert point.kind == "limit point"
+    # Value of 32 elements; the factors of all meshes here differ by 1e-5.
+    assert point.factor == pytest.approx(18.5445, rel=1e-5)
+
+
+@pytest.mark.slow(reason="one second")
+def test_sparse_matrices_count_negative_eigenvalues_next_to_zero(monkeypatch):
+    # The signs of pivots are rounding if the matrix is singular up to rounding.
+    monkeypatch.setattr(stability_module, "_MAX_DENSE_COORDINATES", 0)
+    mech = lee_frame(4)
+    path = bd.equilibrium(mech, to={"ld.y": 55.0}, step=14.0)
+    (limit,) = path.critical
+    loading = build_loading(mech, path.equations, None, 0.0)
+    (system,) = loading.systems
+    corrector = Corrector(system)
+    control = DisplacementControl.from_name(path.equations, "ld.y", system.loaded.time)
+    x = np.append(path.q[limit.row], path.lam[limit.row])
+    height = control.value(x, limit.factor)
+    for distance in 1e-7 * np.linspace(-1.0, 1.0, 15):
+        point = corrector.correct(control, height + distance, x, limit.factor)
+        lowest = point.stability.eigenvalues
+        assert point.stability.negative_count == np.sum(lowest < 0.0)
+        assert abs(lowest[0]) < 1e-6 * lowest[1]

@@ -180,45 +180,58 @@ def _build_stability(
 
 
 def _sparse_stability(stiffness: sp.csc_array, gradients: sp.csr_array, scale: Array) -> Stability:
-    """Return the stability; negative eigenvalues are counted by the signs of pivots.
+    """Return the stability from the eigenvalues nearest to zero and the signs of pivots.
 
-    The saddle-point matrix [[K + r G^T G, G^T], [G, 0]] has m negative eigenvalues besides those of
-    K in the null space of G, for any r (Sylvester's law of inertia). r keeps leading pivots nonzero
-    if bodies would be free without their joints.
+    The saddle-point matrix [[K - s I + r G^T G, G^T], [G, 0]] has m negative eigenvalues besides
+    those of K - s I in the null space of G, for any r (Sylvester's law of inertia). r keeps leading
+    pivots nonzero if bodies would be free without their joints. The shift s lies in the widest gap
+    between the computed eigenvalues, because rounding errors may change the signs of pivots if an
+    eigenvalue is close to s.
     """
     n, m = stiffness.shape[0], gradients.shape[0]
     if n == m:
         return Stability(np.zeros(0), np.zeros((n, 0)), 0)
     size = float(np.max(np.abs(stiffness.diagonal()), initial=0.0)) or 1.0
-    joint_stiffness = sp.csc_array(gradients.T @ gradients)
     zero = _SPARSE_ZERO_TOLERANCE * size
-    zero_block = sp.csc_array((m, m))
-    # The last term prevents zero pivots in motions without stiffness.
-    block = stiffness + size * joint_stiffness + zero * sp.eye_array(n)
-    augmented = sp.block_array([[block, gradients.T], [gradients, zero_block]], format="csc")
-    negative_count = _count_negative_pivots(sp.csc_array(augmented), n) - m
-    plain = sp.block_array([[stiffness, gradients.T], [gradients, zero_block]], format="csc")
-    weight = sp.block_diag([sp.eye_array(n), zero_block], format="csc")
-    count = min(_NEAREST_COUNT, n - m)
+    identity, zero_block = sp.eye_array(n), sp.csc_array((m, m))
+
+    def saddle_matrix(block: sp.csc_array) -> sp.csc_array:
+        return sp.block_array([[block, gradients.T], [gradients, zero_block]], format="csc")
+
+    weight = sp.block_diag([identity, zero_block], format="csc")
     # The matrix may be singular at zero, so it is shifted.
-    shift = -zero
-    solver = splu(sp.csc_matrix(plain - shift * weight))
-    inverse = LinearOperator(plain.shape, matvec=solver.solve, dtype=float)
+    solver = splu(sp.csc_matrix(saddle_matrix(stiffness + zero * identity)))
+    inverse = LinearOperator(weight.shape, matvec=solver.solve, dtype=float)
     # Deterministic start vector that is not orthogonal to any mode.
     start = np.concatenate([np.cos(np.arange(n) ** 2.0), np.zeros(m)])
     eigenvalues, vectors = eigsh(
-        plain,
-        count,
+        saddle_matrix(stiffness),
+        min(_NEAREST_COUNT, n - m),
         weight,
-        sigma=shift,
+        sigma=-zero,
         OPinv=inverse,
         v0=solver.solve(weight @ start),
         tol=_LANCZOS_TOLERANCE,
     )
     order = np.argsort(eigenvalues)
-    rounding_count = int(np.sum((eigenvalues < 0.0) & (eigenvalues >= -zero)))
-    negative_count = max(negative_count, 0) + rounding_count
-    return _build_stability(eigenvalues[order], vectors[:n, order], scale, zero, negative_count)
+    eigenvalues = eigenvalues[order]
+    shift = _widest_gap(eigenvalues)
+    joint_stiffness = sp.csc_array(gradients.T @ gradients)
+    shifted = saddle_matrix(stiffness - shift * identity + size * joint_stiffness)
+    negative_count = _count_negative_pivots(shifted, n) - m
+    negative_count -= int(np.sum((eigenvalues >= 0.0) & (eigenvalues < shift)))
+    negative_count += int(np.sum((eigenvalues < 0.0) & (eigenvalues >= shift)))
+    return _build_stability(eigenvalues, vectors[:n, order], scale, zero, max(negative_count, 0))
+
+
+def _widest_gap(eigenvalues: Array) -> float:
+    """Return the value farthest from all `eigenvalues`: zero, or the middle of two of them.
+
+    The eigenvalues must be ascending, and nearest to zero of all.
+    """
+    candidates = np.append(0.5 * (eigenvalues[1:] + eigenvalues[:-1]), 0.0)
+    distances = np.min(np.abs(candidates[:, None] - eigenvalues), axis=1)
+    return float(candidates[np.argmax(distances)])
 
 
 def _count_negative_pivots(matrix: sp.csc_array, n: int) -> int:
