@@ -17,7 +17,7 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
-from beamdae.integrators import GeneralizedAlpha, Ida, Integrator, Radau
+from beamdae.integrators import Auto, GeneralizedAlpha, Ida, Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.interrupts import PartialResult
 from beamdae.model_functions import Model
@@ -51,7 +51,7 @@ class Case:
     parameters
         Parameter values by name; they replace the defaults of the model. Defaults to no changes.
     integrator
-        Any `Integrator`, such as GeneralizedAlpha(...) or Radau(...). Defaults to `Ida()`.
+        Any `Integrator`, such as GeneralizedAlpha(...) or Radau(...). Defaults to `Auto()`.
 
     Raises
     ------
@@ -62,7 +62,7 @@ class Case:
 
     model: Model
     parameters: Mapping[str, Any] = field(default_factory=dict)
-    integrator: Integrator = field(default_factory=Ida)
+    integrator: Integrator = field(default_factory=Auto)
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, Model):
