@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.statics.load_scaling import build_loading
+from beamdae.analysis.statics.mesh_dependence import recheck_stability
 from beamdae.analysis.statics.path_tracing import PathSettings, free_coordinate, trace_path
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeWarning, require_choice, require_finite
@@ -51,7 +52,9 @@ def equilibrium(
     Stability is assessed for constant loads, by the number of negative eigenvalues of the tangent
     stiffness in the motions that the joints allow. For loads without a potential (follower loads),
     it is assessed by the growing modes of the linearized equations of motion, see `modes`, which
-    involve mass and damping.
+    involve mass and damping. If an eigenvalue is below 2 % of the next one, its sign is compared
+    with a mesh of halved elements; where the meshes disagree, the stability is not known, and
+    critical points that vanish on the finer mesh are omitted, with a warning.
 
     Parameters
     ----------
@@ -138,6 +141,7 @@ def equilibrium(
         path = trace_path(loading, q, settings)
         states = np.array([point.x for point in path.points])
         positions, multipliers = states[:, : equations.n], states[:, equations.n :]
+        recheck = recheck_stability(model, loading, path)
         has_friction = any(term.rows is not None for term in equations.forces)
         result = Equilibrium(
             equations,
@@ -147,11 +151,11 @@ def equilibrium(
             path.factors,
             positions,
             loading.full_multipliers(positions, multipliers),
-            np.array([point.stability.unstable_count for point in path.points]),
-            path.critical,
+            recheck.unstable,
+            recheck.critical,
             {**settings.description, "iterations": path.iterations},
             information,
-            (_FRICTION_WARNING,) if has_friction else (),
+            ((_FRICTION_WARNING,) if has_friction else ()) + recheck.notes,
             free_coordinate(equations, path.points[-1]),
         )
     if result.status.kind == "interrupted" and partial == "raise":

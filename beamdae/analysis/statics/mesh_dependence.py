@@ -1,0 +1,254 @@
+"""Verdicts on stability that depend on the mesh.
+
+A small eigenvalue of the stiffness may have the wrong sign on a coarse mesh: a hinged elastica that
+is bent beyond a figure eight is unstable with an eigenvalue of 1e-3 of the next one, but stable with
+8 elements, and a false branch point precedes. Therefore, small eigenvalues near critical points and
+at the end of a path are computed again with elements of half the length.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
+from beamdae.analysis.statics.load_scaling import Loading, build_loading
+from beamdae.analysis.statics.path_controls import PathDirection, StepNorm
+from beamdae.analysis.statics.path_tracing import EquilibriumPath
+from beamdae.beams.prolongation import halve_elements, prolongation_matrix
+from beamdae.beams.remeshing import choose_base_meshes, with_meshes
+from beamdae.equations.assembly.assemble import equations_of_motion
+from beamdae.errors import BeamdaeError
+from beamdae.parts.mechanism import AS_DRAWN, Mechanism
+from beamdae.results.equilibrium import CriticalPoint
+
+Array = np.ndarray
+
+# An eigenvalue below this fraction of the next one may have the wrong sign. The errors of the
+# smallest eigenvalue of the elastica are 2e-2, 4e-3 and 1e-3 of the next one with 4, 6 and 8
+# elements.
+_SMALL_EIGENVALUE_RATIO = 2e-2
+
+
+class StabilityRecheck(NamedTuple):
+    """Stability of the points of a path, as far as a finer mesh confirms it.
+
+    Attributes
+    ----------
+    unstable
+        Number of unstable directions of each point (k,); -1 if two meshes disagree.
+    critical
+        Critical points without those that the finer mesh does not have.
+    notes
+        Remarks on points on which the meshes disagree.
+    """
+
+    unstable: Array
+    critical: tuple[CriticalPoint, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _FineMesh:
+    """Load stages of a path on the fine mesh.
+
+    Attributes
+    ----------
+    coarse, fine
+        Load stages on both meshes.
+    start
+        Coordinates (n,) on the fine mesh that correspond to zero coordinates on the coarse one.
+    prolongation
+        Matrix that maps coordinates of the coarse mesh to the fine mesh.
+    """
+
+    coarse: Loading
+    fine: Loading
+    start: Array
+    prolongation: sp.csc_array
+
+    @classmethod
+    def of(cls, mechanism: Mechanism, coarse: Loading) -> _FineMesh | None:
+        """Return the stages with halved elements, or None if no beam can be refined."""
+        bases = choose_base_meshes(mechanism, 1)
+        beams = {
+            name: base.beam
+            for name, base in bases.items()
+            if not (base.fixed_by or base.has_custom_kinematics)
+        }
+        if not beams:
+            return None
+        meshes = {name: halve_elements(beam.mesh) for name, beam in beams.items()}
+        refined = with_meshes(mechanism, meshes, {})
+        equations = equations_of_motion(refined, AS_DRAWN)
+        loads = [list(stage) for stage in coarse.stages]
+        fine = build_loading(refined, equations, loads, float(coarse.systems[0].loaded.time[0]))
+        old = {name: k for k, name in enumerate(coarse.full_equations.q_names)}
+        new = {name: k for k, name in enumerate(equations.q_names)}
+        prolongation = sp.lil_array((len(new), len(old)))
+        start = np.zeros(len(new))
+        for name, beam in beams.items():
+            other = refined.parts[name]
+            rows = [new[f"{name}.{c.name}"] for c in other.coordinates]
+            columns = [old[f"{name}.{c.name}"] for c in beam.coordinates]
+            block = prolongation_matrix(beam, other)
+            prolongation[np.ix_(rows, columns)] = block.toarray()
+            start[rows] = other.initial_position - block @ beam.initial_position
+        prefixes = tuple(f"{name}." for name in beams)
+        for name in new:
+            if not name.startswith(prefixes):
+                prolongation[new[name], old[name]] = 1.0
+        return cls(coarse, fine, start, sp.csc_array(prolongation))
+
+    def negative_count(self, point: EquilibriumPoint, secant: PathDirection) -> int:
+        """Return the number of negative eigenvalues on the fine mesh; -1 if it is unknown.
+
+        The equilibrium is sought at the position of `point` along the direction `secant` of the
+        path.
+        """
+        k = [system is point.system for system in self.coarse.systems].index(True)
+        corrector = Corrector(self.fine.systems[k])
+        e, n = corrector.system.equations, self.prolongation.shape[1]
+        multipliers = dict(zip(point.system.equations.lam_names, point.x[n:], strict=True))
+        lam = [multipliers.get(name, 0.0) for name in e.lam_names]
+        x = np.append(self.start + self.prolongation @ point.x[:n], lam)
+        along = np.append(self.prolongation @ secant.x[:n], np.zeros(e.m))
+        motion = StepNorm(e.position_scales, np.inf).max_norm(along)
+        # Load and motion contribute equally to the distance along the path.
+        norm = StepNorm(e.position_scales, abs(secant.mu) / motion if secant.mu else np.inf)
+        control = norm.arc_length_control(x, point.mu, PathDirection(along, secant.mu))
+        try:
+            return corrector.correct(control, 0.0, x, point.mu).stability.negative_count
+        except CorrectorError:
+            return -1
+
+
+def recheck_stability(model: object, loading: Loading, path: EquilibriumPath) -> StabilityRecheck:
+    """Compare small eigenvalues of the stiffness with those on a mesh of halved elements.
+
+    Between two critical points, one point with a large eigenvalue proves that the stability does
+    change there. Without such a point, the most decided one is checked, and the end of the path if
+    its eigenvalue is small. If the meshes disagree, all points with a small eigenvalue are checked.
+    Points under forces without a potential are not checked.
+
+    Parameters
+    ----------
+    model
+        The model; only beams of a `Mechanism` are refined.
+    loading
+        Load stages of the path.
+    path
+        The path.
+    """
+    points = path.points
+    unstable = np.array([point.stability.unstable_count for point in points])
+    unchanged = StabilityRecheck(unstable, path.critical, ())
+    ratios = np.array([_eigenvalue_ratio(point) for point in points])
+    ratios[[one.row for one in path.critical]] = np.nan
+    small = np.flatnonzero(ratios < _SMALL_EIGENVALUE_RATIO)
+    sections = np.split(np.arange(len(points)), [one.row for one in path.critical])
+    doubtful = {
+        int(rows[np.nanargmax(ratios[rows])])
+        for rows in sections
+        if np.any(ratios[rows] >= 0.0) and np.nanmax(ratios[rows]) < _SMALL_EIGENVALUE_RATIO
+    }
+    doubtful.update(small[small == len(points) - 1].tolist())
+    if not isinstance(model, Mechanism) or not doubtful:
+        return unchanged
+    try:
+        mesh = _FineMesh.of(model, loading)
+    except BeamdaeError:
+        # A part cannot be copied.
+        return unchanged
+    if mesh is None:
+        return unchanged
+
+    def disagrees(row: int) -> bool:
+        return counts[row] != points[row].stability.negative_count
+
+    counts = {row: _fine_count(mesh, path, row) for row in doubtful}
+    if not any(map(disagrees, counts)):
+        return unchanged
+    counts |= {row: _fine_count(mesh, path, row) for row in small.tolist() if row not in counts}
+    undecided = sorted(filter(disagrees, counts))
+    unstable[undecided] = -1
+    critical = tuple(one for one in path.critical if _is_confirmed(one, path, counts, undecided))
+    unstable[[one.row for one in path.critical if one not in critical]] = -1
+    notes = tuple(_describe(path, counts, undecided, critical))
+    return StabilityRecheck(unstable, critical, notes)
+
+
+def _eigenvalue_ratio(point: EquilibriumPoint) -> float:
+    """Return the ratio of the two smallest eigenvalues by magnitude; infinity if not applicable."""
+    stability = point.stability
+    sizes = np.sort(np.abs(stability.eigenvalues))[:2]
+    # A motion without stiffness has none on any mesh.
+    if len(sizes) < 2 or sizes[0] <= stability.zero_tolerance:
+        return np.inf
+    return float(sizes[0] / sizes[1])
+
+
+def _fine_count(mesh: _FineMesh, path: EquilibriumPath, row: int) -> int:
+    """Return the number of negative eigenvalues at a point on the fine mesh; -1 if unknown.
+
+    The number on the coarse mesh is returned if no neighbor belongs to the same load stage.
+    """
+    points = path.points
+    for one, other in ((row - 1, row), (row, row + 1)):
+        if one >= 0 and other < len(points) and points[one].system is points[other].system:
+            change = points[other].x - points[one].x
+            secant = PathDirection(change, points[other].mu - points[one].mu)
+            if np.any(change):
+                return mesh.negative_count(points[row], secant)
+    return points[row].stability.negative_count
+
+
+def _is_confirmed(
+    critical: CriticalPoint, path: EquilibriumPath, counts: dict[int, int], undecided: list[int]
+) -> bool:
+    """Return False if the stability on the fine mesh does not change at a critical point.
+
+    It is compared between the nearest points before and after on which the meshes agree, because
+    the critical point of the fine mesh may lie at another position. If they disagree up to an end
+    of the path, the point there is used.
+    """
+    rows = {one.row for one in path.critical}
+    before = [row for row in range(critical.row) if row not in rows]
+    after = [row for row in range(critical.row + 1, len(path.points)) if row not in rows]
+    if not before or not after or not {before[-1], after[0]}.intersection(undecided):
+        return True
+
+    def count(row: int) -> int:
+        return counts.get(row, path.points[row].stability.negative_count)
+
+    last = next((row for row in reversed(before) if row not in undecided), before[0])
+    first = next((row for row in after if row not in undecided), after[-1])
+    return -1 in (count(last), count(first)) or count(last) != count(first)
+
+
+def _describe(
+    path: EquilibriumPath,
+    counts: dict[int, int],
+    undecided: list[int],
+    critical: tuple[CriticalPoint, ...],
+) -> Iterator[str]:
+    """Yield a remark on the points on which meshes disagree, and one per missing critical point."""
+    row = undecided[-1]
+    point = path.points[row]
+    fine = "unknown" if counts[row] < 0 else f"{counts[row]}"
+    yield (
+        f"equilibrium: the stability of {len(undecided)} points up to the load factor "
+        f"{point.mu:.6g} is not decided by this mesh (there, the number of unstable directions is "
+        f"{point.stability.negative_count}, but {fine} with elements of half the length); use more "
+        "elements."
+    )
+    for one in path.critical:
+        if one not in critical:
+            yield (
+                f"equilibrium: the {one.kind} at the load factor {one.factor:.6g} is omitted, "
+                "because it vanishes with elements of half the length; use more elements."
+            )

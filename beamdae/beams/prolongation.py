@@ -1,0 +1,50 @@
+"""Transfer of the coordinates of a beam to a mesh with halved elements."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from beamdae.beams.beam import Beam
+from beamdae.beams.mesh import Mesh
+from beamdae.beams.shape_functions import shape_functions
+
+# Coordinates of a node: two displacements and a rotation.
+_NODE_SIZE = 3
+
+
+def halve_elements(mesh: Mesh) -> Mesh:
+    """Return the mesh with each element divided into two of equal arc length."""
+    bounds = mesh.element_bounds
+    middles = 0.5 * (bounds[1:] + bounds[:-1])
+    return mesh.divided_at(np.sort(np.append(bounds, middles)).tolist())
+
+
+def prolongation_matrix(coarse: Beam, fine: Beam) -> sp.csc_array:
+    """Return the matrix that maps changes of coordinates to a beam with halved elements.
+
+    Nodal displacements and rotations are interpolated by the shape functions of the coarse
+    elements. The small angles between the axes of coarse and fine elements are neglected, so that
+    the result is a start for Newton's method, not a solution.
+
+    Parameters
+    ----------
+    coarse
+        Beam with a built-in formulation.
+    fine
+        The same beam on the mesh that `halve_elements` returns.
+    """
+    nodes, frame_size = coarse.mesh.nodes, coarse.rigid_coordinate_count
+    frame, ends = np.eye(frame_size), np.linspace(-1.0, 1.0, nodes)
+    halves = [
+        sp.block_diag([frame, np.kron(shape_functions(nodes, xi), np.eye(_NODE_SIZE))])
+        for xi in (0.5 * (ends - 1.0), 0.5 * (ends + 1.0))
+    ]
+    interpolation = sp.kron(sp.eye_array(coarse.mesh.elements), sp.vstack(halves))
+    target = interpolation @ coarse.kinematics.operator
+    # Elements share nodes, and all share the frame: the equations are consistent up to the
+    # neglected angles, and are solved in the least-squares sense.
+    operator = sp.csc_array(fine.kinematics.operator)
+    normal = splu(sp.csc_matrix(operator.T @ operator))
+    return sp.csc_array(normal.solve((operator.T @ target).toarray()))
