@@ -77,11 +77,9 @@ _BENDING_ERROR_OF_MOMENTS = {4: 0.6, 3: 0.6, 2: 2.0}
 _SLOPE_OF_MOMENT_ERROR = 3.6
 _MAX_ATTACHMENT_ERROR = 2e-4  # relative error of deflections above which `prepare` warns
 
-# Winkler & Bach: the bending stiffness of a curved rectangle is EI (1 + 0.15 (h/R)^2); the stress
-# at its inner surface differs from the stress of a straight beam by h / (3 R).
+# Winkler & Bach: the bending stiffness of a curved rectangle is EI (1 + 0.15 (h/R)^2).
 _WINKLER_BACH_STIFFNESS = 0.15
-_WINKLER_BACH_STRESS = 3.0
-# Curvature times height at which the bending stiffness has an error of 1 % (the stress 9 %).
+# Curvature times height at which the bending stiffness has an error of 1 %.
 _MAX_CURVATURE_TIMES_HEIGHT = 0.26
 
 # Radius of gyration over length. Below the minimum, the bending terms are lost in rounding errors
@@ -514,9 +512,11 @@ class Beam(Part):
         return replace(quantity, columns=columns)
 
     def strain(self, s: float, offset: float | str) -> Quantity:
-        """Return the longitudinal strain eps11 of a fiber.
+        """Return the longitudinal strain of a fiber: its stress without damping, divided by E.
 
-        The strain is interpolated to `s` between the stiffness quadrature points, where the strains
+        The strain is eps11 + l kappa11 with the strains of the axis and the lever l of
+        `stress_lever`, which is the offset of the fiber in beams without initial curvature. The
+        strains are interpolated to `s` between the stiffness quadrature points, where the strains
         of an element are most accurate.
 
         Parameters
@@ -535,14 +535,16 @@ class Beam(Part):
         Raises
         ------
         BeamdaeError
-            If `s` is outside the beam, the fiber lies outside the section, or the section has no
-            height for "top" or "bottom".
+            If `s` is outside the beam, the fiber lies outside the section, the section has no
+            height for "top" or "bottom", or it reaches the center of curvature.
         """
-        offset = self._section_at(s).fiber_offset(self.name, offset)
-        return self._evaluate_strains(s, (Variable("", "-"),), fiber_strain, offset)
+        lever = self.stress_lever(s, offset)
+        return self._evaluate_strains(s, (Variable("", "-"),), fiber_strain, lever)
 
     def stress(self, s: float, offset: float | str) -> Quantity:
-        """Return the longitudinal stress E eps11 of a fiber, including material damping.
+        """Return the longitudinal stress of a fiber, including material damping.
+
+        The stress is E (strain + damping * strain rate) with the strain of `strain`.
 
         Parameters
         ----------
@@ -560,7 +562,7 @@ class Beam(Part):
             See `strain`.
         """
         x = self._section_at(s)
-        numbers = (x.fiber_offset(self.name, offset), x.material.E, x.damping)
+        numbers = (self.stress_lever(s, offset), x.material.E, x.damping)
         return self._evaluate_strains(s, (Variable("", "Pa"),), fiber_stress, *numbers)
 
     def section_forces(self, s: float) -> Quantity:
@@ -587,6 +589,25 @@ class Beam(Part):
         x = self._section_at(s)
         columns = (Variable("N", "N"), Variable("Q", "N"), Variable("M", "N m"))
         return self._evaluate_strains(s, columns, section_forces, x.EA, x.GA, x.EI, x.damping)
+
+    def stress_lever(self, s: float, offset: float | str) -> float:
+        """Return the lever [m] of a fiber for the curvature of the stress-free beam at `s`.
+
+        See `Section.stress_lever`: the stress in the fiber is N / A + M lever / I.
+
+        Parameters
+        ----------
+        s, offset
+            See `strain`.
+
+        Raises
+        ------
+        BeamdaeError
+            See `strain`, or if the section reaches the center of curvature.
+        """
+        s, free = self._require_arc_length(s), self._settings.get("free_curve", self.curve)
+        curvature = float(free.curvature(s * free.length / self.length))
+        return self.section.at(s).stress_lever(self.name, offset, curvature)
 
     def _section_at(self, s: float) -> Section:
         return self.section.at(self._require_arc_length(s))
@@ -803,12 +824,12 @@ def _warn_about_curvature(part: str, mesh: Mesh, section: Section | VaryingSecti
         warnings.warn(message, BeamdaeWarning, stacklevel=3)
     for ratio in height_ratios:
         if ratio > _MAX_CURVATURE_TIMES_HEIGHT:
+            shape = "" if section.at(0.0).shapes else " and stresses assume a rectangular section"
             message = (
                 f"{part}: the section height is {ratio:.2g} times the radius of "
                 "curvature, so beam theory has an error of "
-                f"{_WINKLER_BACH_STIFFNESS * ratio**2:.1%} in the bending stiffness "
-                f"and {ratio / _WINKLER_BACH_STRESS:.0%} in the stress at the inner "
-                "surface; reduce the height or the curvature."
+                f"{_WINKLER_BACH_STIFFNESS * ratio**2:.1%} in the bending stiffness{shape}; "
+                "reduce the height or the curvature."
             )
             warnings.warn(message, BeamdaeWarning, stacklevel=3)
 

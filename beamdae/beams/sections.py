@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from scipy.special import hyp2f1
 
 from beamdae.beams.materials import Material, require_material
 from beamdae.errors import (
@@ -21,6 +22,38 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
+
+
+class CenteredShape(NamedTuple):
+    """Rectangle or circle whose center is on the axis of a section.
+
+    Attributes
+    ----------
+    outline
+        "rectangle" or "circle".
+    height_ratio
+        Height of the shape divided by the height of the section [-].
+    share
+        Second moment of area of the shape divided by that of the section [-]; negative for a hole.
+    """
+
+    outline: Literal["rectangle", "circle"]
+    height_ratio: float = 1.0
+    share: float = 1.0
+
+    def curvature_factor(self, half_height: float) -> float:
+        """Return the integral of eta^2 / (1 - kappa eta) dA divided by the second moment of area.
+
+        `half_height` is half the height of the section times the curvature kappa [-].
+        """
+        z2 = (half_height * self.height_ratio) ** 2
+        if self.outline == "circle":
+            return float(4.0 / (1.0 + np.sqrt(1.0 - z2)) ** 2)
+        # 3 (artanh(z) / z - 1) / z^2, without cancellation for small z.
+        return float(hyp2f1(1.0, 1.5, 2.5, z2))
+
+
+_RECTANGLE = (CenteredShape("rectangle"),)
 
 
 @dataclass(frozen=True)
@@ -53,12 +86,16 @@ class Section:
     shear_peak
         Largest shear stress (on the axis) relative to the mean Q / A; 3/2 (default) for a
         rectangle. Set by the other class methods, such as `circle`.
+    shapes
+        Shapes whose sum is the section, for the stresses in curved beams (`stress_lever`). Set by
+        the class methods such as `rectangle`; if empty (default), the section is treated as a
+        rectangle of the given height and second moment of area.
 
     Raises
     ------
     BeamdaeError
-        If `material` is not a Material, a value is not positive (or `damping` is negative), or a
-        stiffness or an inertia is not finite.
+        If `material` is not a Material, a value is not positive (or `damping` is negative), a
+        stiffness or an inertia is not finite, or `shapes` contains anything but `CenteredShape`.
 
     Examples
     --------
@@ -79,6 +116,7 @@ class Section:
     rotary_inertia_per_length: float | None = None
     height: float | None = None
     shear_peak: float = 1.5
+    shapes: tuple[CenteredShape, ...] = ()
 
     def __post_init__(self) -> None:
         require_material("Section", self.material)
@@ -90,6 +128,13 @@ class Section:
             **{name: require_positive("Section", name, getattr(self, name)) for name in positive},
         )
         set_fields(self, damping=require_non_negative("Section", "damping", self.damping))
+        if not (
+            isinstance(self.shapes, tuple)
+            and all(isinstance(shape, CenteredShape) for shape in self.shapes)
+        ):
+            raise BeamdaeError(
+                f"Section: shapes must be a tuple of CenteredShape, got {short_repr(self.shapes)}."
+            )
         for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise BeamdaeError(
@@ -123,7 +168,9 @@ class Section:
         width = require_positive("Section.rectangle", "width", width)
         height = require_positive("Section.rectangle", "height", height)
         area, second_moment = width * height, width * height**3 / 12.0
-        return cls(material, area, second_moment, 5.0 / 6.0, damping, height=height)
+        return cls(
+            material, area, second_moment, 5.0 / 6.0, damping, height=height, shapes=_RECTANGLE
+        )
 
     @classmethod
     def circle(cls, material: Material, diameter: float, damping: float = 0.0) -> Section:
@@ -155,6 +202,7 @@ class Section:
             damping,
             height=diameter,
             shear_peak=4.0 / 3.0,
+            shapes=(CenteredShape("circle"),),
         )
 
     @classmethod
@@ -191,6 +239,7 @@ class Section:
         m2 = m**2
         square = (1.0 + m2) ** 2
         area = np.pi * wall * (diameter - wall)
+        outer = 1.0 / (1.0 - m2**2)
         return cls(
             material,
             area,
@@ -199,6 +248,7 @@ class Section:
             damping,
             height=diameter,
             shear_peak=4.0 / 3.0 * (1.0 + m + m2) / (1.0 + m2),
+            shapes=(CenteredShape("circle", 1.0, outer), CenteredShape("circle", m, 1.0 - outer)),
         )
 
     @classmethod
@@ -247,6 +297,7 @@ class Section:
         web_height, overhang = height - 2.0 * flange, width - web
         area = 2.0 * width * flange + web_height * web
         second_moment = (width * height**3 - overhang * web_height**3) / 12.0
+        outer = width * height**3 / (12.0 * second_moment)
         first_moment_of_half = 0.5 * width * flange * (height - flange) + web * web_height**2 / 8.0
         return cls(
             material,
@@ -256,6 +307,10 @@ class Section:
             damping,
             height=height,
             shear_peak=area * first_moment_of_half / (second_moment * web),
+            shapes=(
+                CenteredShape("rectangle", 1.0, outer),
+                CenteredShape("rectangle", web_height / height, 1.0 - outer),
+            ),
         )
 
     def at(self, s: float) -> Section:
@@ -289,6 +344,52 @@ class Section:
                 f"({0.5 * self.height:g} m), got {offset:g} m."
             )
         return offset
+
+    def stress_lever(self, part: str, offset: float | str, curvature: float) -> float:
+        """Return the lever l [m] of a fiber, with the longitudinal stress sigma = N / A + M l / I.
+
+        In a straight beam, l is the offset eta of the fiber. In a beam whose stress-free axis has
+        the curvature kappa, plane sections and the shorter fibers on the inner side give the
+        hyperbolic distribution of Winkler and Bach (Timoshenko, Strength of Materials II, 1956,
+        chapter XII):
+
+            l = I (eta / (J (1 - kappa eta)) - kappa / A),
+            J = integral of eta^2 / (1 - kappa eta) dA.
+
+        For a rectangle of height h on the radius R, the stress on the inner side is approximately
+        1 + h / (3 R) times that of a straight beam. J is exact for `shapes`; for a section without
+        `height`, J = I.
+
+        Parameters
+        ----------
+        part
+            Name of the beam in error messages.
+        offset
+            See `fiber_offset`.
+        curvature
+            Curvature kappa of the stress-free axis [1/m], positive to the left.
+
+        Raises
+        ------
+        BeamdaeError
+            If `offset` is invalid, or the section reaches the center of curvature.
+        """
+        eta = self.fiber_offset(part, offset)
+        half_height = abs(eta) if self.height is None else 0.5 * self.height
+        if not half_height * abs(curvature) < 1.0:
+            raise BeamdaeError(
+                f"{part}: the section extends {half_height:g} m from the axis and reaches the "
+                f"center of curvature at {1.0 / abs(curvature):g} m, so stresses are undefined; "
+                "reduce the height or the curvature."
+            )
+        factor = 1.0
+        if self.height is not None:
+            factor = sum(
+                shape.share * shape.curvature_factor(half_height * curvature)
+                for shape in self.shapes or _RECTANGLE
+            )
+        inner = eta / (factor * (1.0 - curvature * eta))
+        return inner - curvature * self.second_moment / self.area
 
     @property
     def EA(self) -> float:

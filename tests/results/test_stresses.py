@@ -1,10 +1,10 @@
-"""Section forces of runs: end values, tables, stresses, envelopes, safety, diagrams."""
+"""Section forces and stresses: end values, tables, stresses, envelopes, safety, diagrams."""
 
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
+from scipy.integrate import quad
 
 import beamdae as bd
 
@@ -76,8 +76,12 @@ def test_tables_envelopes_and_safety(swinging):
     assert row["M [N m]"].max() == most["M max [N m]"] == forces.M.max()
     stress = forces.stress("top")
     A, W = 0.03 * 0.0025, 0.03 * 0.0025**2 / 6.0
-    sigma = table["N [N]"] / A + table["M [N m]"] / W
-    pd.testing.assert_series_equal(stress["sigma [Pa]"], sigma, check_names=False)
+    # The lever of Winkler and Bach is h / 2 (1 + h / (2 R)) - h^2 / (12 R) to first order in h / R.
+    bending = table["M [N m]"] / W * (1.0 + 0.0025 / (3.0 * 0.85))
+    sigma = table["N [N]"] / A + bending
+    np.testing.assert_allclose(
+        stress["sigma [Pa]"], sigma, rtol=0.0, atol=1e-5 * np.max(np.abs(bending))
+    )
     np.testing.assert_allclose(stress["tau [Pa]"], 1.5 * table["Q [N]"] / A)
     safety = forces.safety()
     largest = max(np.abs(forces.stress(x)["sigma [Pa]"]).max() for x in ("top", "bottom"))
@@ -93,6 +97,109 @@ def test_shear_peaks_of_shapes():
     assert bd.Section.pipe(STEEL, 0.1, 0.0499).shear_peak == pytest.approx(4.0 / 3.0, rel=3e-3)
     solid = bd.Section.i_profile(STEEL, width=0.02, height=0.1, flange=0.02, web=0.0199999)
     assert solid.shear_peak == pytest.approx(1.5, rel=1e-4)
+
+
+# Stresses of curved beams ------------------------------------------------------------------------
+
+
+def bent_arc(ratio, section, moment=1.0, height=0.1, **settings):
+    """Return the section forces of a clamped arc with R / h = `ratio` under an end moment."""
+    radius = ratio * height
+    arc = bd.Arc(radius=radius, length=0.5 * np.pi * radius)
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("hook", arc, section, elements=4, **settings))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Moment("load", beam.end, moment))
+    mech.observe("inner", beam.stress(0.5 * beam.length, "top"))
+    mech.observe("inner strain", beam.strain(0.5 * beam.length, "top"))
+    return bd.equilibrium(mech)
+
+
+# Stress on the inner side relative to M / W of a straight beam: (r_n - r_i) h^2 / (6 e r_i h) with
+# r_n = h / ln(r_o / r_i) and e = R - r_n.
+INNER_STRESS = {2.0: 1.199631, 5.0: 1.071103, 10.0: 1.034386}
+
+
+@pytest.mark.filterwarnings("ignore:.*times the radius of curvature")
+@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+@pytest.mark.parametrize(("ratio", "factor"), INNER_STRESS.items())
+def test_stresses_of_curved_beams_follow_winkler_and_bach(ratio, factor, formulation):
+    h = 0.1
+    section = bd.Section.rectangle(STEEL, width=0.05, height=h)
+    result = bent_arc(ratio, section, formulation=formulation)
+    forces, M, W = result.section_forces("hook"), -1.0, 0.05 * h**2 / 6.0
+    inner, outer = (forces.stress(x)["sigma [Pa]"] for x in ("top", "bottom"))
+    np.testing.assert_allclose(inner, factor * M / W, rtol=1e-6)
+    ri, ro = (ratio - 0.5) * h, (ratio + 0.5) * h
+    neutral = h / np.log(ro / ri)
+    e = ratio * h - neutral
+    np.testing.assert_allclose(outer, M * (neutral - ro) / (0.05 * h * e * ro), rtol=1e-6)
+    assert forces.safety().factor == pytest.approx(235e6 / (factor / W), rel=1e-6)
+    # The observed stress and strain of the fiber follow the same distribution.
+    assert result.columns["inner [Pa]"][-1] == pytest.approx(factor * M / W, rel=1e-5)
+    strain = result.columns["inner strain [-]"][-1]
+    assert strain * STEEL.E == pytest.approx(factor * M / W, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("section", "width"),
+    [
+        (bd.Section.circle(STEEL, 1.0), lambda y: 2.0 * np.sqrt(0.25 - y**2)),
+        (
+            bd.Section.pipe(STEEL, 1.0, 0.1),
+            lambda y: 2.0 * (np.sqrt(0.25 - y**2) - np.sqrt(max(0.16 - y**2, 0.0))),
+        ),
+        (bd.Section.i_profile(STEEL, 0.6, 1.0, 0.1, 0.05), lambda y: 0.6 if abs(y) > 0.4 else 0.05),
+    ],
+    ids=["circle", "pipe", "i_profile"],
+)
+@pytest.mark.parametrize("curvature", [0.0, 1e-4, -0.5, 1.5])
+def test_stress_levers_balance_force_and_moment(section, width, curvature):
+    def integrate(weight):
+        def integrand(y):
+            return weight(y) * section.stress_lever("beam", y, curvature) * width(y)
+
+        return quad(integrand, -0.5, 0.5, points=[-0.4, 0.4], epsabs=1e-12)[0]
+
+    # M lever / I has the resultant 0 and the moment M.
+    assert integrate(lambda y: 1.0) == pytest.approx(0.0, abs=1e-8 * section.second_moment)
+    assert integrate(lambda y: y) == pytest.approx(section.second_moment, rel=1e-8)
+
+
+def test_stresses_refer_to_the_curvature_of_the_stress_free_beam():
+    # A straight leaf bent to an arc, and an arc bent straight.
+    h, R = 0.002, 0.5
+    strip = bd.Section.rectangle(STEEL, width=0.02, height=h)
+    line, arc = bd.Line((0.0, 0.0), (0.2, 0.0)), bd.Arc(radius=R, length=0.2)
+    straight = bd.Beam("leaf", arc, strip, free_curve=line)
+    assert straight.stress_lever(0.1, "top") == pytest.approx(0.5 * h, rel=1e-12)
+    curved = bd.Beam("leaf", line, strip, free_curve=arc)
+    assert curved.stress_lever(0.1, "top") == strip.stress_lever("leaf", "top", 1.0 / R)
+    assert curved.stress_lever(0.1, "top") > 0.5 * h * (1.0 + 0.99 * h / (3.0 * R))
+
+
+@pytest.mark.filterwarnings("error")
+def test_thick_arcs_of_unknown_shape_are_treated_as_rectangles():
+    rectangle = bd.Section.rectangle(STEEL, width=0.05, height=0.1)
+    unknown = replace(rectangle, shapes=())
+    assert unknown.stress_lever("hook", "top", 2.0) == rectangle.stress_lever("hook", "top", 2.0)
+    with pytest.raises(bd.BeamdaeWarning, match=r"hook: .* and stresses assume a rectangular"):
+        bent_arc(2.0, unknown)
+    with pytest.raises(bd.BeamdaeWarning, match=r"an error of 3\.8% in the bending stiffness; "):
+        bent_arc(2.0, rectangle)
+    # Without height, only the leading term of the curvature is known.
+    bare = replace(rectangle, height=None, shapes=())
+    assert bare.stress_lever("hook", 0.05, 0.2) == pytest.approx(
+        rectangle.stress_lever("hook", 0.05, 0.2), rel=1e-4
+    )
+
+
+def test_sections_around_the_center_of_curvature_have_no_stress():
+    section = bd.Section.rectangle(STEEL, width=0.05, height=0.1)
+    with pytest.raises(bd.BeamdaeError, match=r"hook: the section extends 0\.05 m from the axis"):
+        section.stress_lever("hook", "top", 20.0)
+    with pytest.raises(bd.BeamdaeError, match="shapes must be a tuple of CenteredShape"):
+        replace(section, shapes=("rectangle",))
 
 
 def test_diagrams_are_saved_as_figures(swinging, tmp_path):

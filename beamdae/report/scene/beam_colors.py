@@ -174,8 +174,8 @@ def _evaluate(beam: Beam, what: str, sections: int, q: Array, v: Array) -> Array
         k = "NQM".index(what)
         return strains[..., k] * np.array([(x.EA, x.GA, x.EI)[k] for x in local])
     top, bottom = (
-        np.array([x.fiber_offset(beam.name, side) for x in local]) for side in ("top", "bottom")
+        np.array([beam.stress_lever(s, side) for s in places]) for side in ("top", "bottom")
     )
-    surfaces = [strains[..., 0] + eta * strains[..., 2] for eta in (top, bottom)]
+    surfaces = [strains[..., 0] + lever * strains[..., 2] for lever in (top, bottom)]
     modulus = np.array([x.material.E for x in local]) if what == "stress" else 1.0
     return modulus * np.max(np.abs(surfaces), axis=0)

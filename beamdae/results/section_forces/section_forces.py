@@ -138,11 +138,17 @@ class SectionForces:
     def stress(self, offset: float | str) -> pd.DataFrame:
         """Return the stresses at a distance from the axis, one row per time and section.
 
-        The longitudinal stress is sigma = N / A + M offset / I. The shear stress tau is the maximum
-        over the section, `Section.shear_peak` Q / A, which occurs on the axis. The effect of an
-        initial curvature on the bending stress (Winkler) is neglected; on the inner side of a
-        rectangular section of height h, this error is h / (3 R) of the bending stress for a radius
-        of curvature R.
+        The longitudinal stress is sigma = N / A + M l / I. The lever l is the offset in straight
+        beams; with an initial curvature, it follows from the hyperbolic distribution of Winkler and
+        Bach, see `Section.stress_lever`. The shear stress tau is the maximum over the section,
+        `Section.shear_peak` Q / A, which occurs on the axis.
+
+        The beams themselves do not follow the theory of Winkler and Bach: their strains result from
+        N = EA eps11 and M = EI kappa11 (Pan & Liu 2012, eq. 21) with the stiffness of a straight
+        beam, which is 0.15 (h / R)^2 too low for a rectangle of height h and radius of curvature R.
+        In statically determinate beams, this affects deflections, not stresses. Radial stresses,
+        the effect of curvature on the shear stress, and the distortion of thin flanges are
+        neglected.
 
         Parameters
         ----------
@@ -157,8 +163,8 @@ class SectionForces:
         Raises
         ------
         BeamdaeError
-            If `offset` is invalid or outside a section, or is "top" or "bottom" and a section does
-            not define its height.
+            If `offset` is invalid or outside a section, is "top" or "bottom" and a section does not
+            define its height, or a section reaches the center of curvature.
         """
         import pandas as pd
 
@@ -167,9 +173,8 @@ class SectionForces:
         return pd.DataFrame(self._row_labels() | {k: x.ravel() for k, x in columns.items()})
 
     def _sigma(self, offset: float | str) -> tuple[Array, Array]:
-        name = self.beam.name
-        eta = np.array([section.fiber_offset(name, offset) for section in self._sections])
-        area, bending = self._section_values("area"), eta / self._section_values("second_moment")
+        lever = np.array([self.beam.stress_lever(s, offset) for s in self.s.tolist()])
+        area, bending = self._section_values("area"), lever / self._section_values("second_moment")
         error = self.error[0] / area + self.error[2] * np.abs(bending)
         return self.N / area + self.M * bending, error
 
