@@ -353,6 +353,11 @@ class Beam(Part):
         return self.kinematics.frame_follows_section
 
     @property
+    def axis_nodes(self) -> Array:
+        """Indices of the coordinates (x, y, psi) of element nodes; empty with a floating frame."""
+        return self.kinematics.axis_nodes
+
+    @property
     def initial_position(self) -> Array:
         """Coordinates [m, rad] in the reference configuration, shape (n,)."""
         return self.kinematics.initial_position

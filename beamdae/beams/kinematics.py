@@ -211,6 +211,11 @@ class Kinematics(ABC):
         return False
 
     @property
+    def axis_nodes(self) -> Array:
+        """Indices of the coordinates (x, y, psi) of element nodes, see `Part`; empty by default."""
+        return np.zeros((0, 0, 3), int)
+
+    @property
     @abstractmethod
     def initial_position(self) -> Array:
         """Coordinates [m, rad] in the reference configuration, shape (n,)."""

@@ -20,13 +20,13 @@ Array = np.ndarray
 
 # A failed step is multiplied by this factor, down to this fraction of the largest step.
 _CUT_FACTOR = 0.25
-_MIN_STEP_RATIO = 1e-6
+MIN_STEP_RATIO = 1e-6
 # The step grows by this factor if the corrector takes at most this many Newton iterations.
 _GROWTH_FACTOR = 1.5
 _MAX_ITERATIONS_TO_GROW = 4
 # If the corrector moves a point by more than this fraction of the step, the point lies on another
 # path. The allowance for rounding is in natural sizes.
-_MAX_CORRECTION_RATIO = 0.5
+MAX_CORRECTION_RATIO = 0.5
 _CORRECTION_ROUNDING = 1e-7
 # Smallest permitted cosine of the angle between successive directions: for a step by arc length (a
 # crossing path leaves at a larger angle), and for the step to grow.
@@ -220,7 +220,7 @@ def _take_step(
     first_value = control.value(begin.x, begin.mu)
     if not settings.by_arc_length and size < reach < _SPLIT_RATIO * size:
         size = reach if reach < _ROUNDING_RATIO * size else 0.5 * reach
-    min_size = min(_MIN_STEP_RATIO * settings.max_step, size)
+    min_size = min(MIN_STEP_RATIO * settings.max_step, size)
     while True:
         is_last = size == reach and not settings.by_arc_length
         value = target if is_last else first_value + sign * size
@@ -275,10 +275,10 @@ def _correct_prediction(
     norm: StepNorm,
 ) -> EquilibriumPoint:
     """Return the equilibrium near begin + step at which the control equals `value`."""
-    x, mu = begin.x + step.x, begin.mu + step.mu
+    x, mu = corrector.displace(begin.x, step.x), begin.mu + step.mu
     point = corrector.correct(control, value, x, mu)
     correction, displacement = norm.max_norm(point.x - x), norm.max_norm(point.x - begin.x)
-    if correction > _MAX_CORRECTION_RATIO * displacement + _CORRECTION_ROUNDING:
+    if correction > MAX_CORRECTION_RATIO * displacement + _CORRECTION_ROUNDING:
         raise CorrectorError("the path turns too sharply for the step")
     return point
 
@@ -323,12 +323,13 @@ def switch_branch(
     size = 0.5 * settings.max_step
     while True:
         try:
-            x, mu = point.x + size * direction.x, point.mu + size * direction.mu
+            x = corrector.displace(point.x, size * direction.x)
+            mu = point.mu + size * direction.mu
             first = corrector.correct(control, size, x, mu)
             break
         except CorrectorError as error:
             size *= _CUT_FACTOR
-            if size < _MIN_STEP_RATIO * settings.max_step:
+            if size < MIN_STEP_RATIO * settings.max_step:
                 raise CorrectorError(
                     f"no crossing path was found at the branch point: {error}"
                 ) from None

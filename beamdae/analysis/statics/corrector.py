@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.path_controls import Control, PathDirection
 from beamdae.analysis.statics.stability import Stability, assess_stability
+from beamdae.analysis.statics.strain_increments import StrainIncrements
 from beamdae.equations.starts.rigid_motions import DisplacementMeasure
 from beamdae.linear.factorizations import Factorization, SingularMatrixError, create_factorization
 from beamdae.symbolic.sparse_operators import column_indices
@@ -76,6 +77,18 @@ class Corrector:
         return DisplacementMeasure.of(self.system.equations)
 
     @cached_property
+    def _increments(self) -> StrainIncrements:
+        return StrainIncrements.of(self.system.equations)
+
+    def displace(self, x: Array, change: Array) -> Array:
+        """Return x = (q, lam) displaced by a finite change, see `strain_increments`."""
+        return self._increments.displace(x, change)
+
+    def interpolate(self, x: Array, other: Array, position: float) -> Array:
+        """Return unknowns between `x` (position 0) and `other` (position 1)."""
+        return self.displace(x, position * self._increments.difference(x, other))
+
+    @cached_property
     def _bordered(self) -> tuple[sp.csc_array, Array, Array]:
         """CSC pattern of the bordered matrix, and indices of F_x and the last row in its data."""
         pattern, size = self.system.pattern, self.system.pattern.shape[0]
@@ -125,7 +138,8 @@ class Corrector:
             size = self.displacement_measure.farthest(change[: self.system.equations.n])
             if not size <= _DIVERGENCE_LIMIT:
                 raise CorrectorError("Newton's method diverges")
-            x, mu, self.iterations = x + change[:-1], mu + float(change[-1]), self.iterations + 1
+            x, mu = self.displace(x, change[:-1]), mu + float(change[-1])
+            self.iterations += 1
             stagnates = size <= _STAGNATION_TOLERANCE and size > _STAGNATION_RATIO * last_size
             if size <= _CONVERGENCE_TOLERANCE or stagnates:
                 return EquilibriumPoint(self.system, x, mu, k + 1)

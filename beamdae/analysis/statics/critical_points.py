@@ -91,7 +91,8 @@ class PathSegment:
     def point_at(self, position: float) -> EquilibriumPoint:
         """Return the equilibrium at a position from 0 (begin) to 1 (end)."""
         a, b, (first, last) = self.begin, self.end, self.control_values
-        x, mu = a.x + position * (b.x - a.x), a.mu + position * (b.mu - a.mu)
+        x = self.corrector.interpolate(a.x, b.x, position)
+        mu = a.mu + position * (b.mu - a.mu)
         return self.corrector.correct(self.control, first + position * (last - first), x, mu)
 
     def truncate(self, quantity: Control, target: float) -> PathSegment | None:

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdae.analysis.statics.continuation import (
+    MAX_CORRECTION_RATIO,
+    MIN_STEP_RATIO,
     ContinuationSettings,
     StagePath,
     follow_path,
@@ -274,7 +276,7 @@ def _follow_stage(
             f"all scaled loads are zero at t = {t:g} s; pass another time t= or other loads=",
         )
         return
-    if begin.stability.free_count:
+    if begin.stability.free_count and not _resists_loads(corrector, begin, steps):
         _follow_from_mechanism(corrector, path, steps, targets)
         return
     direction = None
@@ -327,6 +329,29 @@ def _choose_steps(
     return ContinuationSettings(
         control, True, settings.step or step, load_step, norm, settings.max_points
     )
+
+
+def _resists_loads(
+    corrector: Corrector, begin: EquilibriumPoint, steps: ContinuationSettings
+) -> bool:
+    """Return True if a small load moves the mechanism little, to an equilibrium near `begin`.
+
+    The bending stiffness of a thin beam may be as small as rounding errors of its axial stiffness,
+    so that the eigenvalues at `begin` do not tell a thin beam from a mechanism.
+    """
+    direction = corrector.try_path_tangent(begin, LoadControl())
+    if direction is None:
+        return False
+    motion = steps.norm.max_norm(direction.x)
+    load = min(steps.max_load_step, _MAX_INITIAL_MOTION / max(motion, _MIN_REACH))
+    if load < MIN_STEP_RATIO * steps.max_load_step:
+        return False
+    x = corrector.displace(begin.x, load * direction.x)
+    try:
+        point = corrector.correct(LoadControl(), load, x, load)
+    except CorrectorError:
+        return False
+    return steps.norm.max_norm(point.x - x) <= MAX_CORRECTION_RATIO * motion * load
 
 
 def _follow_from_mechanism(
