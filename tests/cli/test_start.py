@@ -50,3 +50,23 @@ def test_a_run_imports_only_what_it_needs(tmp_path):
         imported = set(line.split())
     assert {"casadi", "beamdae.simulation"} <= imported
     assert not NEVER & imported
+
+
+@pytest.mark.slow(reason="starts a process")
+def test_regression_the_import_of_casadi_does_not_count_as_import_of_a_listed_file():
+    """On a busy machine, importing CasADi took over 10 s, and no file could be listed."""
+    code = f"""
+import sys
+from pathlib import Path
+from beamdae.cli.model_files import listing
+listing._import_what_models_need()
+from beamdae.cli.model_files.model_file import ModelFile
+imported = set(sys.modules)
+file = Path({str(MODEL)!r})
+assert listing._describe_content(file, ModelFile(file)).models
+print(*{{name.partition(".")[0] for name in set(sys.modules) - imported}})
+"""
+    result = subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True
+    )
+    assert not {"casadi", "numpy", "pandas", "scipy"} & set(result.stdout.split()), result.stdout

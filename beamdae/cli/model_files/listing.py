@@ -110,8 +110,8 @@ class _ListingProcess:
 def _serve_files(connection: Connection) -> None:
     """Main function of the process; interrupts are handled by the main process, which kills it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # Import first, because the import of beamdae does not count.
-    import beamdae.cli.model_files.model_file
+    _import_what_models_need()
+    from beamdae.cli.model_files.model_file import ModelFile
 
     connection.send_bytes(b"ready")
     while True:
@@ -120,11 +120,17 @@ def _serve_files(connection: Connection) -> None:
         except (EOFError, OSError):
             return
         try:
-            model_file = beamdae.cli.model_files.model_file.ModelFile(file)
+            model_file = ModelFile(file)
             content = _describe_content(file, model_file)
         except BeamdaeError as problem:
             content = FileContent(problem=str(problem))
         connection.send_bytes(pickle.dumps(content))
+
+
+def _import_what_models_need() -> None:
+    """Import beamdae, CasADi and NumPy, whose import must not count as import of a file."""
+    import beamdae.model_functions
+    import beamdae.studies.definition  # noqa: F401
 
 
 def _describe_content(file: Path, model_file: Any) -> FileContent:
