@@ -1,7 +1,10 @@
 """Section forces and stresses: end values, tables, stresses, envelopes, safety, diagrams."""
 
+import pickle
 from dataclasses import replace
+from functools import cache
 
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -200,6 +203,116 @@ def test_sections_around_the_center_of_curvature_have_no_stress():
         section.stress_lever("hook", "top", 20.0)
     with pytest.raises(bd.BeamdaeError, match="shapes must be a tuple of CenteredShape"):
         replace(section, shapes=("rectangle",))
+
+
+# Peaks after sudden loads ------------------------------------------------------------------------
+
+ROD_FORCE = 1e4  # [N]
+
+
+@cache
+def shaken_rod(elements=4, nodes=4, rise_time=0.0, damping=0.0, kind="load"):
+    """Return N of a clamped rod after a step of the end force or an impact, up to t = 6 L / c."""
+    section = bd.Section.rectangle(STEEL, width=0.1, height=0.1, damping=damping)
+    speed = np.sqrt(STEEL.E / STEEL.rho)
+    velocity = (-ROD_FORCE * speed / section.EA, 0.0) if kind == "impact" else (0.0, 0.0)
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    rod = mech.add(
+        bd.Beam("rod", line, section, elements, nodes=nodes, velocity=velocity, formulation="exact")
+    )
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), rod.start))
+    if kind == "load":
+        force = ROD_FORCE
+        if rise_time:
+            force = bd.piecewise((rise_time, lambda t: ROD_FORCE / rise_time * t), ROD_FORCE)
+        mech.add(bd.Force("load", rod.end, (force, 0.0)))
+    end = 6.0 / speed
+    run = bd.simulate(mech, bd.Radau(1e-6), t_end=end, output_step=end / 150)
+    return run.section_forces(rod)
+
+
+# Waves in the rod: a step load sends fronts of height F that double at the clamp; an impact with
+# the velocity v sends fronts of height EA v / c, which alternate between compression and tension.
+ROD_PEAK = {"load": 2.0, "impact": -1.0}
+
+
+@pytest.mark.parametrize(
+    ("kind", "elements", "nodes"),
+    [
+        ("load", 4, 4),
+        pytest.param("impact", 4, 4, marks=pytest.mark.slow(reason="as the load")),
+        pytest.param("load", 16, 2, marks=pytest.mark.slow(reason="as four nodes")),
+        pytest.param("impact", 16, 3, marks=pytest.mark.slow(reason="as four nodes")),
+    ],
+)
+def test_peaks_after_sudden_loads_have_an_error_that_covers_the_overshoot(kind, elements, nodes):
+    forces = shaken_rod(elements, nodes, kind=kind)
+    envelope, exact = forces.envelope(), ROD_PEAK[kind] * ROD_FORCE
+    word, row = ("max", forces.N.max(axis=0).argmax()) if exact > 0.0 else ("min", 0)
+    peak, error = (envelope[f"N {x} [N]"][row] for x in (word, f"{word} error"))
+    # The overshoot of 20 to 80 % of the jump F is larger than the difference from the strains.
+    assert abs(peak - exact) > 0.2 * ROD_FORCE
+    assert abs(peak - exact) > 2.0 * np.median(forces.error[0])
+    assert abs(peak - exact) < error < 0.9 * ROD_FORCE
+    with pytest.warns(bd.BeamdaeWarning, match="rod: the largest stress, .* does not resolve the"):
+        safety = forces.safety()
+    factor = 235e6 * 0.1**2 / abs(exact)
+    assert safety.factor < 0.9 * factor
+    assert safety.lower_bound < safety.factor
+    assert factor < 235e6 / (safety.stress - safety.error)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "settings", [{"rise_time": 2e-4}, {"damping": 2e-6}], ids=["gradual load", "damping"]
+)
+def test_remedies_against_unresolved_waves(settings):
+    # The rise time is four times the period in the warning of the sudden load, and half of the time
+    # after which the first reflected wave returns to the clamp and reduces the peak.
+    forces = shaken_rod(elements=8, **settings)
+    safety = forces.safety()
+    assert safety.warning is None
+    assert safety.stress == pytest.approx(2.0 * ROD_FORCE / 0.1**2, rel=0.03)
+    assert safety.error < 0.1 * safety.stress
+
+
+@pytest.mark.parametrize(("elements", "error"), [(2, 0.02), (4, 2e-3)])
+def test_resolved_motions_have_small_wave_errors(swinging_strip, elements, error):
+    forces = swinging_strip(elements)
+    assert forces.wave_error[2] < error * np.max(np.abs(forces.M))
+
+
+@pytest.fixture
+def swinging_strip():
+    """Function that returns the section forces of an undamped cantilever in its first mode."""
+
+    def section_forces(elements):
+        mech = bd.Mechanism()
+        strip = bd.Section.rectangle(STEEL, width=0.02, height=0.005)
+        beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.Force("load", beam.end, (0.0, lambda t: 1.0 - ca.cos(8.0 * np.pi * t))))
+        run = bd.simulate(mech, bd.Radau(1e-6), t_end=0.5, output_step=0.005)
+        return run.section_forces(beam)
+
+    return section_forces
+
+
+def test_wave_errors_survive_pickling_without_the_run():
+    forces = shaken_rod()
+    copy = pickle.loads(pickle.dumps(forces))
+    assert copy.sample is None
+    np.testing.assert_array_equal(copy.wave_error, forces.wave_error)
+    assert np.all(copy.wave_error[0] > 0.1 * ROD_FORCE)
+
+
+def test_equilibria_have_no_waves(swinging):
+    section = bd.Section.rectangle(STEEL, width=0.05, height=0.1)
+    forces = bent_arc(20.0, section).section_forces("hook")
+    np.testing.assert_array_equal(forces.wave_error, 0.0)
+    envelope = forces.envelope()
+    np.testing.assert_allclose(envelope["M max error [N m]"], forces.error[2][0])
 
 
 def test_diagrams_are_saved_as_figures(swinging, tmp_path):

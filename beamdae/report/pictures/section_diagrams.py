@@ -21,7 +21,8 @@ def plot_section_diagram(forces: SectionForces, what: str = "M", t: float | None
     """Plot N, Q or M of a beam over its arc length, at one time or as an envelope.
 
     At one time, the line is the section force in equilibrium with the loads, the dots are computed
-    from the strains, and the gray band is the estimated error.
+    from the strains, and the gray band is the estimated error. For an envelope, the light gray
+    bands are the estimated errors of the extremes.
 
     Parameters
     ----------
@@ -55,7 +56,12 @@ def plot_section_diagram(forces: SectionForces, what: str = "M", t: float | None
     row = _find_row(forces, t)
     axis.axhline(0.0, color="0.6", lw=0.8)
     if row is None:
-        lowest, highest = values.min(axis=0), values.max(axis=0)
+        envelope, unit = forces.envelope(), SECTION_FORCE_HEADERS[what].partition(" [")[2]
+        (lowest, lower), (highest, upper) = (
+            [envelope[f"{what} {name} [{unit}"] for name in (word, f"{word} error")]
+            for word in ("min", "max")
+        )
+        axis.fill_between(forces.s, lowest - lower, highest + upper, color="0.93", lw=0.0)
         axis.fill_between(forces.s, lowest, highest, color="0.85")
         axis.plot(forces.s, highest, color=COLORS[0], lw=1.4)
         axis.plot(forces.s, lowest, color=COLORS[1], lw=1.4)

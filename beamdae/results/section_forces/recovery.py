@@ -17,6 +17,7 @@ both ends equal the end reactions.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
@@ -97,26 +98,50 @@ def recover_section_forces(
             f"{beam.name}: t must contain ascending times of the run ({first:g} to "
             f"{last:g} s), got {short_repr(t)}."
         )
-    branch_times, state = trajectory.at(times)
-    groups = _group_rows(trajectory, times)
     if s is None:
+        branch_times, state = trajectory.at(times)
+        groups = _group_rows(trajectory, times)
         sections = _default_sections(beam, e, branch_times, state, groups)
     else:
         sections = _requested_sections(beam, s)
-    blocks = []
-    columns = max(len(sections[0]), beam.mesh.elements * beam.mesh.nodes)
-    block_size = max(MAX_EVALUATIONS // columns, 1)
-    for rows, factors in groups:
-        for k in range(0, len(rows), block_size):
-            block = rows[k : k + block_size]
-            states = State(*(x[block] for x in state))
-            blocks.append(
-                balanced_and_elastic_forces(
-                    beam, e, branch_times[block], states, *sections, factors
+    sampler = _SectionSampler(run, beam, *sections)
+    (N, Q, M), strained = sampler.evaluate(times)
+    return SectionForces(beam, times, sections[0], N, Q, M, strained, sampler)
+
+
+@dataclass(frozen=True, eq=False)
+class _SectionSampler:
+    """Section forces at given sections and any times of a run."""
+
+    run: RunData
+    beam: Beam
+    s: Array
+    before: Array
+
+    def __call__(self, times: Array) -> Array:
+        """Return N, Q and M (3, rows, sections) at ascending times [s], clipped to the run."""
+        trajectory = self.run.trajectory
+        return self.evaluate(np.clip(times, trajectory.start, trajectory.end))[0]
+
+    def evaluate(self, times: Array) -> tuple[Array, Array]:
+        """Return section forces from the loads and from the strains, (3, rows, sections) each."""
+        equations, trajectory = self.run.equations, self.run.trajectory
+        branch_times, state = trajectory.at(times)
+        blocks = []
+        columns = max(len(self.s), self.beam.mesh.elements * self.beam.mesh.nodes)
+        block_size = max(MAX_EVALUATIONS // columns, 1)
+        for rows, factors in _group_rows(trajectory, times):
+            for k in range(0, len(rows), block_size):
+                block = rows[k : k + block_size]
+                states = State(*(x[block] for x in state))
+                at = branch_times[block]
+                blocks.append(
+                    balanced_and_elastic_forces(
+                        self.beam, equations, at, states, self.s, self.before, factors
+                    )
                 )
-            )
-    (N, Q, M), strained = (np.concatenate(x, axis=1) for x in zip(*blocks, strict=True))
-    return SectionForces(beam, times, sections[0], N, Q, M, strained)
+        balanced, strained = (np.concatenate(x, axis=1) for x in zip(*blocks, strict=True))
+        return balanced, strained
 
 
 def recover_section_forces_at_state(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -10,9 +12,13 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.equations.measures import TIME
-from beamdae.errors import BeamdaeError, require_positive
+from beamdae.errors import BeamdaeError, BeamdaeWarning, require_positive
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import Plot, load_views
+from beamdae.results.section_forces.unresolved_waves import (
+    estimate_wave_errors,
+    shortest_resolved_periods,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,6 +27,13 @@ Array = np.ndarray
 
 SECTION_FORCE_HEADERS = {"N": "N [N]", "Q": "Q [N]", "M": "M [N m]"}
 _ARC_LENGTH = "s [m]"
+
+
+# Estimated error above which `SectionForces.safety` issues a warning, relative to the stress.
+_MAX_UNREPORTED_STRESS_ERROR = 0.1
+# Stress, including its error, below which this warning is omitted, relative to the yield stress;
+# beams without loads have section forces by rounding.
+_NEGLIGIBLE_UTILIZATION = 1e-6
 
 
 @dataclass(frozen=True)
@@ -41,6 +54,13 @@ class Safety:
         Arc length [m].
     where
         Point of the section: "top", "bottom" or "axis".
+    error
+        Estimated error of the stress [Pa], including waves that the mesh does not resolve.
+    lower_bound
+        Lower bound of the safety factor [-]: the smallest ratio, over all times and sections, of
+        the yield stress to the sum of the stress and its estimated error.
+    warning
+        Warning if the error exceeds 10 % of the stress, otherwise None.
     """
 
     factor: float
@@ -49,6 +69,9 @@ class Safety:
     t: float
     s: float
     where: str
+    error: float
+    lower_bound: float
+    warning: str | None
 
 
 @read_only_data
@@ -80,6 +103,9 @@ class SectionForces:
         Section forces (k, l) [N, N, N m].
     strained
         N, Q and M computed from the strains (3, k, l) [N, N, N m], as in `Beam.section_forces`.
+    sample
+        Function of ascending times [s] that returns N, Q and M (3, rows, l) at the same sections;
+        times outside the run are replaced by its ends. None for equilibria and after unpickling.
     """
 
     beam: Beam
@@ -89,6 +115,7 @@ class SectionForces:
     Q: Array
     M: Array
     strained: Array
+    sample: Callable[[Array], Array] | None = None
 
     def __repr__(self) -> str:
         times, sections = self.N.shape
@@ -110,6 +137,28 @@ class SectionForces:
         estimate is 1.3e-2, 1.6e-3 and 2e-4 (tests/results/test_section_forces.py).
         """
         return np.abs(np.stack([self.N, self.Q, self.M]) - self.strained)
+
+    @cached_property
+    def wave_error(self) -> Array:
+        """Estimated errors of the peaks of N, Q and M due to unresolved waves, (3,) [N, N, N m].
+
+        After a sudden load, the section forces of beams without damping contain waves that are too
+        short for the mesh and increase the peaks by 20 to 80 % of the jump, on any mesh. `error`
+        shows only a part of this. The estimate compares the largest and the smallest N, Q and M
+        with averages over the periods of the shortest waves that the mesh resolves: axial waves of
+        6 and bending waves of 4 node intervals. It applies to the whole beam and is zero for
+        equilibria.
+        """
+        if self.sample is None:
+            return np.zeros(3)
+        forces = np.stack([self.N, self.Q, self.M])
+        return estimate_wave_errors(
+            self.t, forces, shortest_resolved_periods(self.beam), self.sample
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        # `sample` contains the whole run.
+        return {**vars(self), "wave_error": self.wave_error, "sample": None}
 
     def table(self) -> pd.DataFrame:
         """Return N, Q, M and their estimated errors, one row per time and section."""
@@ -169,35 +218,56 @@ class SectionForces:
         import pandas as pd
 
         sigma, error = self._sigma(offset)
-        columns = {"sigma [Pa]": sigma, "tau [Pa]": self._tau, "sigma error [Pa]": error}
+        columns = {"sigma [Pa]": sigma, "tau [Pa]": self._tau(self.Q), "sigma error [Pa]": error}
         return pd.DataFrame(self._row_labels() | {k: x.ravel() for k, x in columns.items()})
 
     def _sigma(self, offset: float | str) -> tuple[Array, Array]:
-        lever = np.array([self.beam.stress_lever(s, offset) for s in self.s.tolist()])
-        area, bending = self._section_values("area"), lever / self._section_values("second_moment")
+        """Return longitudinal stresses and their estimated errors, (k, l) [Pa]."""
+        area, bending = self._section_values("area"), self._bending_factors(offset)
         error = self.error[0] / area + self.error[2] * np.abs(bending)
         return self.N / area + self.M * bending, error
 
-    @cached_property
-    def _tau(self) -> Array:
-        return self._section_values("shear_peak") * self.Q / self._section_values("area")
+    def _sigma_wave_error(self, offset: float | str) -> Array:
+        """Return errors of the peaks of longitudinal stresses by unresolved waves, (l,) [Pa]."""
+        axial, _, moment = self.wave_error
+        return axial / self._section_values("area") + moment * np.abs(self._bending_factors(offset))
+
+    def _bending_factors(self, offset: float | str) -> Array:
+        """Return the longitudinal stress per bending moment, (l,) [1/m^3]."""
+        levers = np.array([self.beam.stress_lever(s, offset) for s in self.s.tolist()])
+        return levers / self._section_values("second_moment")
+
+    def _tau(self, shear_forces: Array) -> Array:
+        """Return the largest shear stresses [Pa] due to shear forces (..., l)."""
+        factors = self._section_values("shear_peak") / self._section_values("area")
+        return shear_forces * factors
 
     def envelope(self) -> pd.DataFrame:
-        """Return minima and maxima of N, Q and M over time, and their times, one row per section.
+        """Return minima and maxima of N, Q and M over time, one row per section.
 
-        If all sections define their height, the table includes the longitudinal stress at the top
-        and the bottom.
+        Each extreme has an estimated error and a time. The error is the sum of `error` at this time
+        and section and `wave_error`. Extremes between the times `t` are not included.
+
+        If all sections define their height and do not reach the center of curvature, the table
+        includes the longitudinal stress at the top and the bottom.
         """
         import pandas as pd
 
+        headers = list(SECTION_FORCE_HEADERS.values())
+        forces = zip((self.N, self.Q, self.M), self.error, self.wave_error, strict=True)
+        quantities = dict(zip(headers, forces, strict=True))
+        try:
+            stresses = {x: (*self._sigma(x), self._sigma_wave_error(x)) for x in ("top", "bottom")}
+        except BeamdaeError:
+            stresses = {}  # not defined for these sections
+        quantities |= {f"sigma {x} [Pa]": values for x, values in stresses.items()}
         columns: dict[str, Array] = {_ARC_LENGTH: self.s}
-        values = dict(zip(SECTION_FORCE_HEADERS.values(), (self.N, self.Q, self.M), strict=True))
-        if all(section.height is not None for section in self._sections):
-            values |= {f"sigma {x} [Pa]": self._sigma(x)[0] for x in ("top", "bottom")}
-        for header, rows in values.items():
+        sections = np.arange(len(self.s))
+        for header, (rows, errors, wave_error) in quantities.items():
             name, _, unit = header.partition(" [")
             for word, extreme in (("min", rows.argmin(axis=0)), ("max", rows.argmax(axis=0))):
-                columns[f"{name} {word} [{unit}"] = rows[extreme, np.arange(len(self.s))]
+                columns[f"{name} {word} [{unit}"] = rows[extreme, sections]
+                columns[f"{name} {word} error [{unit}"] = errors[extreme, sections] + wave_error
                 columns[f"t of {name} {word} [s]"] = self.t[extreme]
         return pd.DataFrame(columns)
 
@@ -205,7 +275,10 @@ class SectionForces:
         """Return the smallest safety factor against yielding over all times and sections.
 
         The von Mises equivalent stress is |sigma| at the top and the bottom, and
-        sqrt(sigma^2 + 3 tau^2) on the axis.
+        sqrt(sigma^2 + 3 tau^2) on the axis. Its error follows from the errors of N, Q and M:
+        `error`, and `wave_error` for waves that the mesh does not resolve. These waves increase
+        peaks, so that `Safety.factor` is usually too small after sudden loads. A `BeamdaeWarning`
+        is issued if the error exceeds 10 % of the stress.
 
         Parameters
         ----------
@@ -216,7 +289,7 @@ class SectionForces:
         -------
         Safety
             The factor, with the stress [Pa], the time [s] and the arc length [m] at which it
-            occurs.
+            occurs, the estimated error of the stress, and a lower bound of the factor.
 
         Raises
         ------
@@ -237,26 +310,74 @@ class SectionForces:
                     "Material(yield_stress=) or pass safety(yield_stress=)."
                 )
             yield_stresses = np.array(of_materials, float)
-        axis = np.hypot(self._sigma(0.0)[0], np.sqrt(3.0) * self._tau)
-        equivalent = {x: np.abs(self._sigma(x)[0]) for x in ("top", "bottom")} | {"axis": axis}
-        utilization = np.stack([stress / yield_stresses for stress in equivalent.values()])
+        points = ("top", "bottom", "axis")
+        stresses, mesh_bounds, bounds = np.stack(
+            [self._equivalent_stresses(point) for point in points], axis=1
+        )
+        utilization = stresses / yield_stresses
         largest = np.unravel_index(np.argmax(utilization), utilization.shape)
         point, row, section = map(int, largest)
-        where, ratio = list(equivalent)[point], float(utilization[largest])
+        stress, yielding = float(stresses[largest]), float(yield_stresses[section])
+        bound = float(np.max(bounds / yield_stresses))
+        warning = None
+        if bounds[largest] > max(
+            (1.0 + _MAX_UNREPORTED_STRESS_ERROR) * stress, _NEGLIGIBLE_UTILIZATION * yielding
+        ):
+            errors = float(mesh_bounds[largest]) - stress, float(bounds[largest]) - stress
+            warning = self._describe_stress_error(stress, *errors, float(self.t[row]))
+            warnings.warn(warning, BeamdaeWarning, stacklevel=2)
         return Safety(
-            factor=1.0 / ratio if ratio > 0.0 else np.inf,
-            stress=float(equivalent[where][row, section]),
-            yield_stress=float(yield_stresses[section]),
+            factor=yielding / stress if stress > 0.0 else np.inf,
+            stress=stress,
+            yield_stress=yielding,
             t=float(self.t[row]),
             s=float(self.s[section]),
-            where=where,
+            where=points[point],
+            error=float(bounds[largest]) - stress,
+            lower_bound=1.0 / bound if bound > 0.0 else np.inf,
+            warning=warning,
+        )
+
+    def _equivalent_stresses(self, point: str) -> tuple[Array, Array, Array]:
+        """Return equivalent stresses at a point of the sections, and two upper bounds of them.
+
+        The bounds include the errors without and with unresolved waves. All are (k, l) [Pa].
+        """
+        offset: float | str = 0.0 if point == "axis" else point
+        sigma, error = self._sigma(offset)
+        # Shear stresses vanish at the surfaces; on the axis, they count sqrt(3) times.
+        shear = np.sqrt(3.0) if point == "axis" else 0.0
+        tau, tau_error = shear * np.abs(self._tau(self.Q)), shear * self._tau(self.error[1])
+        wave_error = self._sigma_wave_error(offset)
+        tau_wave_error = shear * self._tau(self.wave_error[1])
+        size, tau_size = np.abs(sigma) + error, tau + tau_error
+        return (
+            np.hypot(sigma, tau),
+            np.hypot(size, tau_size),
+            np.hypot(size + wave_error, tau_size + tau_wave_error),
+        )
+
+    def _describe_stress_error(
+        self, stress: float, mesh_error: float, error: float, t: float
+    ) -> str:
+        cause, remedy = "due to the mesh", "use more elements or a smaller tolerance"
+        if error > 2.0 * mesh_error:
+            cause = "because the mesh does not resolve the waves of a sudden load"
+            remedy = (
+                f"apply loads over more than {shortest_resolved_periods(self.beam)[0]:.2g} s, set "
+                "the damping of the section, or use `lower_bound`"
+            )
+        return (
+            f"{self.beam.name}: the largest stress, {stress:.4g} Pa at t = {t:.4g} s, has an "
+            f"estimated error of {error / stress if stress else np.inf:.0%} {cause}; {remedy}."
         )
 
     def diagram(self, what: str = "M", t: float | None = None) -> Plot:
         """Plot N, Q or M over the arc length, at one time or as an envelope.
 
         At one time, the line is the section force in equilibrium with the loads, the dots are
-        computed from the strains, and the gray band is the estimated error.
+        computed from the strains, and the gray band is the estimated error. The light gray bands of
+        an envelope are the estimated errors of the extremes.
 
         Parameters
         ----------
