@@ -7,6 +7,9 @@ from .analysis.linear_dynamics.natural_modes import modes as modes
 from .analysis.linear_dynamics.steady_rotation import rotation as rotation
 from .analysis.periodic.periodic_continuation import frequency_response as frequency_response
 from .analysis.periodic.periodic_solution import periodic as periodic
+from .analysis.statics.imperfections import KnockDown as KnockDown
+from .analysis.statics.imperfections import imperfect as imperfect
+from .analysis.statics.imperfections import knock_down as knock_down
 from .analysis.statics.linear_buckling import Buckling as Buckling
 from .analysis.statics.linear_buckling import buckling as buckling
 from .analysis.statics.static_equilibrium import equilibrium as equilibrium

@@ -605,6 +605,9 @@ GROUPS = (
             Public("CriticalPoint", "beamdae.results.equilibrium"),
             Public("buckling", "beamdae.analysis.statics.linear_buckling"),
             Public("Buckling", "beamdae.analysis.statics.linear_buckling"),
+            Public("imperfect", "beamdae.analysis.statics.imperfections"),
+            Public("knock_down", "beamdae.analysis.statics.imperfections"),
+            Public("KnockDown", "beamdae.analysis.statics.imperfections"),
         ),
     ),
     Group(

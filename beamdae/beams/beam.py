@@ -322,6 +322,29 @@ class Beam(Part):
             other._settings = {k: x for k, x in self._settings.items() if k in supported}
         return other
 
+    def with_free_curve(self, free_curve: PlaneCurve) -> Beam:
+        """Return a copy of the beam with another stress-free shape, see `free_curve`.
+
+        Raises
+        ------
+        BeamdaeError
+            If the beam has custom kinematics, or the length of the curve does not fit.
+        """
+        if self._make_kinematics is not None:
+            raise BeamdaeError(
+                f"{self.name}: custom kinematics have no free_curve; use a built-in formulation."
+            )
+        other = copy(self)
+        vars(other).pop("kinematics", None)
+        other._settings = {**self._settings, "free_curve": free_curve}
+        _ = other.kinematics
+        return other
+
+    @property
+    def free_curve(self) -> PlaneCurve:
+        """Stress-free shape; the reference curve unless `free_curve` was given."""
+        return self._settings.get("free_curve", self.curve)
+
     @property
     def length(self) -> float:
         """Arc length of the reference curve [m]."""

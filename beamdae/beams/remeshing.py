@@ -155,16 +155,30 @@ def with_meshes(
     BeamdaeError
         If a part cannot be copied.
     """
-    memo: dict[int, Any] = {}
+    beams = {}
     for name in {**meshes, **formulations}:
         beam = mechanism.parts[name]
         assert isinstance(beam, Beam)
-        memo[id(beam)] = beam.with_mesh(meshes.get(name, beam.mesh), formulations.get(name))
+        beams[name] = beam.with_mesh(meshes.get(name, beam.mesh), formulations.get(name))
+    return replace_beams(mechanism, beams, "with_meshes")
+
+
+def replace_beams(mechanism: Mechanism, beams: Mapping[str, Beam], caller: str) -> Mechanism:
+    """Return a copy of a mechanism with other beams on the same curves.
+
+    See `with_meshes`. `caller` begins the message of an error.
+
+    Raises
+    ------
+    BeamdaeError
+        If a part cannot be copied.
+    """
+    memo: dict[int, Any] = {id(mechanism.parts[name]): beam for name, beam in beams.items()}
     try:
         other = deepcopy(mechanism, memo)
     except Exception as problem:
         raise BeamdaeError(
-            "with_meshes: a part of the mechanism cannot be copied "
+            f"{caller}: a part of the mechanism cannot be copied "
             f"({format_exception(problem)}); replace objects that Python cannot copy by functions."
         ) from problem
     for part in other.parts.values():

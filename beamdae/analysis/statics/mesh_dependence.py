@@ -1,9 +1,9 @@
 """Verdicts on stability that depend on the mesh.
 
-A small eigenvalue of the stiffness may have the wrong sign on a coarse mesh: a hinged elastica that
-is bent beyond a figure eight is unstable with an eigenvalue of 1e-3 of the next one, but stable with
-8 elements, and a false branch point precedes. Therefore, small eigenvalues near critical points and
-at the end of a path are computed again with elements of half the length.
+A small eigenvalue of the stiffness may have the wrong sign on a coarse mesh. For example, a hinged
+elastica that is bent beyond a figure eight is unstable with an eigenvalue of 1e-3 of the next one.
+With 8 elements, it is stable, and a false branch point precedes. Therefore, small eigenvalues
+between critical points and at the end of a path are computed again with half the element length.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from beamdae.analysis.statics.corrector import Corrector, CorrectorError, Equili
 from beamdae.analysis.statics.load_scaling import Loading, build_loading
 from beamdae.analysis.statics.path_controls import PathDirection, StepNorm
 from beamdae.analysis.statics.path_tracing import EquilibriumPath
+from beamdae.beams.beam import Beam
 from beamdae.beams.prolongation import halve_elements, prolongation_matrix
 from beamdae.beams.remeshing import choose_base_meshes, with_meshes
 from beamdae.equations.assembly.assemble import equations_of_motion
@@ -93,6 +94,7 @@ class _FineMesh:
         start = np.zeros(len(new))
         for name, beam in beams.items():
             other = refined.parts[name]
+            assert isinstance(other, Beam)
             rows = [new[f"{name}.{c.name}"] for c in other.coordinates]
             columns = [old[f"{name}.{c.name}"] for c in beam.coordinates]
             block = prolongation_matrix(beam, other)

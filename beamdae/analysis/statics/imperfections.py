@@ -1,0 +1,333 @@
+"""Geometric imperfections: beams whose stress-free shape deviates from the drawing."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from beamdae.analysis.statics.linear_buckling import Buckling
+from beamdae.analysis.statics.static_equilibrium import equilibrium
+from beamdae.beams.beam import CUSTOM_FORMULATION, Beam
+from beamdae.beams.remeshing import replace_beams
+from beamdae.curves.intrinsic_curve import IntrinsicCurve
+from beamdae.curves.plane_curves import PlaneCurve, require_curve
+from beamdae.equations.assembly.assemble import equations_of_motion
+from beamdae.errors import (
+    BeamdaeError,
+    BeamdaeWarning,
+    require_finite,
+    require_mapping,
+    require_sequence,
+    short_repr,
+    suggest,
+)
+from beamdae.interrupts import interruptible
+from beamdae.model_functions import Model
+from beamdae.parts.mechanism import AS_DRAWN, Mechanism
+from beamdae.results.section_forces.section_motions import (
+    SectionFunction,
+    evaluate_sections,
+    position_and_angle,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = np.ndarray
+
+_NAME = "imperfect"
+# Points at which lengths and distances between curves are evaluated.
+_SAMPLES = 401
+# Degree of the splines through the displacements and rotations of the nodes.
+_SPLINE_DEGREE = 5
+# Change of a coordinate, in m or rad, over which motions are differenced.
+_DIFFERENCE = 1e-5
+# A beam whose rotations vary by less than this fraction of the largest rotation keeps its shape.
+_MIN_BENDING = 1e-9
+
+
+@dataclass(frozen=True)
+class _Deviation:
+    """Deviation of the stress-free shape of a beam, per unit of its amplitude.
+
+    Attributes
+    ----------
+    curvature
+        Change of the section rotation per arc length of the reference curve [1/m], as a function of
+        the arc length s [m].
+    length
+        Function of the amplitude that returns the change of the length [m].
+    size
+        Largest distance from the reference curve [m].
+    """
+
+    curvature: Callable[[Array], Array]
+    length: Callable[[float], float]
+    size: float
+
+    def free_curve(self, beam: Beam, amplitude: float) -> IntrinsicCurve:
+        """Return the stress-free shape of the beam for an amplitude."""
+        before = beam.free_curve
+        length = before.length + self.length(amplitude)
+        ratio, ratio_before = length / beam.length, before.length / beam.length
+
+        def curvature(s: float) -> float:
+            at = s / ratio
+            change = amplitude * float(self.curvature(np.array(at)))
+            return (ratio_before * float(before.curvature(ratio_before * at)) + change) / ratio
+
+        return IntrinsicCurve(curvature, length, angle=float(before.tangent_angle(0.0)))
+
+
+def imperfect(model: Any, shape: Any, amplitude: float | None = None) -> Mechanism:
+    """Return a copy of a mechanism whose beams have a geometric imperfection.
+
+    The stress-free shape of each beam (`Beam(free_curve=)`) is its reference curve plus the
+    deviation. The drawing and the joints do not change: without load, the mechanism takes the
+    imperfect shape without stress, up to terms of second order in the amplitude, if the deviation
+    is compatible with the joints, as buckling modes are. A measured shape that does not fit causes
+    the stresses of an assembly by force. Only beams have imperfections: rigid bodies, springs and
+    joints keep their positions.
+
+    Parameters
+    ----------
+    model
+        A model function (with its defaults) or a mechanism.
+    shape
+        Shape of the deviation:
+
+        - coordinates (n,) of a mode, for example `buckling(mech).shapes[0]`, or a `Buckling`, of
+          which the first mode is used,
+        - measured curves, by the name of the beam, such as {"column": bd.Curve(points=points)}.
+    amplitude
+        Largest distance of a beam axis from its reference curve [m]; a negative value reverses the
+        deviation. Required for a mode; by default, measured curves are not scaled.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid, the shape bends no beam, a beam with custom kinematics would
+        deviate, or the imperfection changes the length of a beam by more than 1 %.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.002)
+    >>> mech = bd.Mechanism()
+    >>> column = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (0.0, 1.0)), strip))
+    >>> clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), column.start))
+    >>> press = mech.add(bd.Force("press", column.end, (0.0, -strip.EI)))
+    >>> mech.observe("tip", column.end)
+    >>> bent = bd.imperfect(mech, bd.buckling(mech, modes=1), amplitude=1e-3)
+    >>> path = bd.equilibrium(bent, to=1.0)
+    >>> bool(abs(abs(path.columns["tip.x [m]"][-1]) - 1e-3 / (1 - 4 / 3.14159**2)) < 1e-5)
+    True
+    """
+    if isinstance(model, Model):
+        model = model()
+    if not isinstance(model, Mechanism):
+        raise BeamdaeError(f"{_NAME}: expected a model or a mechanism, got {short_repr(model)}.")
+    beams = {name: part for name, part in model.parts.items() if isinstance(part, Beam)}
+    if isinstance(shape, Mapping):
+        curves = require_mapping(_NAME, "shape", shape, "measured curves by name of a beam")
+        deviations = {name: _measured_deviation(beams, name, x) for name, x in curves.items()}
+    else:
+        if amplitude is None:
+            raise BeamdaeError(f"{_NAME}: a mode has no size; pass amplitude= [m].")
+        deviations = _modal_deviations(model, beams, shape)
+    size = max((one.size for one in deviations.values()), default=0.0)
+    if not size > 0.0:
+        raise BeamdaeError(
+            f"{_NAME}: the shape bends no beam; choose another mode or other curves, because only "
+            "beams have imperfections."
+        )
+    scale = 1.0 if amplitude is None else require_finite(_NAME, "amplitude", amplitude) / size
+    changed = {
+        name: beams[name].with_free_curve(one.free_curve(beams[name], scale))
+        for name, one in deviations.items()
+    }
+    return replace_beams(model, changed, _NAME)
+
+
+@dataclass(frozen=True, repr=False)
+class KnockDown:
+    """Critical load factors of a structure with imperfections of various amplitudes.
+
+    Attributes
+    ----------
+    amplitudes
+        Amplitudes of the imperfection (k,) [m].
+    factors
+        Load factor of the first critical point of each path (k,) [-]; nan if there is none.
+    kinds
+        Kind of each critical point, see `CriticalPoint`; "" if there is none.
+    perfect
+        Load factor of the first critical point without imperfection [-]; nan if there is none.
+    """
+
+    amplitudes: Array
+    factors: Array
+    kinds: tuple[str, ...]
+    perfect: float
+
+    def __repr__(self) -> str:
+        pairs = zip(self.amplitudes.tolist(), self.factors.tolist(), strict=True)
+        values = ", ".join(f"{factor:.5g} at {amplitude:g} m" for amplitude, factor in pairs)
+        return f"<KnockDown: {self.perfect:.5g} without imperfection; {values}>"
+
+    def table(self) -> pd.DataFrame:
+        """Return a table with amplitude, load factor, its ratio to the perfect structure, kind."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            {
+                "amplitude [m]": self.amplitudes,
+                "load factor [-]": self.factors,
+                "knock-down factor [-]": self.factors / self.perfect,
+                "point": list(self.kinds),
+            }
+        )
+
+
+@interruptible
+def knock_down(model: Any, shape: Any, amplitudes: Any, **settings: Any) -> KnockDown:
+    """Compute the critical load factor as a function of the amplitude of an imperfection.
+
+    Parameters
+    ----------
+    model, shape
+        See `imperfect`.
+    amplitudes
+        Amplitudes [m] of the imperfection.
+    settings
+        Arguments of `equilibrium`. Choose `to` such that each path passes its first critical point,
+        for example a displacement.
+
+    Returns
+    -------
+    KnockDown
+        Critical load factors; `table` contains their ratios to that of the perfect structure.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid.
+
+    Interrupted
+        If Ctrl-C ends the call.
+
+    Warns
+    -----
+    BeamdaeWarning
+        If the path of an amplitude has no critical point, or ended early, as in `equilibrium`.
+    """
+    if isinstance(model, Model):
+        model = model()
+    values = require_sequence("knock_down", "amplitudes", amplitudes, "numbers")
+    sizes = [require_finite("knock_down", "amplitudes", value) for value in values]
+    kinds, factors = [], []
+    for size in sizes:
+        path = equilibrium(imperfect(model, shape, size), **settings)
+        kinds.append(path.critical[0].kind if path.critical else "")
+        factors.append(float(path.critical[0].factor) if path.critical else np.nan)
+        if not path.critical:
+            message = (
+                f"knock_down: the path of the amplitude {size:g} m has no critical point; choose "
+                "a farther target to=."
+            )
+            warnings.warn(message, BeamdaeWarning, stacklevel=2)
+    perfect = equilibrium(model, **settings).critical
+    factor = float(perfect[0].factor) if perfect else np.nan
+    return KnockDown(np.array(sizes), np.array(factors), tuple(kinds), factor)
+
+
+def _measured_deviation(beams: Mapping[str, Beam], name: Any, measured: Any) -> _Deviation:
+    """Return the deviation of a measured curve from the reference curve of a beam."""
+    if name not in beams:
+        raise BeamdaeError(
+            f"{_NAME}: shape names {short_repr(name)}, but no beam has this name"
+            f"{suggest(str(name), beams)}; use the name of a beam."
+        )
+    beam = beams[name]
+    curve: PlaneCurve = require_curve(f"{_NAME}: {name}", measured)
+    ratio = curve.length / beam.length
+    s = np.linspace(0.0, beam.length, _SAMPLES)
+    distances = np.linalg.norm(curve.point(ratio * s) - beam.curve.point(s), axis=-1)
+    return _Deviation(
+        lambda s: ratio * curve.curvature(ratio * s) - beam.curve.curvature(s),
+        lambda amplitude: amplitude * (curve.length - beam.length),
+        float(np.max(distances)),
+    )
+
+
+def _modal_deviations(
+    mechanism: Mechanism, beams: Mapping[str, Beam], shape: Any
+) -> dict[str, _Deviation]:
+    """Return the deviations of all beams that a mode bends.
+
+    All have the size of the largest displacement of the mode, because they share one amplitude.
+    """
+    equations = equations_of_motion(mechanism, AS_DRAWN)
+    vector = shape.shapes[0] if isinstance(shape, Buckling) and len(shape) else shape
+    try:
+        mode = np.array(vector, float)
+    except (TypeError, ValueError):
+        mode = np.zeros(0)
+    if mode.shape != (equations.n,) or not np.all(np.isfinite(mode)):
+        raise BeamdaeError(
+            f"{_NAME}: shape must be the {equations.n} real coordinates of a mode of this "
+            f"mechanism, a Buckling with a mode, or a dict of curves, got {short_repr(shape)}."
+        )
+    rows = {name: k for k, name in enumerate(equations.q_names)}
+    motions = {}
+    for name, beam in beams.items():
+        change = mode[[rows[f"{name}.{one.name}"] for one in beam.coordinates]]
+        if beam.formulation == CUSTOM_FORMULATION and np.any(change):
+            raise BeamdaeError(
+                f"{_NAME}: {name} has custom kinematics, which have no free_curve; use a built-in "
+                "formulation."
+            )
+        motions[name] = _nodal_motion(beam, change)
+    size = max((np.max(np.hypot(*motion[:2])) for motion in motions.values()), default=0.0)
+    bending = {name: float(np.ptp(motion[2])) for name, motion in motions.items()}
+    least = _MIN_BENDING * max(bending.values(), default=0.0)
+    return {
+        name: _modal_deviation(beams[name], motion, float(size))
+        for name, motion in motions.items()
+        if bending[name] > least
+    }
+
+
+def _nodal_motion(beam: Beam, change: Array) -> Array:
+    """Return displacements [m] and rotations [rad] (3, nodes) due to a small change of coordinates.
+
+    The change is scaled to a rotation small enough for a linear result.
+    """
+    points = [beam.kinematics.material_point(s) for s in beam.mesh.node_arc_lengths.tolist()]
+    at = [SectionFunction(point.operator, point.motion) for point in points]
+    step = _DIFFERENCE / (np.max(np.abs(change), initial=0.0) or 1.0)
+    q = beam.initial_position + step * np.stack([change, -change])
+    at_rest = np.zeros_like(q)
+    motion = evaluate_sections(position_and_angle, at, q, at_rest, at_rest)
+    return (motion[0] - motion[1]).T / (2.0 * step)
+
+
+def _modal_deviation(beam: Beam, motion: Array, size: float) -> _Deviation:
+    # Imported here because the import takes as long as a short run, and few models need it.
+    from scipy.interpolate import make_interp_spline
+
+    nodes = beam.mesh.node_arc_lengths
+    slope = make_interp_spline(nodes, motion.T, min(_SPLINE_DEGREE, len(nodes) - 1)).derivative()
+    s = np.linspace(0.0, beam.length, _SAMPLES)
+    angle = beam.curve.tangent_angle(s)
+    tangent, strain = np.stack([np.cos(angle), np.sin(angle)]), slope(s).T[:2]
+
+    def length(amplitude: float) -> float:
+        stretch = np.linalg.norm(tangent + amplitude * strain, axis=0)
+        return float(np.trapezoid(stretch - 1.0, s))
+
+    return _Deviation(lambda at: slope(at)[..., 2], length, size)
