@@ -1,6 +1,7 @@
 """Pages written at each build: the reference from the catalog, the map from module docstrings."""
 
 import ast
+import re
 from itertools import groupby
 from pathlib import Path
 
@@ -39,7 +40,7 @@ def write_map(path):
         relative = folder.relative_to(PACKAGE.parent).as_posix()
         summary, *rest = _docstring(folder / "__init__.py").split("\n\n", 1)
         blocks.append(f"## `{relative}/`\n\n{summary}\n")
-        blocks += [f"{line}\n" for line in "".join(rest).splitlines() if line.strip()]
+        blocks += [f"{text}\n" for text in _paragraphs("".join(rest))]
         rows = [
             f"| `{file.stem}` | {_cell(_docstring(file))} |"
             for file in sorted(folder.glob("*.py"))
@@ -64,6 +65,11 @@ def _reading_order(folder):
 
 def _docstring(file):
     return ast.get_docstring(ast.parse(file.read_text("utf-8"))) or ""
+
+
+def _paragraphs(text):
+    """Return the paragraphs of the text; "To extend:" begins one without an empty line."""
+    return [" ".join(part.split()) for part in re.split(r"\n\n+|\n(?=To extend:)", text) if part]
 
 
 def _cell(docstring):
