@@ -200,11 +200,15 @@ class Mechanism(HasOrigin):
             refers has not been added.
         """
         name = require_name("Mechanism.observe", name)
-        # "t" is the time column, "energy" the prefix of the columns of the energy balance.
-        if name in self.observables or name == "t" or name.split(".")[0] == "energy":
+        if name == "t" or name.split(".")[0] == "energy":
+            columns = "the time" if name == "t" else "the energy balance"
             raise BeamdaeError(
-                f"Mechanism: the observable name {name!r} is in use or reserved; choose "
+                f"Mechanism: the observable name {name!r} is reserved for {columns}; choose "
                 "another name."
+            )
+        if name in self.observables:
+            raise BeamdaeError(
+                f"Mechanism: the observable name {name!r} is in use; choose another name."
             )
         quantity = as_quantity(name, what)
         self._require_members_of(name, quantity)

@@ -76,10 +76,12 @@ def test_observing():
     mech = bd.Mechanism()
     body = mech.add(disk())
     mech.observe("hub", body.at(0.0, 0.0))
-    for name in ("hub", "t", "energy"):
-        with pytest.raises(
-            bd.BeamdaeError, match=f"the observable name '{name}' is in use or reserved"
-        ):
+    for name, problem in {
+        "hub": "in use;",
+        "t": "reserved for the time;",
+        "energy": "reserved for the energy balance;",
+    }.items():
+        with pytest.raises(bd.BeamdaeError, match=f"the observable name '{name}' is {problem}"):
             mech.observe(name, body.at(1.0, 0.0))
     for name in ("", "  ", 3, None):
         with pytest.raises(bd.BeamdaeError, match="the name must be a non-empty string"):

@@ -263,9 +263,7 @@ def test_observables_may_have_the_names_of_drift_columns():
     mech = bar(angle=1.0)
     mech.observe("drift", mech.parts["bar"].at(0.0, 0.0))
     mech.observe("drift.position", mech.parts["bar"].at(0.0, 0.0))
-    with pytest.raises(
-        bd.BeamdaeError, match=r"the observable name 'energy\.x' is in use or reserved"
-    ):
+    with pytest.raises(bd.BeamdaeError, match=r"the observable name 'energy\.x' is reserved"):
         mech.observe("energy.x", mech.parts["bar"].at(0.0, 0.0))
     solution = bd.simulate(mech, bd.Ida(1e-3), 1.0)
     names = list(solution.observed)

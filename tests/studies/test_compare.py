@@ -278,9 +278,7 @@ def test_regression_columns_with_names_of_table_columns_are_compared():
 def test_observables_with_names_of_the_ledger_are_refused():
     mech = swing()
     for name in ("energy", "energy.x", "t"):
-        with pytest.raises(
-            bd.BeamdaeError, match=f"the observable name '{name}' is in use or reserved"
-        ):
+        with pytest.raises(bd.BeamdaeError, match=f"the observable name '{name}' is reserved for"):
             mech.observe(name, mech.part("bob").at(2.0, 0.0))
 
 

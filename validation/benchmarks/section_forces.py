@@ -67,7 +67,7 @@ def _solve_rotating_ring(elements: int, settings: Mapping[str, Any]) -> dict[str
         angle = 0.5 * np.pi * k
         start = RADIUS * np.array([np.cos(angle), np.sin(angle)])
         axis = bd.Arc(RADIUS, 0.5 * np.pi * RADIUS, start=tuple(start), angle=angle + 0.5 * np.pi)
-        motion = {
+        motion: dict[str, Any] = {
             "velocity": (-RING_SPEED * start[1], RING_SPEED * start[0]),
             "angular_velocity": RING_SPEED,
         }
@@ -147,8 +147,8 @@ def _solve_impact(elements: int, settings: Mapping[str, Any]) -> dict[str, float
     """Return the stress after a moving rod has been stopped at one end, with little damping."""
     section = replace(BAR, damping=5e-7)
     mech = bd.Mechanism()
-    motion = {"velocity": (-IMPACT_SPEED, 0.0)}
-    beam = mech.add(bd.Beam("rod", LINE, section, elements, **motion, **settings))
+    velocity = (-IMPACT_SPEED, 0.0)
+    beam = mech.add(bd.Beam("rod", LINE, section, elements, velocity=velocity, **settings))
     mech.add(bd.Weld("wall", mech.ground.at(0.0, 0.0), beam.start))
     crossing = np.sqrt(STEEL.rho / STEEL.E)  # time in which waves cross the rod, length 1 m [s]
     run = bd.simulate(mech, bd.Radau(1e-6), t_end=3.0 * crossing, output_step=0.1 * crossing)
