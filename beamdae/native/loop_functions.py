@@ -101,6 +101,10 @@ def factorize(linear: Any, nonzeros: Array) -> int:
     return DONE if linear.try_factorize(nonzeros) else SINGULAR
 
 
+def omit_refinement(linear: Any) -> None:
+    """Solve with the last factors without iterative refinement; in machine code only."""
+
+
 def solve(linear: Any, right: Array) -> None:
     """Replace `right` by the solution computed with the last factors."""
     right[:] = linear.solve(right)

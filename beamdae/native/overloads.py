@@ -204,6 +204,14 @@ def _factorize(linear, nonzeros):
     return loop
 
 
+@overload(loop_functions.omit_refinement)
+def _omit_refinement(linear):
+    def loop(linear):
+        linear.factors.refinements[0] = 0
+
+    return loop
+
+
 @overload(loop_functions.solve)
 def _solve(linear, right):
     def loop(linear, right):

@@ -1,47 +1,58 @@
-"""Variational equations of a run: propagation of disturbances for the monodromy matrix.
+"""Variational equations of a run: propagation of disturbances, and the monodromy matrix.
 
-The residual R(t, y, y') = 0 in the form of Gear, Gupta & Leimkuhler is linearized along the run,
-R_y dy + R_y' dy' = 0, and integrated by Radau IIA of order 5 on nodes of the run. Small systems are
-solved for many steps at once.
+The residual R(t, y, y') = 0 in the stabilized index-1 form is linearized along the run,
+R_y dy + R_y' dy' = 0, and integrated by Radau IIA of order 5 on nodes of the run. On the steps of a
+run of `Radau`, this is the derivative of the discrete solution with respect to its start.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.linalg as la
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
+from beamdae.analysis.periodic.variational_loop import (
+    VariationalWorkspace,
+    propagate_disturbances,
+)
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import (
-    FirstOrderBuffers,
     FirstOrderForm,
     evaluate_jacobian_parts,
     formulate_first_order,
 )
-from beamdae.integrators.radau.coefficients import A, C
+from beamdae.errors import BeamdaeError
+from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
+from beamdae.integrators.radau.coefficients import C
+from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval, Trajectory
 from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
-_FORM = "ggl"
+_FORM = "stabilized-index1"
 _STAGES = 3
-_INVERSE_A = np.linalg.inv(A)
-_INVERSE_A_ROW_SUMS = _INVERSE_A.sum(axis=1)
+# Number of steps per call of the compiled loop, which limits the memory of its stages.
+_STEPS_PER_CALL = 64
 # Rows of the constraint Jacobian whose length is below this fraction of the longest are zero.
 _ZERO_ROW_RATIO = 1e-10
-# Largest number of unknowns for which stages are solved by dense matrices, and number of matrix
-# entries of the steps that are solved together.
-_MAX_DENSE_SIZE = 64
-_MAX_BATCH_ENTRIES = 2_000_000
-# At the coarsest level, one step covers 2**_COARSEST_LEVEL steps of the run.
-_COARSEST_LEVEL = 2
 # Prevents a threshold of zero if there are no constraints.
 _TINY = 1e-300
+# Number of random disturbances in the first block of a low-rank monodromy matrix.
+_FIRST_BLOCK = 8
+# Smaller singular values of the propagated disturbances, relative to the largest, are zero: they
+# are not larger than the errors of the stages.
+_RANK_TOLERANCE = 1e-8
+# Random disturbances reveal the range of the matrix if they outnumber its rank by this number.
+_OVERSAMPLING = 2
+
+
+class LinearizationError(BeamdaeError):
+    """Raised if the stage equations of a linearized step cannot be solved."""
 
 
 @dataclass(frozen=True)
@@ -56,30 +67,39 @@ class VariationalEquations:
         return formulate_first_order(self.equations, _FORM, apart=True)
 
     @cached_property
-    def _buffers(self) -> FirstOrderBuffers:
-        return self.form.buffers()
+    def _loop(self) -> StepLoop[VariationalWorkspace]:
+        form = self.form
+        real = FactorizedMatrix.from_pattern(form.pattern)
+        complex_ = FactorizedMatrix.from_pattern(form.pattern, complex, pivot_source=real)
 
-    @cached_property
-    def _columns(self) -> Array:
-        return column_indices(self.form.pattern)
+        def make_workspace(native: bool) -> VariationalWorkspace:
+            return _make_workspace(
+                form,
+                native,
+                (real.make_solver(native, "auto"), real.nonzeros),
+                (complex_.make_solver(native, "auto"), complex_.nonzeros),
+            )
 
-    def _jacobians(self, interval: Interval, t: Array) -> Array:
-        """Return the non-zeros of R_y and R_y' at times `t`, shape (len(t), 2, non-zeros)."""
-        jacobians = np.empty((len(t), 2 * self.form.pattern.nnz))
-        state = interval.at(t)
-        for k, time in enumerate(t.tolist()):
-            y, yp = self.form.pack(State(*(x[k] for x in state)))
-            evaluate_jacobian_parts(self._buffers, time, interval.branch, y, yp, jacobians[k])
-        return jacobians.reshape(len(t), 2, -1)
+        def matrices(run: VariationalWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
+            return [(run.real_solver, real), (run.complex_solver, complex_)]
+
+        return StepLoop(propagate_disturbances, make_workspace, matrices, form.is_native)
 
     def admissible_disturbances(self, trajectory: Trajectory, scales: Array) -> Array:
         """Return a basis (2 n, k) of the initial disturbances of (q, v) that the joints allow.
 
         The basis divided by the natural sizes `scales`, (2 n,), is orthonormal.
         """
-        n, interval = self.equations.n, trajectory.intervals[0]
-        by_y = self._to_dense(self._jacobians(interval, interval.nodes[:1]))[0, 0]
-        rows = by_y[2 * n :, : 2 * n] * scales
+        form, n, m = self.form, self.equations.n, self.equations.m
+        interval = trajectory.intervals[0]
+        y, yp = form.pack(State(*(x[0] for x in interval.at(interval.nodes[:1]))))
+        nonzeros = np.zeros(2 * form.pattern.nnz)
+        evaluate_jacobian_parts(
+            form.buffers(), float(interval.nodes[0]), interval.branch, y, yp, nonzeros
+        )
+        by_y = np.zeros((form.size, form.size))
+        by_y[form.pattern.indices, column_indices(form.pattern)] = nonzeros[: form.pattern.nnz]
+        rows = by_y[2 * n : 2 * (n + m), : 2 * n] * scales
         size = np.linalg.norm(rows, axis=1, keepdims=True)
         nonzero = rows[size[:, 0] > _ZERO_ROW_RATIO * np.max(size, initial=_TINY)]
         if not len(nonzero):
@@ -87,97 +107,142 @@ class VariationalEquations:
         unit_rows = nonzero / np.linalg.norm(nonzero, axis=1, keepdims=True)
         return scales[:, None] * la.null_space(unit_rows)
 
-    def propagate(self, trajectory: Trajectory, disturbances: Array, refinement: int = 0) -> Array:
+    def propagate(
+        self, trajectory: Trajectory, disturbances: Array, scales: Array, steps_per_node: float = 1
+    ) -> Array:
         """Propagate initial `disturbances` (2 n, k) of (q, v) to the end of a run.
 
-        Without refinement, each step covers up to four steps of the run; each level of `refinement`
-        halves the steps.
+        Parameters
+        ----------
+        trajectory
+            The run.
+        disturbances
+            Disturbances (2 n, k) at the start.
+        scales
+            Natural sizes (2 n,) of (q, v).
+        steps_per_node
+            Number of steps of the run in each step of the variational equations: a power of two,
+            also below 1.
+
+        Raises
+        ------
+        LinearizationError
+            If the iteration of the stages does not converge.
         """
-        y = disturbances
+        work, (n_state, count) = self._loop.work, disturbances.shape
+        work.count = count
+        work.weights[:] = 1.0 / scales
+        work.disturbances[:count] = 0.0
+        work.disturbances[:count, :n_state] = disturbances.T
         for interval in trajectory.intervals:
-            nodes = _step_nodes(interval.t, refinement)
-            h = np.diff(nodes)
-            # Rounding may put the last stage beyond the end.
-            stage_times = np.minimum(nodes[:-1, None] + h[:, None] * C, interval.t[-1])
-            if self.form.size <= _MAX_DENSE_SIZE:
-                y = self._propagate_dense(interval, h, stage_times, y)
-            else:
-                for step, times in zip(h.tolist(), stage_times, strict=True):
-                    y = self._propagate_sparse(interval, step, times, y)
-        return y
+            nodes = _step_nodes(interval.t, steps_per_node)
+            for first in range(0, len(nodes) - 1, _STEPS_PER_CALL):
+                self._take_steps(interval, nodes[first : first + _STEPS_PER_CALL + 1])
+        return work.disturbances[:count, :n_state].T.copy()
 
-    def _to_dense(self, nonzeros: Array) -> Array:
-        """Convert non-zeros (..., nnz) to dense matrices (..., size, size)."""
-        size, pattern = self.form.size, self.form.pattern
-        matrices = np.zeros((*nonzeros.shape[:-1], size, size))
-        matrices[..., pattern.indices, self._columns] = nonzeros
-        return matrices
-
-    def _propagate_dense(self, interval: Interval, h: Array, stage_times: Array, y: Array) -> Array:
-        """Propagate disturbances through an interval by dense matrices, many steps at a time.
-
-        The stages Y_j satisfy sum_j inverse(A)_ij E_i (Y_j - y) / h + J_i Y_i = 0 with E = R_y' and
-        J = R_y; A is the Butcher matrix.
-        """
-        size, n_state = self.form.size, len(y)
-        batch = max(_MAX_BATCH_ENTRIES // (_STAGES**2 * size**2), 1)
-        for first in range(0, len(h), batch):
-            steps = slice(first, first + batch)
-            count = len(h[steps])
-            jacobians = self._to_dense(self._jacobians(interval, stage_times[steps].ravel()))
-            jacobians = jacobians.reshape(count, _STAGES, 2, size, size)
-            by_y, by_rate = np.moveaxis(jacobians, 2, 0)
-            by_rate = by_rate / h[steps, None, None, None]
-            blocks = np.einsum("ij,sikl->sikjl", _INVERSE_A, by_rate)
-            for i in range(_STAGES):
-                blocks[:, i, :, i] += by_y[:, i]
-            right = _INVERSE_A_ROW_SUMS[:, None, None] * by_rate[..., :n_state]
-            matrix = blocks.reshape(count, _STAGES * size, -1)
-            right = right.reshape(count, _STAGES * size, -1)
-            # Rows are equilibrated, because multipliers differ from coordinates in units and
-            # magnitude.
-            row_sizes = np.max(np.abs(matrix), axis=2, keepdims=True)
-            matrix = matrix / row_sizes
-            column_sizes = np.max(np.abs(matrix), axis=1)[..., None]
-            equilibrated = matrix / np.swapaxes(column_sizes, 1, 2)
-            stages = np.linalg.solve(equilibrated, right / row_sizes) / column_sizes
-            for step_matrix in stages[:, -size : -size + n_state or None]:
-                y = step_matrix @ y
-        return y
-
-    def _propagate_sparse(
-        self, interval: Interval, h: float, stage_times: Array, y: Array
-    ) -> Array:
-        size, pattern = self.form.size, self.form.pattern
-        full = np.zeros((size, y.shape[1]))
-        full[: len(y)] = y
-        blocks, right = [], []
-        for i, jacobians in enumerate(self._jacobians(interval, stage_times)):
-            by_y, by_rate = (
-                sp.csc_array((values, pattern.indices, pattern.indptr), pattern.shape)
-                for values in (jacobians[0], jacobians[1] / h)
+    def _take_steps(self, interval: Interval, nodes: Array) -> None:
+        loop, h = self._loop, np.diff(nodes)
+        work = loop.work
+        # Rounding may put the last stage beyond the end.
+        times = np.minimum(nodes[:-1, None] + h[:, None] * C, interval.t[-1]).ravel()
+        state, n = interval.at(times), self.equations.n
+        lam = slice(2 * n, 2 * n + self.equations.m)
+        work.times[: len(times)], work.h[: len(h)] = times, h
+        stages = slice(0, len(times))
+        work.y[stages, :n], work.y[stages, n : 2 * n] = state.q, state.v
+        work.yp[stages, :n], work.yp[stages, n : 2 * n] = state.v, state.a
+        work.yp[stages, lam] = state.lam
+        work.branch, work.steps, work.next = interval.branch, len(h), 0
+        if loop() != DONE:
+            raise LinearizationError(
+                f"periodic: the equations linearized at t = {nodes[work.next]:.6g} s cannot be "
+                "solved; use a smaller rtol."
             )
-            row = [_INVERSE_A[i, j] * by_rate for j in range(_STAGES)]
-            row[i] = row[i] + by_y
-            blocks.append(row)
-            right.append(_INVERSE_A_ROW_SUMS[i] * (by_rate @ full))
-        matrix = sp.csr_array(sp.block_array(blocks, format="csr"))
-        row_sizes = _row_maxima(matrix)
-        matrix = sp.csr_array(sp.diags_array(1.0 / row_sizes) @ matrix)
-        column_sizes = _row_maxima(sp.csr_array(matrix.T))
-        equilibrated = sp.csc_array(matrix @ sp.diags_array(1.0 / column_sizes))
-        stages = splu(equilibrated).solve(np.concatenate(right) / row_sizes[:, None])
-        return (stages / column_sizes[:, None])[-size:][: len(y)]
 
 
-def _step_nodes(t: Array, refinement: int) -> Array:
-    """Return every fourth of the times `t` and the last one; each refinement halves the steps."""
-    stride = 2 ** max(_COARSEST_LEVEL - refinement, 0)
+def _make_workspace(
+    form: FirstOrderForm, native: bool, real: tuple[Any, Array], complex_: tuple[Any, Array]
+) -> VariationalWorkspace:
+    """Return the work arrays; `real` and `complex_` are pairs (solver, non-zeros)."""
+    size, rows = form.size, _STAGES * _STEPS_PER_CALL
+    return VariationalWorkspace(
+        form=form.buffers(native),
+        real_solver=real[0],
+        complex_solver=complex_[0],
+        times=np.zeros(rows),
+        y=np.zeros((rows, size)),
+        yp=np.zeros((rows, size)),
+        h=np.zeros(_STEPS_PER_CALL),
+        disturbances=np.zeros((2 * form.equations.n, size)),
+        weights=np.zeros(2 * form.equations.n),
+        jacobians=np.zeros((_STAGES, 2 * form.pattern.nnz)),
+        real_nonzeros=real[1],
+        complex_nonzeros=complex_[1],
+        entry_rows=form.pattern.indices.astype(np.int64),
+        entry_columns=column_indices(form.pattern).astype(np.int64),
+        w=np.zeros((_STAGES, size)),
+        stages=np.zeros((_STAGES, size)),
+        rates=np.zeros((_STAGES, size)),
+        residuals=np.zeros((_STAGES, size)),
+        product=np.zeros(size),
+        real_change=np.zeros(size),
+        complex_change=np.zeros(size, complex),
+        complex_real=np.zeros(size),
+        complex_imaginary=np.zeros(size),
+    )
+
+
+def assemble_monodromy(propagate: Callable[[Array], Array], size: int, directions: Array) -> Array:
+    """Return the monodromy matrix (size, size), exact on its range and on `directions`.
+
+    Most disturbances of a damped beam vanish within a period, so that the matrix has a low rank.
+    Random disturbances reveal its range (Halko, Martinsson & Tropp, SIAM Review 53 (2011) 217); the
+    range and the `directions` are then propagated. On the complement of all these disturbances,
+    the result is zero. The eigenvalues, and solutions of (M - I) x = b with b in the span of
+    `directions`, do not depend on the complement. A matrix of full rank is propagated completely.
+
+    Parameters
+    ----------
+    propagate
+        Function that maps disturbances (size, j) at the start of a period to those at its end.
+    size
+        Number of independent disturbances.
+    directions
+        Disturbances (size, d).
+    """
+    random = np.random.default_rng(0).standard_normal((size, size))
+    inputs = la.qr(random)[0]
+    outputs, count = np.zeros((size, 0)), 0
+    while count < size:
+        block = inputs[:, count : max(_FIRST_BLOCK, 2 * count)]
+        outputs = np.column_stack([outputs, propagate(block)])
+        count = outputs.shape[1]
+        vectors, values, _ = la.svd(outputs, full_matrices=False)
+        rank = int(np.sum(values > _RANK_TOLERANCE * values[0]))
+        more = rank + directions.shape[1]
+        if rank + _OVERSAMPLING <= count and count + more < size:
+            known = inputs[:, :count]
+            extra = _extend_basis(known, np.column_stack([vectors[:, :rank], directions]))
+            return outputs @ known.T + propagate(extra) @ extra.T
+    return outputs @ inputs.T
+
+
+def _extend_basis(basis: Array, columns: Array) -> Array:
+    """Return an orthonormal basis of the part of the span of `columns` outside that of `basis`."""
+    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), _TINY)
+    # The second projection removes rounding errors of the first one.
+    for _ in range(2):
+        columns = columns - basis @ (basis.T @ columns)
+    vectors, values, _ = la.svd(columns, full_matrices=False)
+    return vectors[:, values > _RANK_TOLERANCE]
+
+
+def _step_nodes(t: Array, steps_per_node: float) -> Array:
+    """Return the times `t` at every `steps_per_node`-th step, and the last one.
+
+    Below 1, steps are divided into 1 / `steps_per_node` parts.
+    """
+    stride, parts = max(int(steps_per_node), 1), max(int(1.0 / steps_per_node), 1)
     nodes = t[np.unique(np.append(np.arange(0, len(t), stride), len(t) - 1))]
-    parts = 2 ** max(refinement - _COARSEST_LEVEL, 0)
     share = np.arange(parts) / parts
     return np.append((nodes[:-1, None] + np.diff(nodes)[:, None] * share).ravel(), nodes[-1])
-
-
-def _row_maxima(matrix: sp.csr_array) -> Array:
-    return np.asarray(abs(matrix).max(axis=1).todense()).ravel()

@@ -12,11 +12,11 @@ import scipy.linalg as la
 
 from beamdae.analysis.periodic.shooting import (
     DEFAULT_RTOL,
-    DEFAULT_TOLERANCE,
     MAX_SETTLING_PERIODS,
     IncompleteRunError,
     PeriodMap,
-    ShootingResult,
+    PeriodRun,
+    Tolerance,
     build_periodic_equations,
     solve_shooting,
 )
@@ -78,7 +78,7 @@ def frequency_response(
     step: float = 0.02,
     longest_step: float = 0.1,
     settle: int = 20,
-    tolerance: float = DEFAULT_TOLERANCE,
+    tolerance: float | None = None,
     most_points: int = 400,
     begin: float = 0.0,
     *,
@@ -110,7 +110,7 @@ def frequency_response(
         Number of periods to run before the first periodic motion is sought, 0 to 10 000.
     tolerance
         Largest permitted difference between the states at the end and at the start of a period,
-        relative to the amplitudes.
+        relative to the amplitudes. Defaults as in `periodic`.
     most_points
         Maximum number of points on the curve, at least 2.
     begin
@@ -158,7 +158,7 @@ def frequency_response(
         (lambda frequency: 1.0 / frequency) if period is None else period,
         method,
         require_finite(_NAME, "begin", begin),
-        require_positive(_NAME, "tolerance", tolerance),
+        Tolerance.for_integrator(_NAME, tolerance, method),
     )
     first_step = require_positive(_NAME, "step", step)
     max_step = require_positive(_NAME, "longest_step", longest_step)
@@ -225,8 +225,10 @@ class CurvePoint:
 
     Attributes
     ----------
-    result
+    run
         One period of the motion.
+    monodromy
+        Its monodromy matrix, in terms of the basis of `run`.
     value, period
         Value of the parameter, and duration of the period [s].
     direction
@@ -238,7 +240,8 @@ class CurvePoint:
         Number of Newton iterations that led to the motion.
     """
 
-    result: ShootingResult
+    run: PeriodRun
+    monodromy: Array
     value: float
     period: float
     direction: Array
@@ -248,14 +251,14 @@ class CurvePoint:
     @property
     def state(self) -> Array:
         """(q, v) at the start of the period, (2 n,)."""
-        first = self.result.solution.trajectory.intervals[0].state
+        first = self.run.solution.trajectory.intervals[0].state
         return np.concatenate([first.q[0], first.v[0]])
 
     def as_response_point(self, sign: float) -> ResponsePoint:
         """Convert to a point of the result; `sign` is 1 for an ascending range, -1 otherwise."""
-        multipliers = floquet_multipliers(self.result.monodromy)
+        multipliers = floquet_multipliers(self.monodromy)
         forward = sign * self.direction[-1] > 0.0
-        return ResponsePoint(self.value, self.period, self.result.solution, multipliers, forward)
+        return ResponsePoint(self.value, self.period, self.run.solution, multipliers, forward)
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,7 +283,7 @@ class ResponseCurve:
     period: Callable[[float], float]
     integrator: Integrator
     begin: float
-    tolerance: float
+    tolerance: Tolerance
 
     def describe(self, value: float) -> str:
         """Return the text "parameter = value" for messages."""
@@ -308,15 +311,19 @@ class ResponseCurve:
         period_map = self._period_map(value)
         try:
             q, v = period_map.settle(settle)
-            result, iterations = solve_shooting(period_map, q, v, self.tolerance)
-            if result.relative_deviation > self.tolerance:
+            run, iterations = solve_shooting(period_map, q, v, self.tolerance)
+            if run.relative_deviation > self.tolerance.accepted:
                 return None, (
                     f"no periodic motion was found at {self.describe(value)}; change "
                     "the start of the model or increase settle="
                 )
-            ahead = np.append(np.zeros(len(result.scales)), 1.0)
-            point = CurvePoint(result, value, period_map.period, ahead, iterations=iterations)
-            return _orient_curve(point, self._differentiate_by_parameter(point)), ""
+            ahead = np.append(np.zeros(len(run.scales)), 1.0)
+            by_parameter = self._differentiate_by_parameter(run, value)
+            monodromy = run.resolved_monodromy(run.projection @ by_parameter)
+            point = CurvePoint(
+                run, monodromy, value, period_map.period, ahead, iterations=iterations
+            )
+            return _orient_curve(point, by_parameter), ""
         except IncompleteRunError as error:
             return None, f"{self.describe(value)}: {_failure_reason(error)}"
 
@@ -333,44 +340,47 @@ class ResponseCurve:
                 period_map = self._period_map(value)
                 n = period_map.equations.n
                 q, v = period_map.make_consistent(state[:n], state[n:])
-                result = ShootingResult.from_state(period_map, q, v)
-                iterate = replace(
-                    point,
-                    result=result,
-                    value=value,
-                    period=period_map.period,
-                    iterations=iteration,
-                )
-                if result.relative_deviation <= self.tolerance:
-                    derivative = self._differentiate_by_parameter(iterate)
-                    oriented = _orient_curve(iterate, derivative)
+                run = PeriodRun.from_state(period_map, q, v)
+                is_solved = run.relative_deviation <= self.tolerance.target
+                if is_solved or by_parameter is None:
+                    by_parameter = self._differentiate_by_parameter(run, value)
+                monodromy = run.resolved_monodromy(run.projection @ by_parameter)
+                if is_solved:
+                    found = CurvePoint(
+                        run,
+                        monodromy,
+                        value,
+                        period_map.period,
+                        point.direction,
+                        point.orientation,
+                        iteration,
+                    )
+                    oriented = _orient_curve(found, by_parameter)
                     is_smooth = _cosine(point, oriented) >= _MIN_COSINE
                     return (oriented, "") if is_smooth else (None, _SHARP_TURN)
-                if by_parameter is None:
-                    by_parameter = self._differentiate_by_parameter(iterate)
                 # Newton step orthogonal to the tangent.
-                tangent = _reduce_direction(result, iterate.direction)
-                matrix = np.vstack([_extended_jacobian(result, by_parameter), tangent])
-                change = np.linalg.solve(matrix, np.append(-result.deviation, 0.0))
+                tangent = _reduce_direction(run, point.direction)
+                jacobian = _extended_jacobian(run, monodromy, by_parameter)
+                matrix = np.vstack([jacobian, tangent])
+                change = np.linalg.solve(matrix, np.append(-run.deviation, 0.0))
                 change /= max(1.0, float(np.max(np.abs(change))) / _MAX_CHANGE)
-                state = np.concatenate(result.shift_start(change[:-1]))
+                state = np.concatenate(run.shift_start(change[:-1]))
                 value += change[-1] * self._range
         except (BeamdaeError, la.LinAlgError) as error:
             return None, _failure_reason(error)
         return None, _NOT_CONVERGED
 
-    def _differentiate_by_parameter(self, point: CurvePoint) -> Array:
-        """Return the derivative (k,) of the deviation with respect to the parameter.
+    def _differentiate_by_parameter(self, run: PeriodRun, value: float) -> Array:
+        """Return the derivative (2 n,) of the deviation with respect to the parameter.
 
         The derivative is multiplied by the range of the parameter.
         """
-        result = point.result
-        period_map = self._period_map(point.value + _DIFFERENCE_STEP * self._range)
-        n = period_map.equations.n
-        q, v = period_map.make_consistent(point.state[:n], point.state[n:])
-        solution = period_map.run(q, v, result.scales[:n])
-        deviation = result.projection @ period_map.deviation(solution)
-        return (deviation - result.deviation) / _DIFFERENCE_STEP
+        period_map = self._period_map(value + _DIFFERENCE_STEP * self._range)
+        first = run.solution.trajectory.intervals[0].state
+        q, v = period_map.make_consistent(first.q[0], first.v[0])
+        solution = period_map.run(q, v, run.scales[: len(q)])
+        deviation = period_map.deviation(solution) - run.period_map.deviation(run.solution)
+        return deviation / _DIFFERENCE_STEP
 
 
 def _failure_reason(error: Exception) -> str:
@@ -382,32 +392,32 @@ def _orient_curve(point: CurvePoint, by_parameter: Array) -> CurvePoint:
 
     The first point has no orientation yet; its tangent follows the preliminary direction.
     """
-    result = point.result
-    matrix = _extended_jacobian(result, by_parameter)
+    run = point.run
+    matrix = _extended_jacobian(run, point.monodromy, by_parameter)
     tangent = la.svd(matrix)[2][-1]
     orientation = float(np.linalg.slogdet(np.vstack([matrix, tangent]))[0])
     if point.orientation:
         tangent = tangent * (point.orientation * orientation)
-    elif tangent @ _reduce_direction(result, point.direction) < 0.0:
+    elif tangent @ _reduce_direction(run, point.direction) < 0.0:
         tangent, orientation = -tangent, -orientation
-    direction = np.append(result.basis @ tangent[:-1], tangent[-1])
+    direction = np.append(run.basis @ tangent[:-1], tangent[-1])
     return replace(point, direction=direction, orientation=point.orientation or orientation)
 
 
 def _cosine(point: CurvePoint, next_point: CurvePoint) -> float:
-    tangents = [_reduce_direction(next_point.result, x.direction) for x in (point, next_point)]
+    tangents = [_reduce_direction(next_point.run, x.direction) for x in (point, next_point)]
     return float(tangents[0] @ tangents[1] / np.prod(np.linalg.norm(tangents, axis=1)))
 
 
-def _extended_jacobian(result: ShootingResult, by_parameter: Array) -> Array:
+def _extended_jacobian(run: PeriodRun, monodromy: Array, by_parameter: Array) -> Array:
     """Return the Jacobian of the deviation with respect to the state and the parameter.
 
-    Its shape is (k, k + 1). The state is expressed in terms of the basis of `result`.
+    Its shape is (k, k + 1). The state is expressed in terms of the basis of `run`.
     """
-    by_state = result.monodromy - np.eye(len(result.deviation))
-    return np.column_stack([by_state, by_parameter])
+    by_state = monodromy - np.eye(len(run.deviation))
+    return np.column_stack([by_state, run.projection @ by_parameter])
 
 
-def _reduce_direction(result: ShootingResult, direction: Array) -> Array:
-    """Return `direction` in terms of the basis of `result` and the parameter, (k + 1,)."""
-    return np.append(result.projection @ direction[:-1], direction[-1])
+def _reduce_direction(run: PeriodRun, direction: Array) -> Array:
+    """Return `direction` in terms of the basis of `run` and the parameter, (k + 1,)."""
+    return np.append(run.projection @ direction[:-1], direction[-1])

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.periodic.monodromy import VariationalEquations
+from beamdae.analysis.periodic.monodromy import LinearizationError
 from beamdae.analysis.periodic.shooting import (
     DEFAULT_RTOL,
-    DEFAULT_TOLERANCE,
     MAX_SETTLING_PERIODS,
     IncompleteRunError,
     PeriodMap,
-    ShootingResult,
+    PeriodRun,
+    Tolerance,
     build_periodic_equations,
     solve_shooting,
 )
@@ -32,6 +32,8 @@ _NAME = "periodic"
 # at most this amount.
 _MULTIPLIER_TOLERANCE = 1e-5
 _MAX_REFINEMENTS = 6
+# Steps of the coarsest variational equations, relative to those of Newton's method.
+_COARSEST_STEPS = 4.0
 # Below this relative deviation, the accuracy of the integrator may limit the convergence.
 _INTEGRATOR_LIMITED_DEVIATION = 1e-4
 
@@ -44,7 +46,7 @@ def periodic(
     start: Any = None,
     begin: float = 0.0,
     settle: int = 5,
-    tolerance: float = DEFAULT_TOLERANCE,
+    tolerance: float | None = None,
 ) -> PeriodicMotion:
     """Find a periodic motion under periodic loads and drivers, and its stability.
 
@@ -73,7 +75,9 @@ def periodic(
         motion.
     tolerance
         Largest permitted difference between the states at the end and at the start of the period,
-        relative to the amplitudes; positive.
+        relative to the amplitudes; positive. Defaults to 100 times the relative tolerance of the
+        integrator, but 1e-8 to 1e-3, or to 1e-6 for fixed steps. With the default, an iteration
+        that stagnates at the errors of adaptive steps succeeds up to ten times this value.
 
     Returns
     -------
@@ -110,22 +114,22 @@ def periodic(
     """
     period = require_positive(_NAME, "period", period)
     begin = require_finite(_NAME, "begin", begin)
-    tolerance = require_positive(_NAME, "tolerance", tolerance)
     settle = require_count(_NAME, "settle", settle, 0, MAX_SETTLING_PERIODS)
     method = Radau(DEFAULT_RTOL) if integrator is None else integrator
     require_integrator(_NAME, method)
+    limits = Tolerance.for_integrator(_NAME, tolerance, method)
     equations = build_periodic_equations(_NAME, model, start)
     period_map = PeriodMap.from_equations(equations, method, begin, period)
     try:
         q, v = period_map.settle(settle)
-        result, iterations = solve_shooting(period_map, q, v, tolerance)
+        result, iterations = solve_shooting(period_map, q, v, limits)
     except IncompleteRunError as error:
         sentence = str(error).removeprefix("periodic: ").rstrip(".")
         motion = PeriodicMotion(error.solution, period, status=Status("failed", sentence))
     else:
         deviation = result.relative_deviation
         status = Status("ok", "repeats after one period")
-        if deviation > tolerance:
+        if deviation > limits.accepted:
             sentence = (
                 f"after {iterations} iterations the end of the period differs from the "
                 f"start by {deviation:.3g} times the amplitude; change start= or increase settle="
@@ -133,7 +137,7 @@ def periodic(
             if deviation < _INTEGRATOR_LIMITED_DEVIATION:
                 sentence += ", or use a more accurate integrator"
             status = Status("failed", sentence)
-        multipliers, error_estimate = _refine_multipliers(period_map, result)
+        multipliers, error_estimate = _refine_multipliers(result)
         motion = PeriodicMotion(
             result.solution, period, multipliers, error_estimate, deviation, iterations, status
         )
@@ -142,17 +146,21 @@ def periodic(
     return motion
 
 
-def _refine_multipliers(period_map: PeriodMap, result: ShootingResult) -> tuple[Array, float]:
+def _refine_multipliers(run: PeriodRun) -> tuple[Array, float]:
     """Return the Floquet multipliers and an error estimate.
 
     The estimate is the change of the largest modulus in the last refinement of the steps.
     """
-    variational = VariationalEquations(period_map.equations)
-    multipliers, error = floquet_multipliers(result.monodromy), np.inf
-    for refinement in range(1, _MAX_REFINEMENTS + 1):
-        propagated = variational.propagate(result.solution.trajectory, result.basis, refinement)
-        refined = floquet_multipliers(result.projection @ propagated)
-        error = abs(largest_modulus(refined) - largest_modulus(multipliers))
+    multipliers, error = np.zeros(0, complex), np.inf
+    coarsest = _COARSEST_STEPS * run.steps_per_node
+    for refinement in range(_MAX_REFINEMENTS + 1):
+        try:
+            monodromy = run.monodromy(steps_per_node=coarsest / 2**refinement)
+        except LinearizationError:
+            continue
+        refined = floquet_multipliers(monodromy)
+        if multipliers.size:
+            error = abs(largest_modulus(refined) - largest_modulus(multipliers))
         multipliers = refined
         if error <= _MULTIPLIER_TOLERANCE:
             break

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.periodic.monodromy import VariationalEquations
+from beamdae.analysis.periodic.monodromy import (
+    LinearizationError,
+    VariationalEquations,
+    assemble_monodromy,
+)
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, require_positive
 from beamdae.integrators import Integrator
 from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.redundant_constraints import remove_redundant
@@ -22,9 +28,17 @@ from beamdae.simulation import as_equations
 Array = np.ndarray
 
 # Defaults and limits of `periodic` and `frequency_response`.
-DEFAULT_TOLERANCE = 1e-6
 DEFAULT_RTOL = 1e-8
 MAX_SETTLING_PERIODS = 10_000
+
+# Default tolerance of a period: this multiple of the relative tolerance of the integrator, within
+# bounds that rounding errors and Newton's method require, or a fixed value for fixed steps.
+_TOLERANCE_FACTOR = 100.0
+_TOLERANCE_BOUNDS = (1e-8, 1e-3)
+_FIXED_STEP_TOLERANCE = 1e-6
+# Adaptive steps change with the start, and with them the errors of a run. An iteration that
+# stagnates at them succeeds up to this multiple of the default tolerance.
+_STAGNATION_ALLOWANCE = 10.0
 
 # Number of output times in a period, including both ends.
 _OUTPUT_TIMES = 201
@@ -45,9 +59,39 @@ _STAGNATION_DEVIATION = 1e-4
 _STAGNATION_ITERATIONS = 4
 # Maximum number of halvings of a Newton step if the run does not reach the end of the period.
 _MAX_HALVINGS = 5
+# Number of steps of runs without stages in each step of the variational equations.
+_STEPS_PER_NODE = 4.0
+# Maximum number of halvings of the steps of the variational equations.
+_MAX_STEP_HALVINGS = 4
 # Smaller singular values, relative to the largest, belong to directions in which all states are
 # periodic.
 _NEUTRAL_RATIO = 1e-9
+
+
+class Tolerance(NamedTuple):
+    """Tolerance of the difference between both ends of a period, relative to the amplitudes.
+
+    Attributes
+    ----------
+    target
+        Difference at which the iteration ends.
+    accepted
+        Largest difference at which an iteration that stagnates has succeeded.
+    """
+
+    target: float
+    accepted: float
+
+    @classmethod
+    def for_integrator(cls, name: str, value: Any, integrator: Integrator) -> Tolerance:
+        """Return the tolerance `value`, or the default for the integrator if it is None."""
+        if value is not None:
+            target = require_positive(name, "tolerance", value)
+            return cls(target, target)
+        if integrator.accuracy.name != "rtol":
+            return cls(_FIXED_STEP_TOLERANCE, _FIXED_STEP_TOLERANCE)
+        target = float(np.clip(_TOLERANCE_FACTOR * integrator.accuracy.value, *_TOLERANCE_BOUNDS))
+        return cls(target, _STAGNATION_ALLOWANCE * target)
 
 
 class IncompleteRunError(BeamdaeError):
@@ -93,6 +137,11 @@ class PeriodMap:
     integrator: Integrator
     begin: float
     period: float
+
+    @cached_property
+    def variational(self) -> VariationalEquations:
+        """Linearized equations of motion."""
+        return VariationalEquations(self.equations)
 
     @classmethod
     def from_equations(
@@ -228,18 +277,24 @@ class PeriodMap:
         """Return natural sizes (2 n,) of (q, v).
 
         The size of a coordinate is its amplitude, but at most the size of the mechanism or 1 rad.
-        The size of a velocity is that of its coordinate times 2 pi / period.
+        The size of a velocity is that of its coordinate times 2 pi / period or, with fast
+        vibrations, the amplitude of the velocity.
         """
         amplitudes = Amplitudes.from_trajectory(solution.equations, solution.trajectory).scales
         scales = np.minimum(amplitudes, self.equations.position_scales)
-        return np.concatenate([scales, scales * (_FULL_TURN / self.period)])
+        velocities = np.concatenate([x.state.v for x in solution.trajectory.intervals])
+        rates = np.maximum(scales * (_FULL_TURN / self.period), 0.5 * np.ptp(velocities, axis=0))
+        return np.concatenate([scales, rates])
 
 
-class ShootingResult(NamedTuple):
-    """Run over one period with its monodromy matrix.
+@dataclass(frozen=True, eq=False)
+class PeriodRun:
+    """Run over one period from a consistent state.
 
     Attributes
     ----------
+    period_map
+        Map from the start to the end of the period.
     solution
         Run over the period.
     basis
@@ -249,26 +304,23 @@ class ShootingResult(NamedTuple):
         Natural sizes of (q, v), (2 n,).
     projection
         Matrix (k, 2 n) that expresses disturbances of (q, v) in terms of `basis`.
-    monodromy
-        Matrix (k, k) that maps disturbances at the start of the period to those at its end, in
-        terms of `basis`.
     deviation
         State at the end of the period minus the state at its start, in terms of `basis`, (k,).
     relative_deviation
         Largest absolute component of the same difference in terms of (q, v), relative to `scales`.
     """
 
+    period_map: PeriodMap
     solution: Solution
     basis: Array
     scales: Array
     projection: Array
-    monodromy: Array
     deviation: Array
     relative_deviation: float
 
     @classmethod
-    def from_state(cls, period_map: PeriodMap, q: Array, v: Array) -> ShootingResult:
-        """Run one period from a consistent state (q, v) and compute its monodromy matrix.
+    def from_state(cls, period_map: PeriodMap, q: Array, v: Array) -> PeriodRun:
+        """Run one period from a consistent state (q, v).
 
         Raises
         ------
@@ -277,20 +329,55 @@ class ShootingResult(NamedTuple):
         """
         solution = period_map.run(q, v)
         scales = period_map.state_scales(solution)
-        variational = VariationalEquations(period_map.equations)
-        basis = variational.admissible_disturbances(solution.trajectory, scales)
+        basis = period_map.variational.admissible_disturbances(solution.trajectory, scales)
         projection = (basis / scales[:, None] ** 2).T
         deviation = period_map.deviation(solution)
-        monodromy = projection @ variational.propagate(solution.trajectory, basis)
         return cls(
+            period_map,
             solution,
             basis,
             scales,
             projection,
-            monodromy,
             projection @ deviation,
             float(np.max(np.abs(deviation / scales))),
         )
+
+    def monodromy(self, *directions: Array, steps_per_node: float) -> Array:
+        """Return the monodromy matrix (k, k), in terms of `basis`.
+
+        It maps disturbances at the start of the period to those at its end, and is exact on its
+        range, the deviation and `directions`, (k,) each; see `assemble_monodromy`.
+        """
+        trajectory, variational = self.solution.trajectory, self.period_map.variational
+
+        def propagate(columns: Array) -> Array:
+            return self.projection @ variational.propagate(
+                trajectory, self.basis @ columns, self.scales, steps_per_node
+            )
+
+        columns = np.column_stack([self.deviation, *directions])
+        return assemble_monodromy(propagate, len(self.deviation), columns)
+
+    def resolved_monodromy(self, *directions: Array) -> Array:
+        """Return the monodromy matrix for Newton's method, on steps of the run.
+
+        For runs of `Radau`, this is the derivative of the discrete solution. If the linear
+        equations of the steps do not converge, the steps are halved.
+        """
+        steps = self.steps_per_node
+        for halvings in range(_MAX_STEP_HALVINGS):
+            with suppress(LinearizationError):
+                return self.monodromy(*directions, steps_per_node=steps * 0.5**halvings)
+        return self.monodromy(*directions, steps_per_node=steps * 0.5**_MAX_STEP_HALVINGS)
+
+    @property
+    def steps_per_node(self) -> float:
+        """Number of steps of the run in each step of the variational equations.
+
+        1 for runs of `Radau`; more for other methods, whose steps are of lower order.
+        """
+        has_stages = self.solution.trajectory.intervals[0].nodes_per_step > 1
+        return 1.0 if has_stages else _STEPS_PER_NODE
 
     def shift_start(self, change: Array) -> tuple[Array, Array]:
         """Return the start shifted by `change` (k,) in terms of `basis`; not yet consistent."""
@@ -301,11 +388,11 @@ class ShootingResult(NamedTuple):
 
 
 def solve_shooting(
-    period_map: PeriodMap, q: Array, v: Array, tolerance: float
-) -> tuple[ShootingResult, int]:
+    period_map: PeriodMap, q: Array, v: Array, tolerance: Tolerance
+) -> tuple[PeriodRun, int]:
     """Return the best result of Newton's method, and the number of iterations.
 
-    The method has converged if `relative_deviation` is at most `tolerance`.
+    The method has converged if `relative_deviation` is at most `tolerance.accepted`.
 
     Raises
     ------
@@ -315,13 +402,13 @@ def solve_shooting(
     BeamdaeError
         If loads or drivers are not periodic.
     """
-    result = ShootingResult.from_state(period_map, q, v)
+    result = PeriodRun.from_state(period_map, q, v)
     period_map.require_periodic_loads(result.solution)
     best, last_halving = result, 0
     for iteration in range(1, _MAX_ITERATIONS + 1):
-        if result.relative_deviation <= tolerance:
+        if result.relative_deviation <= tolerance.target:
             return result, iteration - 1
-        matrix = result.monodromy - np.eye(len(result.deviation))
+        matrix = result.resolved_monodromy() - np.eye(len(result.deviation))
         change = -np.linalg.lstsq(matrix, result.deviation, rcond=_NEUTRAL_RATIO)[0]
         change /= max(1.0, float(np.max(np.abs(change))) / _MAX_CHANGE)
         result = _shoot_from(period_map, result, change)
@@ -335,12 +422,12 @@ def solve_shooting(
 
 
 def _shoot_from(
-    period_map: PeriodMap, result: ShootingResult, change: Array, halvings: int = _MAX_HALVINGS
-) -> ShootingResult:
+    period_map: PeriodMap, result: PeriodRun, change: Array, halvings: int = _MAX_HALVINGS
+) -> PeriodRun:
     """Run a period from a shifted start; halve `change` as long as the run ends early."""
     try:
         q, v = period_map.make_consistent(*result.shift_start(change))
-        return ShootingResult.from_state(period_map, q, v)
+        return PeriodRun.from_state(period_map, q, v)
     except IncompleteRunError:
         if not halvings:
             raise

@@ -1,0 +1,119 @@
+"""Monodromy matrices: low ranks, compiled and interpreted loops, and undamped beams."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.analysis.periodic.monodromy import VariationalEquations, assemble_monodromy
+from beamdae.analysis.periodic.shooting import PeriodMap, PeriodRun, build_periodic_equations
+from beamdae.equations.formulations.first_order import FirstOrderForm
+
+STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
+
+
+def test_low_rank_monodromy_matrix():
+    random = np.random.default_rng(1)
+    size, rank = 60, 4
+    matrix = random.standard_normal((size, rank)) @ random.standard_normal((rank, size))
+    matrix /= np.linalg.norm(matrix, 2)
+    right = random.standard_normal((size, 2))
+    columns = []
+
+    def propagate(block):
+        columns.append(block.shape[1])
+        return matrix @ block
+
+    assembled = assemble_monodromy(propagate, size, right)
+    assert sum(columns) < 20
+    # The eigenvalues and the solutions of Newton's equations are those of the full matrix.
+    expected = np.linalg.solve(matrix - np.eye(size), right)
+    np.testing.assert_allclose(
+        np.linalg.solve(assembled - np.eye(size), right), expected, atol=1e-10
+    )
+    largest = [np.sort(np.abs(np.linalg.eigvals(m)))[-rank:] for m in (assembled, matrix)]
+    np.testing.assert_allclose(*largest, atol=1e-10)
+
+
+@pytest.mark.parametrize("size", [1, 5, 30])
+def test_monodromy_matrix_of_full_rank(size):
+    matrix = np.random.default_rng(2).standard_normal((size, size))
+    assembled = assemble_monodromy(lambda x: matrix @ x, size, np.ones((size, 1)))
+    np.testing.assert_allclose(assembled, matrix, atol=1e-12)
+
+
+def pendulum():
+    """Return a damped rigid pendulum whose pivot angle is driven by a spring."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, center=(0.0, -0.5)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    mech.add(bd.Moment("motor", rod.at(0.0, -0.5), bd.sine(1.0, 0.8)))
+    return mech
+
+
+def period_run(mechanism, period, rtol):
+    equations = build_periodic_equations("periodic", mechanism)
+    period_map = PeriodMap.from_equations(equations, bd.Radau(rtol), 0.0, period)
+    q, v = period_map.make_consistent(equations.q0, equations.v0)
+    return PeriodRun.from_state(period_map, q, v)
+
+
+def test_monodromy_matrix_is_the_derivative_of_the_period_map():
+    run = period_run(pendulum(), 1.25, 1e-11)
+    monodromy = run.monodromy(steps_per_node=1.0)
+    for k in range(len(run.deviation)):
+        ends = []
+        for sign in (1.0, -1.0):
+            change = np.zeros(len(run.deviation))
+            change[k] = sign * 1e-4
+            q, v = run.period_map.make_consistent(*run.shift_start(change))
+            solution = run.period_map.run(q, v)
+            last = solution.trajectory.intervals[-1].state
+            ends.append(run.projection @ np.concatenate([last.q[-1], last.v[-1]]))
+        difference = (ends[0] - ends[1]) / 2e-4
+        # Errors of the difference quotient are of order 1e-8, those of the runs 1e-11 / 1e-4.
+        np.testing.assert_allclose(monodromy[:, k], difference, atol=1e-6)
+
+
+def test_interpreted_loop_agrees(monkeypatch):
+    run = period_run(pendulum(), 1.25, 1e-4)
+    compiled = run.monodromy(steps_per_node=1.0)
+    monkeypatch.setattr(FirstOrderForm, "is_native", False)
+    variational = VariationalEquations(run.period_map.equations)
+    assert not variational._loop.is_native
+    interpreted = variational.propagate(run.solution.trajectory, run.basis, run.scales)
+    np.testing.assert_allclose(run.projection @ interpreted, compiled, atol=1e-9)
+
+
+def swung_beam(amplitude):
+    """Return an undamped beam whose root turns by amplitude (1 - cos 2 pi t)."""
+    section = bd.Section.rectangle(STEEL, width=0.02, height=0.01)
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("beam", line, section, elements=2, formulation="exact"))
+    root = mech.ground.at(0.0, 0.0)
+    mech.add(bd.Revolute("pin", root, beam.start))
+    mech.add(
+        bd.Driver("motor", root, beam.start, lambda t: amplitude * (1.0 - ca.cos(2.0 * np.pi * t)))
+    )
+    mech.observe("tip", beam.deflection(1.0))
+    return mech
+
+
+@pytest.mark.slow(reason="two thousand steps in each of several periods")
+def test_undamped_beam_converges_quadratically():
+    # With four integrator steps in each step of Newton's matrix, 25 iterations did not suffice.
+    motion = bd.periodic(swung_beam(0.02), 1.0, bd.Radau(1e-5), settle=0)
+    assert motion.status.success
+    assert motion.iterations <= 4
+    # The first mode is resolved; without damping, its multipliers have the modulus 1.
+    np.testing.assert_allclose(np.abs(motion.multipliers[:2]), 1.0, atol=1e-5)
+    # Quasistatic tip deflection of the clamped beam: inertia load rho A alpha x and
+    # EI w = -rho A alpha (11/120) L^5, amplified by the first mode.
+    beam = bd.Section.rectangle(STEEL, width=0.02, height=0.01)
+    acceleration = 0.02 * (2.0 * np.pi) ** 2
+    deflection = 11.0 / 120.0 * beam.rhoA * acceleration / beam.EI
+    first = 3.5160 * np.sqrt(beam.EI / beam.rhoA)
+    amplified = deflection / (1.0 - (2.0 * np.pi / first) ** 2)
+    half = motion.amplitudes().loc["tip.transverse [m]", "half range"]
+    assert half == pytest.approx(amplified, rel=0.01)
