@@ -106,12 +106,12 @@ class Structure:
         key = (
             self.n,
             self.m,
-            *(_comparison_key(value) for term in terms for value in vars(term).values()),
+            *(comparison_key(value) for term in terms for value in vars(term).values()),
         )
         object.__setattr__(self, "_key", key)
 
 
-def _comparison_key(value: Any) -> Any:
+def comparison_key(value: Any) -> Any:
     """Return a hashable key for a field of a term; kernels compare by identity."""
     if isinstance(value, slice):
         return value.start, value.stop

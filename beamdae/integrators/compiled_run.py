@@ -146,6 +146,7 @@ class StepLoop(Generic[W]):
         make: Callable[[bool], W],
         matrices: Callable[[W], Sequence[tuple[Any, FactorizedMatrix]]],
         native: bool,
+        compiles: bool = True,
     ) -> None:
         """Compile the loop if possible.
 
@@ -161,9 +162,11 @@ class StepLoop(Generic[W]):
             factorizes.
         native
             True to compile the loop if possible, False to run it in plain Python.
+        compiles
+            False to use only machine code in the cache.
         """
         self._function = function
-        self.work, self._loop = prepare_loop(function, make, native)
+        self.work, self._loop = prepare_loop(function, make, native, compiles)
         self.is_native = self._loop is not None
         self._matrices = matrices(self.work)
 

@@ -106,11 +106,11 @@ class LaneKernel:
         return out
 
 
-def build_lane_kernel(function: ca.Function) -> LaneKernel | None:
+def build_lane_kernel(function: ca.Function, compiles: bool = True) -> LaneKernel | None:
     """Compile an SX function of two columns, (shared, local), with one dense column as output.
 
-    Return None if the function has an operation that cannot be compiled, or if machine code is
-    unavailable or switched off.
+    Return None if the function has an operation that cannot be compiled, if machine code is
+    unavailable or switched off, or if `compiles` is False and the machine code is not in the cache.
 
     Raises
     ------
@@ -141,7 +141,9 @@ def build_lane_kernel(function: ca.Function) -> LaneKernel | None:
         ir=lambda: write_lane_module(function),
     )
     try:
-        code = load_object(source, lambda code: _matches_virtual_machine(function, wrap_code(code)))
+        code = load_object(
+            source, lambda code: _matches_virtual_machine(function, wrap_code(code)), compiles
+        )
     except ValueError:
         return None
     return None if code is None else wrap_code(code)

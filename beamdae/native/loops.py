@@ -43,7 +43,9 @@ _LOOP_SIGNATURE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _EntryPoints = tuple[tuple[str, tuple[Any, str]], ...]
 
 
-def prepare_loop(function: Any, make: Any, native: bool) -> tuple[Any, CompiledLoop | None]:
+def prepare_loop(
+    function: Any, make: Any, native: bool, compiles: bool = True
+) -> tuple[Any, CompiledLoop | None]:
     """Return the object that a loop works on, and the compiled loop.
 
     The compiled loop is None if the loop runs in plain Python.
@@ -57,11 +59,13 @@ def prepare_loop(function: Any, make: Any, native: bool) -> tuple[Any, CompiledL
         Python.
     native
         True to try machine code, False for plain Python.
+    compiles
+        False to use only machine code in the cache.
     """
     if native:
         work = make(True)
         with suppress(MachineCodeError):
-            return work, CompiledLoop(function, work)
+            return work, CompiledLoop(function, work, compiles=compiles)
     return make(False), None
 
 
@@ -75,6 +79,8 @@ class CompiledLoop:
     work
         A dataclass of numbers, C-contiguous arrays, and nested dataclasses or named tuples of
         these. Fields that are plain tuples are not accessible to the loop.
+    compiles
+        False to use only machine code in the cache.
     **callbacks
         Further C functions `function(work, *arguments)` on the same table, as (function,
         arguments). The characters of `arguments` are "d" for a double, "p" for a pointer, which the
@@ -91,16 +97,18 @@ class CompiledLoop:
     Raises
     ------
     MachineCodeError
-        If machine code is unavailable or switched off.
+        If machine code is unavailable or switched off, or not in the cache if `compiles` is False.
     """
 
-    def __init__(self, function: Any, work: Any, **callbacks: tuple[Any, str]) -> None:
+    def __init__(
+        self, function: Any, work: Any, *, compiles: bool = True, **callbacks: tuple[Any, str]
+    ) -> None:
         layout = _TableLayout(work)
         self._numbers, self._kind = layout.numbers, layout.kind
         self.table = np.array(layout.words, np.int64)
         self._floats = self.table.view(np.float64)
         entries = {"loop": (function, "@"), **callbacks}
-        self.addresses = _load_entries(tuple(entries.items()), self._kind)
+        self.addresses = _load_entries(tuple(entries.items()), self._kind, compiles)
         self._call = _LOOP_SIGNATURE(self.addresses["loop"])
         # Kept because the table holds addresses of its arrays.
         self._work = work
@@ -222,7 +230,7 @@ _loaded_objects: dict[Any, LoadedObject | None] = {}
 _loading_lock = threading.Lock()
 
 
-def _load_entries(entries: _EntryPoints, kind: Any) -> dict[str, int]:
+def _load_entries(entries: _EntryPoints, kind: Any, compiles: bool) -> dict[str, int]:
     if not is_native_enabled():
         raise MachineCodeError("machine code is switched off")
     name = entries[0][1][0].__name__
@@ -240,8 +248,11 @@ def _load_entries(entries: _EntryPoints, kind: Any) -> dict[str, int]:
                 level=_OPTIMIZATION_LEVEL,
                 ir=lambda: _compile_entries(entries, tuple(called_functions), kind),
             )
-            _loaded_objects[key] = load_object(source, lambda code: True)
-        code = _loaded_objects[key]
+            code = load_object(source, lambda code: True, compiles)
+            if code is not None or compiles:
+                _loaded_objects[key] = code
+        else:
+            code = _loaded_objects[key]
     if code is None:
         raise MachineCodeError(f"{name}: the loop cannot be compiled")
     return code.addresses

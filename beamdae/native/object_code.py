@@ -60,11 +60,12 @@ class ObjectSource:
 
 
 def load_object(
-    source: ObjectSource, is_correct: Callable[[LoadedObject], bool]
+    source: ObjectSource, is_correct: Callable[[LoadedObject], bool], compiles: bool = True
 ) -> LoadedObject | None:
     """Return machine code from the cache or the compiler; None if unavailable or switched off.
 
-    A newly compiled object is used and cached only if `is_correct` returns True for it.
+    A newly compiled object is used and cached only if `is_correct` returns True for it. With
+    `compiles` False, only the cache is used.
 
     Warns
     -----
@@ -78,6 +79,8 @@ def load_object(
         folder, content = _read_cache(source)
         if content is not None:
             return source.load(content)
+        if not compiles:
+            return None
         content = llvm.compile_module(source.ir() if source.ir else source.text, source.level)
         code = source.load(content)
         if not is_correct(code):

@@ -88,7 +88,18 @@ class Kernel:
     @property
     def native(self) -> LaneKernel | None:
         """Machine code of the kernel; None if machine code is switched off or cannot be built."""
-        return self._lane_kernel if is_native_enabled() else None
+        return self.load_native()
+
+    def load_native(self, compiles: bool = True) -> LaneKernel | None:
+        """Return the machine code as `native`, but only from the cache if `compiles` is False."""
+        if not is_native_enabled():
+            return None
+        if compiles or "_lane_kernel" in vars(self):
+            return self._lane_kernel
+        kernel = build_lane_kernel(self.function, compiles=False)
+        if kernel is not None:
+            vars(self)["_lane_kernel"] = kernel
+        return kernel
 
     @cached_property
     def _lane_kernel(self) -> LaneKernel | None:
@@ -188,7 +199,11 @@ class SumPlan:
     @property
     def is_native(self) -> bool:
         """True if machine code of all kernels is available."""
-        return all(batch.kernel.native is not None for batch in self.batches)
+        return self.load_native()
+
+    def load_native(self, compiles: bool = True) -> bool:
+        """Return `is_native`, using only machine code in the cache if `compiles` is False."""
+        return all(batch.kernel.load_native(compiles) is not None for batch in self.batches)
 
     def sum(self, native: bool, p: Array) -> Sum:
         """Return the sum with new buffers and the data of a model.

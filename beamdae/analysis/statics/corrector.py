@@ -6,15 +6,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import scipy.sparse as sp
 
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.path_controls import Control, PathDirection
 from beamdae.analysis.statics.stability import Stability, assess_stability
 from beamdae.analysis.statics.strain_increments import StrainIncrements
 from beamdae.equations.starts.rigid_motions import DisplacementMeasure
-from beamdae.linear.factorizations import Factorization, SingularMatrixError, create_factorization
-from beamdae.symbolic.sparse_operators import column_indices
+from beamdae.linear.factorizations import SingularMatrixError
 
 Array = np.ndarray
 
@@ -26,6 +24,9 @@ _CONVERGENCE_TOLERANCE = 1e-10
 # because rounding errors of stiff beams may prevent smaller corrections.
 _STAGNATION_TOLERANCE = 1e-6
 _STAGNATION_RATIO = 0.1
+
+
+_SINGULAR = "the tangent stiffness is singular at the next point"
 
 
 class CorrectorError(ArithmeticError):
@@ -88,36 +89,6 @@ class Corrector:
         """Return unknowns between `x` (position 0) and `other` (position 1)."""
         return self.displace(x, position * self._increments.difference(x, other))
 
-    @cached_property
-    def _bordered(self) -> tuple[sp.csc_array, Array, Array]:
-        """CSC pattern of the bordered matrix, and indices of F_x and the last row in its data."""
-        pattern, size = self.system.pattern, self.system.pattern.shape[0]
-        tangent_positions = np.arange(pattern.nnz) + column_indices(pattern)
-        row_positions = np.append(pattern.indptr[1:] + np.arange(size), pattern.nnz + size + size)
-        indptr = np.append(pattern.indptr + np.arange(size + 1), pattern.nnz + 2 * size + 1)
-        indices = np.zeros(indptr[-1], np.int32)
-        indices[tangent_positions], indices[row_positions] = pattern.indices, size
-        indices[indptr[size] :] = np.arange(size + 1)
-        bordered = sp.csc_array(
-            (np.ones(len(indices)), indices, indptr), shape=(size + 1, size + 1)
-        )
-        return bordered, tangent_positions, row_positions
-
-    @cached_property
-    def _solver(self) -> Factorization:
-        return create_factorization(self._bordered[0])
-
-    def _factorize(self, tangent: Array, by_factor: Array, row: tuple[Array, float]) -> None:
-        pattern, tangent_positions, row_positions = self._bordered
-        size = len(by_factor)
-        nonzeros = np.zeros(pattern.nnz)
-        nonzeros[tangent_positions], nonzeros[row_positions] = tangent, np.append(*row)
-        nonzeros[pattern.indptr[size] : -1] = by_factor
-        try:
-            self._solver.factorize(nonzeros)
-        except SingularMatrixError:
-            raise CorrectorError("the tangent stiffness is singular at the next point") from None
-
     def correct(self, control: Control, target: float, x: Array, mu: float) -> EquilibriumPoint:
         """Return the equilibrium near (x, mu) at which the control equals `target`.
 
@@ -127,14 +98,16 @@ class Corrector:
             If Newton's method diverges, meets a singular matrix or forces that are not finite, or
             takes more than 15 iterations.
         """
-        last_size = np.inf
+        bordered, last_size = self.system.bordered, np.inf
         for k in range(_MAX_ITERATIONS):
-            forces, by_factor = self.system.residual(x, mu)
-            residual = np.append(forces, control.value(x, mu) - target)
-            if not np.all(np.isfinite(residual)):
+            deviation = control.value(x, mu) - target
+            forces, _ = bordered.residual(x, mu)
+            if not (np.isfinite(deviation) and np.all(np.isfinite(forces))):
                 raise CorrectorError("the forces are not finite at the next point")
-            self._factorize(self.system.tangent(x, mu), by_factor, control.gradient(x, mu))
-            change = -self._solver.solve(residual)
+            try:
+                change = bordered.newton_change(x, mu, control.gradient(x, mu), deviation)
+            except SingularMatrixError:
+                raise CorrectorError(_SINGULAR) from None
             size = self.displacement_measure.farthest(change[: self.system.equations.n])
             if not size <= _DIVERGENCE_LIMIT:
                 raise CorrectorError("Newton's method diverges")
@@ -155,10 +128,10 @@ class Corrector:
             If the bordered matrix is singular: the control does not change along the path, or paths
             cross at the point.
         """
-        x, mu = point.x, point.mu
-        _, by_factor = self.system.residual(x, mu)
-        self._factorize(self.system.tangent(x, mu), by_factor, control.gradient(x, mu))
-        direction = self._solve(np.append(np.zeros(len(x)), 1.0))
+        _, by_factor = self.system.residual(point.x, point.mu)
+        right = np.append(np.zeros(len(point.x)), 1.0)
+        gradient = control.gradient(point.x, point.mu)
+        direction = self._solve(point, gradient, by_factor, right)
         return PathDirection(direction[:-1], float(direction[-1]))
 
     def try_path_tangent(self, point: EquilibriumPoint, control: Control) -> PathDirection | None:
@@ -180,11 +153,17 @@ class Corrector:
             If the tangent has further null vectors.
         """
         _, by_factor = self.system.residual(point.x, point.mu)
-        self._factorize(self.system.tangent(point.x, point.mu), mode, (mode, 0.0))
-        return PathDirection(self._solve(np.append(-by_factor, 0.0))[:-1], 1.0)
+        response = self._solve(point, (mode, 0.0), mode, np.append(-by_factor, 0.0))
+        return PathDirection(response[:-1], 1.0)
 
-    def _solve(self, right: Array) -> Array:
-        solution = self._solver.solve(right)
+    def _solve(
+        self, point: EquilibriumPoint, gradient: tuple[Array, float], column: Array, right: Array
+    ) -> Array:
+        """Return the solution of the system bordered by a row `gradient` and a `column`."""
+        try:
+            solution = self.system.bordered.solve(point.x, point.mu, gradient, column, right)
+        except SingularMatrixError:
+            raise CorrectorError(_SINGULAR) from None
         if not np.all(np.isfinite(solution)):
-            raise CorrectorError("the tangent stiffness is singular at the next point")
+            raise CorrectorError(_SINGULAR)
         return solution

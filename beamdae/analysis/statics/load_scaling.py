@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.analysis.statics.bordered_system import BorderedSystem
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.static_equations import StaticEquations
@@ -23,7 +24,6 @@ from beamdae.equations.starts.reduced_equations import (
 from beamdae.errors import BeamdaeError, require_sequence, short_repr, suggest
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.section_forces.applied_loads import GRAVITY
-from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 Stages = tuple[tuple[str, ...], ...]
@@ -126,47 +126,22 @@ class LoadedEquations:
         return self.unloaded is not self.loaded
 
     @cached_property
-    def _union_pattern(self) -> tuple[sp.csc_array, Array, Array]:
-        """CSC pattern of the sum of both tangents, and the indices of their entries in its data."""
-        one, other = self.unloaded.pattern, self.loaded.pattern
-        union = sp.csc_array(one + other)
-        union.sort_indices()
-        size = one.shape[0]
-        keys = column_indices(union).astype(np.int64) * size + union.indices
-        positions = [
-            np.searchsorted(keys, column_indices(x).astype(np.int64) * size + x.indices)
-            for x in (one, other)
-        ]
-        return union, positions[0], positions[1]
+    def bordered(self) -> BorderedSystem:
+        """Evaluation of the equations, and solution with a control equation."""
+        return BorderedSystem(self.unloaded.equations, self.loaded.equations, self.loaded.time)
 
     @property
     def pattern(self) -> sp.csc_array:
         """CSC pattern of the tangent."""
-        return self._union_pattern[0]
+        return self.bordered.pattern
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
         """Return the residual (n + m,) and its derivative with respect to mu."""
-        n = self.equations.n
-        loaded = self.loaded.residual(x[:n], x[n:])
-        if not self.has_scaled_loads:
-            return loaded, np.zeros_like(loaded)
-        unloaded = self.unloaded.residual(x[:n], x[n:])
-        # Written as an increment, so that entries without loads are independent of mu to the last
-        # digit.
-        change = loaded - unloaded
-        return unloaded + mu * change, change
+        return self.bordered.residual(x, mu)
 
     def tangent(self, x: Array, mu: float) -> Array:
         """Return the non-zeros, on `pattern`, of the Jacobian of the residual with respect to x."""
-        n = self.equations.n
-        union, unloaded_positions, loaded_positions = self._union_pattern
-        tangent = np.zeros(union.nnz)
-        tangent[loaded_positions] = self.loaded.tangent(x[:n], x[n:])
-        if self.has_scaled_loads:
-            unloaded = np.zeros(union.nnz)
-            unloaded[unloaded_positions] = self.unloaded.tangent(x[:n], x[n:])
-            tangent = unloaded + mu * (tangent - unloaded)
-        return tangent
+        return self.bordered.tangent(x, mu)
 
     def motion_tangent(self, state: State, mu: float) -> Tangent:
         """Return the equations of motion linearized about `state` at the load factor `mu`."""

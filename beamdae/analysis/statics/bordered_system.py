@@ -1,0 +1,418 @@
+"""Static equations of a load stage with one control equation: evaluation and linear solution.
+
+    [[F_x, F_mu], [c_x, c_mu]] (dx, dmu) = right
+
+with F(x; mu) = C + U + mu (L - U): C are the forces and joints that the load factor does not
+change, U and L those that are particular to the unloaded and to the loaded mechanism. The loop is
+plain Python over arrays; `native.loops` compiles it if possible.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from functools import reduce
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations.static_equations import StaticSums, plan_static_sums
+from beamdae.equations.structure import (
+    ConstraintTerm,
+    ForceTerm,
+    Structure,
+    cache_on_owner,
+    comparison_key,
+    intern_structure,
+)
+from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
+from beamdae.linear.factorizations import SingularMatrixError
+from beamdae.native.loop_functions import (
+    add_weighted,
+    combine,
+    euclidean_norm,
+    factorize,
+    pick,
+    solve,
+)
+from beamdae.native.return_codes import DONE, NEW_PIVOTS
+from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_matrix_factors, set_time
+from beamdae.symbolic.sparse_operators import column_indices
+
+Array = np.ndarray
+
+# Machine code that is not in the cache is compiled when the interpreted evaluations of a structure
+# have taken about as long as compiling would: 3 s for the loop and 1 s for the kernels of a beam.
+# An interpreted evaluation takes 4 us for each coordinate, and as much for 100 others.
+_COORDINATE_EQUIVALENT = 100
+_COMPILATION_EQUIVALENT = 1_000_000
+
+# Steps of iterative refinement of each solution. If the last one exceeds this fraction of the
+# solution, new pivots are chosen. With good pivots, thin beams (L/h = 1e5) reach 5e-3, others 1e-9.
+_REFINEMENTS = 2
+_MAX_REFINEMENT = 2e-2
+
+# Tasks of `solve_bordered`, each of which includes the previous ones.
+_EVALUATE_FORCES = 0
+_EVALUATE_TANGENT = 1
+_SOLVE = 2
+_SOLVE_NEWTON = 3
+
+
+@dataclass(slots=True)
+class LoadPart:
+    """One of the parts C, U and L of the static equations.
+
+    Attributes
+    ----------
+    residual, tangent
+        Sums of kernels; `tangent` evaluates non-zeros of the bordered matrix.
+    forces, nonzeros
+        Their last values.
+    """
+
+    residual: Sum
+    tangent: Sum
+    forces: Array
+    nonzeros: Array
+
+
+@dataclass(slots=True)
+class BorderedWorkspace:
+    """Work arrays of `solve_bordered`.
+
+    Attributes
+    ----------
+    common, unloaded, loaded
+        Parts C, U and L.
+    linear
+        Linear solver of the bordered matrix.
+    nonzeros
+        Non-zeros of the bordered matrix.
+    inputs
+        (q, 0, lam), with the zeros of velocities and accelerations.
+    forces, by_factor
+        F and F_mu, (n + m,).
+    row, row_targets, row_sources
+        Gradient (c_x, c_mu) of the control: nonzeros[row_targets] = row[row_sources].
+    column, column_start
+        Last column, (n + m,), and its start in `nonzeros`.
+    right
+        Right-hand side, (n + m + 1,).
+    solution, negative, refinement
+        Solution, its negative, and the last step of its refinement.
+    rows, columns
+        Rows and columns of `nonzeros`.
+    weights
+        Weights of the solution in the measure of its accuracy.
+    mu
+        Load factor.
+    deviation
+        Value of the control equation, for Newton's method.
+    task
+        0 to evaluate forces, 1 to evaluate also the tangent, 2 to solve with the given `column` and
+        `right`, 3 to solve for the change of Newton's method.
+    has_forces, has_tangent
+        1 if forces or tangent have been evaluated at `inputs`, else 0.
+    may_renew
+        1 if new pivots may be requested for the accuracy of the solution, else 0.
+    """
+
+    common: LoadPart
+    unloaded: LoadPart
+    loaded: LoadPart
+    linear: Any
+    nonzeros: Array
+    inputs: Array
+    forces: Array
+    by_factor: Array
+    row: Array
+    row_targets: Array
+    row_sources: Array
+    column: Array
+    right: Array
+    solution: Array
+    negative: Array
+    refinement: Array
+    rows: Array
+    columns: Array
+    weights: Array
+    column_start: int
+    mu: float = 0.0
+    deviation: float = 0.0
+    task: int = _EVALUATE_FORCES
+    has_forces: int = 0
+    has_tangent: int = 0
+    may_renew: int = 0
+
+
+def solve_bordered(run: BorderedWorkspace) -> int:
+    """Evaluate the equations and perform the task; return DONE or the code of the linear solver."""
+    common, unloaded, loaded, mu = run.common, run.unloaded, run.loaded, run.mu
+    if run.has_forces == 0:
+        evaluate_sum(common.residual, run.inputs, common.forces)
+        evaluate_sum(unloaded.residual, run.inputs, unloaded.forces)
+        evaluate_sum(loaded.residual, run.inputs, loaded.forces)
+        run.has_forces = 1
+    # Increments, so that entries without loads are independent of mu to the last digit.
+    combine(run.by_factor, (1.0, -1.0), (loaded.forces, unloaded.forces))
+    combine(run.forces, (1.0, 1.0, mu), (common.forces, unloaded.forces, run.by_factor))
+    if run.task == _EVALUATE_FORCES:
+        return DONE
+    if run.has_tangent == 0:
+        evaluate_sum(common.tangent, run.inputs, common.nonzeros)
+        evaluate_sum(unloaded.tangent, run.inputs, unloaded.nonzeros)
+        evaluate_sum(loaded.tangent, run.inputs, loaded.nonzeros)
+        run.has_tangent = 1
+    parts = (common.nonzeros, unloaded.nonzeros, loaded.nonzeros)
+    combine(run.nonzeros, (1.0, 1.0 - mu, mu), parts)
+    if run.task == _EVALUATE_TANGENT:
+        return DONE
+    size, column_start = run.forces.size, run.column_start
+    if run.task == _SOLVE_NEWTON:
+        combine(run.column, (1.0,), (run.by_factor,))
+        combine(run.right[:size], (-1.0,), (run.forces,))
+        run.right[size] = -run.deviation
+    pick(run.nonzeros, run.row_targets, run.row, run.row_sources, 0, size + 1)
+    combine(run.nonzeros[column_start : column_start + size], (1.0,), (run.column,))
+    code = factorize(run.linear, run.nonzeros)
+    if code != DONE:
+        return code
+    # Pivots chosen for an earlier matrix preserve the sparsity, but lose accuracy, which refinement
+    # restores unless it has lost nearly all digits. The right-hand side is kept for new pivots.
+    combine(run.solution, (1.0,), (run.right,))
+    solve(run.linear, run.solution)
+    for _ in range(_REFINEMENTS):
+        combine(run.negative, (-1.0,), (run.solution,))
+        combine(run.refinement, (1.0,), (run.right,))
+        add_weighted(
+            run.refinement, run.rows, run.nonzeros, run.negative, run.columns, 0, run.rows.size
+        )
+        solve(run.linear, run.refinement)
+        combine(run.solution, (1.0, 1.0), (run.solution, run.refinement))
+    change = euclidean_norm(run.refinement, run.weights)
+    is_accurate = change <= _MAX_REFINEMENT * euclidean_norm(run.solution, run.weights)
+    if run.may_renew == 1 and not is_accurate:
+        run.may_renew = 0
+        run.linear.needs_pivots = 1
+        return NEW_PIVOTS
+    return DONE
+
+
+@dataclass
+class Usage:
+    """Cost of the interpreted evaluations of a structure in this process, in coordinates."""
+
+    cost: int = 0
+
+
+@cache_on_owner
+def _usage_of(structure: Structure) -> Usage:
+    # Paths share this count; that threads may lose a few evaluations does not matter.
+    return Usage()
+
+
+def _split_terms(
+    unloaded: EquationsOfMotion, loaded: EquationsOfMotion, kind: str
+) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
+    """Return the common terms of both equations, and those of only one of them.
+
+    `kind` is "forces" or "joints". Common terms have equal kernels, operators and numbers.
+    """
+
+    def identify(e: EquationsOfMotion, term: ForceTerm | ConstraintTerm) -> tuple[Any, ...]:
+        values = (value for name, value in vars(term).items() if name != "data")
+        return (*map(comparison_key, values), e.p[term.data].tobytes())
+
+    def split(e: EquationsOfMotion, other: Counter[Any]) -> tuple[tuple[Any, ...], ...]:
+        common, only = [], []
+        for term in getattr(e.structure, kind):
+            key = identify(e, term)
+            (common if other[key] > 0 else only).append(term)
+            other[key] -= 1
+        return tuple(common), tuple(only)
+
+    keys = [Counter(identify(e, x) for x in getattr(e.structure, kind)) for e in (unloaded, loaded)]
+    _, only_unloaded = split(unloaded, keys[1])
+    common, only_loaded = split(loaded, keys[0])
+    return common, only_unloaded, only_loaded
+
+
+class BorderedSystem:
+    """Static equations of one load stage, evaluated and solved by machine code if it is available.
+
+    Do not share an instance between threads.
+
+    Parameters
+    ----------
+    unloaded, loaded
+        Equations without and with the loads of the stage; the same object if no load is scaled.
+    time
+        (t, branch), at which laws are evaluated.
+
+    Attributes
+    ----------
+    pattern
+        CSC pattern of the tangent F_x, (n + m, n + m).
+    """
+
+    def __init__(self, unloaded: EquationsOfMotion, loaded: EquationsOfMotion, time: Array) -> None:
+        self._time, self._n, self._scales = time, loaded.n, loaded.position_scales
+        splits = [_split_terms(unloaded, loaded, kind) for kind in ("forces", "joints")]
+        structures = [
+            intern_structure(Structure(loaded.n, loaded.m, *terms))
+            for terms in zip(*splits, strict=True)
+        ]
+        self._numbers = (loaded.p, unloaded.p, loaded.p)
+        self._sums = [plan_static_sums(structure) for structure in structures]
+        self._usage = _usage_of(structures[0])
+        union = sp.csc_array(
+            reduce(lambda one, other: one + other, (x.pattern for x in self._sums))
+        )
+        union.sort_indices()
+        self.pattern = union
+        size = union.shape[0]
+        self._tangent_targets = np.arange(union.nnz) + column_indices(union)
+        self._plans = [self._plan(sums) for sums in self._sums]
+        indptr = np.append(union.indptr + np.arange(size + 1), union.nnz + 2 * size + 1)
+        self._row_targets = (indptr[1:] - 1).astype(np.uint32)
+        indices = np.zeros(indptr[-1], np.int32)
+        indices[self._tangent_targets], indices[self._row_targets] = union.indices, size
+        indices[indptr[size] :] = np.arange(size + 1)
+        entries = (np.ones(len(indices)), indices, indptr)
+        self._bordered = sp.csc_array(entries, shape=(size + 1, size + 1))
+        self._evaluated_x = np.full(size, np.nan)
+        self._may_compile = True
+        self._loop = self._make_loop(compiles=False)
+
+    def _plan(self, sums: StaticSums) -> tuple[SumPlan, SumPlan]:
+        """Return the plans of a part; the tangent adds to the non-zeros of the bordered matrix."""
+        own, size = sums.pattern, self.pattern.shape[0]
+        keys, union_keys = (
+            column_indices(x).astype(np.int64) * size + x.indices for x in (own, self.pattern)
+        )
+        targets = self._tangent_targets[np.searchsorted(union_keys, keys)].astype(np.uint32)
+        tangent = replace(
+            sums.tangent,
+            add_targets=targets[sums.tangent.add_targets],
+            weighted_targets=targets[sums.tangent.weighted_targets],
+        )
+        return sums.residual, tangent
+
+    def _make_loop(self, compiles: bool) -> StepLoop[BorderedWorkspace]:
+        size, nnz = self.pattern.shape[0], self._bordered.nnz
+        matrix = FactorizedMatrix.from_pattern(self._bordered)
+
+        def make_part(plans: tuple[SumPlan, SumPlan], p: Array, native: bool) -> LoadPart:
+            residual, tangent = (plan.sum(native, p) for plan in plans)
+            for total in (residual, tangent):
+                set_time(total, *self._time)
+            # The factors of damping and mass are not used.
+            set_matrix_factors(tangent, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+            return LoadPart(residual, tangent, np.zeros(size), np.zeros(nnz))
+
+        def make(native: bool) -> BorderedWorkspace:
+            parts = [
+                make_part(plans, p, native)
+                for plans, p in zip(self._plans, self._numbers, strict=True)
+            ]
+            return BorderedWorkspace(
+                *parts,
+                linear=matrix.make_solver(native, "auto"),
+                nonzeros=matrix.nonzeros,
+                inputs=np.zeros(self._n + size),
+                forces=np.zeros(size),
+                by_factor=np.zeros(size),
+                row=np.zeros(size + 1),
+                row_targets=self._row_targets,
+                row_sources=np.arange(size + 1, dtype=np.uint32),
+                column=np.zeros(size),
+                right=np.zeros(size + 1),
+                solution=np.zeros(size + 1),
+                negative=np.zeros(size + 1),
+                refinement=np.zeros(size + 1),
+                rows=self._bordered.indices.astype(np.uint32),
+                columns=column_indices(self._bordered).astype(np.uint32),
+                weights=np.append(1.0 / self._scales, np.zeros(size + 1 - self._n)),
+                column_start=int(self._bordered.indptr[size]),
+            )
+
+        native = all(plan.load_native(compiles) for plans in self._plans for plan in plans)
+        return StepLoop(solve_bordered, make, lambda run: [(run.linear, matrix)], native, compiles)
+
+    @property
+    def is_native(self) -> bool:
+        """True if machine code evaluates the equations."""
+        return self._loop.is_native
+
+    def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
+        """Return F and F_mu at x = (q, lam), (n + m,) each."""
+        run = self._run(x, mu, _EVALUATE_FORCES)
+        return run.forces.copy(), run.by_factor.copy()
+
+    def tangent(self, x: Array, mu: float) -> Array:
+        """Return the non-zeros of F_x on `pattern`."""
+        return self._run(x, mu, _EVALUATE_TANGENT).nonzeros[self._tangent_targets]
+
+    def newton_change(
+        self, x: Array, mu: float, gradient: tuple[Array, float], deviation: float
+    ) -> Array:
+        """Return the change (dx, dmu) of Newton's method, (n + m + 1,).
+
+        `gradient` and `deviation` are the gradient and the value of the control equation. The
+        result is not finite if the forces are not.
+
+        Raises
+        ------
+        SingularMatrixError
+            If the bordered matrix is singular or not finite.
+        """
+        self._compile_if_used()
+        self._loop.work.deviation = deviation
+        self._set_row(gradient)
+        return self._run(x, mu, _SOLVE_NEWTON).solution.copy()
+
+    def solve(
+        self, x: Array, mu: float, gradient: tuple[Array, float], column: Array, right: Array
+    ) -> Array:
+        """Return the solution of the bordered system with another last column.
+
+        Raises
+        ------
+        SingularMatrixError
+            If the bordered matrix is singular or not finite.
+        """
+        run = self._loop.work
+        self._set_row(gradient)
+        run.column[:], run.right[:] = column, right
+        return self._run(x, mu, _SOLVE).solution.copy()
+
+    def _compile_if_used(self) -> None:
+        """Count an evaluation; replace the interpreted loop if compiling takes less time."""
+        if self.is_native or not self._may_compile:
+            return
+        self._usage.cost += _COORDINATE_EQUIVALENT + self._n
+        if self._usage.cost > _COMPILATION_EQUIVALENT:
+            self._may_compile = False
+            self._loop = self._make_loop(compiles=True)
+            self._evaluated_x[:] = np.nan
+
+    def _set_row(self, gradient: tuple[Array, float]) -> None:
+        row = self._loop.work.row
+        row[:-1], row[-1] = gradient
+
+    def _run(self, x: Array, mu: float, task: int) -> BorderedWorkspace:
+        run, n = self._loop.work, self._n
+        if not np.array_equal(x, self._evaluated_x):
+            self._evaluated_x[:] = x
+            run.inputs[:n], run.inputs[2 * n :] = x[:n], x[n:]
+            run.has_forces = run.has_tangent = 0
+        run.mu, run.task, run.may_renew = mu, task, int(self.is_native)
+        with np.errstate(over="ignore", invalid="ignore"):
+            code = self._loop()
+        if code != DONE:
+            run.linear.singular = 0
+            raise SingularMatrixError("the matrix is singular")
+        return run
