@@ -7,6 +7,9 @@ large systems, Arnoldi's method gives the eigenvalues near the shift.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cached_property
+
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
@@ -72,11 +75,6 @@ class QuadraticProblem:
         turn their double zero eigenvalues into slow vibrations of thin beams.
     count
         Number of modes of interest, or None for all modes.
-
-    Raises
-    ------
-    BeamdaeError
-        If the equations are singular at the shift.
     """
 
     def __init__(
@@ -91,6 +89,16 @@ class QuadraticProblem:
         self._is_symmetric = is_symmetric(lin) and is_symmetric_matrix(lin.tangent.damping)
         self._free = self._find_undamped_free_motions(undamped)
         self._weighted_free = self.tangent.mass @ self._free
+
+    @cached_property
+    def _solve_shifted(self) -> Callable[[Array], Array]:
+        """Solver of the saddle-point matrix at the shift, which dense matrices do not require.
+
+        Raises
+        ------
+        BeamdaeError
+            If the equations are singular at the shift.
+        """
         tangent, s = self.tangent, self.shift
         solve = factorize_saddle_point(
             tangent.stiffness + s * tangent.damping + s**2 * tangent.mass,
@@ -98,11 +106,8 @@ class QuadraticProblem:
             tangent.position_jacobian + s * tangent.velocity_jacobian,
         )
         if solve is None:
-            raise BeamdaeError(
-                "modes: the linearized equations are singular; add mass or stiffness "
-                "to the parts that can move."
-            )
-        self._solve_shifted = solve
+            raise _singular_error()
+        return solve
 
     def _find_undamped_free_motions(self, undamped: UndampedModes) -> Array:
         """Return the free motions (n, k) on which no damper acts, scaled to x^T M x = 1.
@@ -127,6 +132,11 @@ class QuadraticProblem:
         The modes are not sorted, and there are usually more than `count`. If `count` is None, only
         modes that are lost in rounding are missing. Each conjugate pair is represented by the
         eigenvalue with positive imaginary part.
+
+        Raises
+        ------
+        BeamdaeError
+            If the equations are singular at the shift.
         """
         e, n = self.e, self.e.n
         available = 2 * (n - e.m - self._free.shape[1]) + len(e.nonholonomic_rows)
@@ -180,8 +190,12 @@ class QuadraticProblem:
             left.T @ (matrix @ basis)
             for matrix in (tangent.mass, tangent.damping, tangent.stiffness)
         )
-        shifted = la.lu_factor(stiffness + s * damping + s**2 * mass)
-        by_rate = -s * la.lu_solve(shifted, mass)
+        shifted = stiffness + s * damping + s**2 * mass
+        lu, pivots, info = la.lapack.dgetrf(shifted)
+        if info != 0 or not np.isfinite(lu).all():
+            raise _singular_error()
+        factors = lu, pivots
+        by_rate = -s * la.lu_solve(factors, mass)
         if not np.any(damping):
             # Eigenvalues of the inverse of K + s^2 M times s M are s / (s^2 - l^2).
             inverses, vectors = la.eig(-by_rate)
@@ -195,7 +209,7 @@ class QuadraticProblem:
             decaying = values.imag == 0.0
             values = np.concatenate([values, -values[decaying]])
             return values, basis @ np.hstack([vectors, vectors[:, decaying]])
-        by_position = by_rate - la.lu_solve(shifted, damping)
+        by_position = by_rate - la.lu_solve(factors, damping)
         matrix = np.block(
             [[by_position, by_rate], [np.eye(len(by_rate)) / s + by_position, by_rate]]
         )
@@ -228,6 +242,12 @@ class QuadraticProblem:
         shapes = shapes / np.sqrt(np.where(inertia > 0.0, inertia, 1.0))
         energy = np.abs(np.einsum("ij,ij->j", shapes.conj(), stiffness @ shapes))
         rounding, size = quadratic_form_rounding(stiffness, shapes), np.abs(values)
+        is_rotating = not is_symmetric_matrix(damping)
+        if is_rotating:
+            # Motions of a floating frame have no stiffness, but rotation couples them to the slow
+            # elastic modes and their rounding errors.
+            slowest = np.argsort(size)[:_DEFAULT_MODE_COUNT]
+            rounding = np.maximum(rounding, np.max(rounding[slowest], initial=0.0))
         zero_energy = np.maximum(rounding, ZERO_SQUARE_RATIO * self.shift**2)
         is_zero = size <= _ZERO_RATIO * self.shift
         is_zero &= energy <= _ZERO_ENERGY_FACTOR * zero_energy
@@ -241,7 +261,7 @@ class QuadraticProblem:
         is_damped = power > quadratic_form_rounding(damping, shapes)
         off_axis = np.where(is_damped, 0.0, 0.5 * rounding / np.maximum(size, _TINY))
         off_axis = np.maximum(off_axis, _REAL_TOLERANCE * size)
-        if not is_symmetric_matrix(damping):
+        if is_rotating:
             off_axis = np.where(_is_split_double(values, np.sqrt(rounding)), np.inf, off_axis)
         real = np.where(np.abs(values.real) <= off_axis, 0.0, values.real)
         is_real = np.abs(values.imag) <= _IMAGINARY_TOLERANCE * size
@@ -289,6 +309,13 @@ class QuadraticProblem:
         squares, vectors = la.eigh(0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T))
         is_zero = np.abs(squares) <= _ZERO_RATIO * self.shift**2
         return (basis @ vectors[:, is_zero]).astype(complex)
+
+
+def _singular_error() -> BeamdaeError:
+    return BeamdaeError(
+        "modes: the linearized equations are singular; add mass or stiffness to the parts that can "
+        "move."
+    )
 
 
 def _is_accurate(inverses: Array) -> Array:
