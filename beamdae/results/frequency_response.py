@@ -129,12 +129,18 @@ class FrequencyResponse:
     def folds(self) -> list[float]:
         """Parameter values at which the curve folds back.
 
+        Between two points, the curve folds if its tangent reverses with respect to the parameter.
         Each value is taken at the vertex of a parabola (parameter over arc length of the curve)
         through the three nearest points.
         """
         values = np.array([point.parameter for point in self.points])
-        reversals = np.flatnonzero(np.diff(np.sign(np.diff(values))) != 0) + 1
-        return [self._vertex(k, values) for k in reversals.tolist()]
+        forward = np.array([point.forward for point in self.points])
+        folds = []
+        for k in (np.flatnonzero(forward[1:] != forward[:-1]) + 1).tolist():
+            is_beyond = (values[k] > values[k - 1]) == forward[k - 1]
+            nearest = min(max(k if is_beyond else k - 1, 1), len(values) - 2)
+            folds.append(self._vertex(nearest, values))
+        return folds
 
     def peaks(self, column: str) -> list[tuple[float, float]]:
         """Return (parameter, half range) at each peak of the curve of an observed column.

@@ -1,5 +1,7 @@
 """Periodic motions, Floquet multipliers and response curves against independent solutions."""
 
+from types import SimpleNamespace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -8,6 +10,8 @@ from scipy.optimize import fsolve
 from scipy.special import mathieu_a, mathieu_b
 
 import beamdae as bd
+from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
+from beamdae.results.outcome import Status
 
 MASS, STIFFNESS, DAMPING = 2.0, 18.0, 1.0
 
@@ -218,3 +222,19 @@ def test_forces_of_any_size_are_checked(size):
     with pytest.raises(bd.BeamdaeError, match="do not repeat after the period of 3 s"):
         bd.periodic(system, 3.0, settle=0)
     assert bd.periodic(system, 2.0, settle=0).status.success
+
+
+def test_steps_across_a_fold_report_it_once():
+    # Points of the parabola 1 - s^2 around its vertex; corrections of 1e-9 made the parameter
+    # reverse three times.
+    def point(parameter, s):
+        solution = SimpleNamespace(columns={"x [m]": np.array([s, -s])})
+        return ResponsePoint(parameter, 1.0, solution, np.zeros(0), forward=s < 0.0)
+
+    arc = np.array([-0.3, -0.1, -1e-5, 0.5e-5, 1e-5, 0.1, 0.3])
+    noise = np.array([0.0, 0.0, 2e-9, -2e-9, 1e-9, 0.0, 0.0])
+    points = tuple(map(point, 1.0 - arc**2 + noise, arc))
+    response = FrequencyResponse("speed", points, Status("ok", "done"))
+    assert np.sum(np.diff(np.sign(np.diff([p.parameter for p in points]))) != 0) == 3
+    (fold,) = response.folds
+    assert fold == pytest.approx(1.0, abs=1e-6)

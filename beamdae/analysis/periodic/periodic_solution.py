@@ -1,8 +1,9 @@
-"""Periodic motion under periodic loads, with its Floquet multipliers: `bd.periodic`."""
+"""Periodic motion, forced or self-excited, with its Floquet multipliers: `bd.periodic`."""
 
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,20 @@ from beamdae.analysis.periodic.shooting import (
     PeriodRun,
     Tolerance,
     build_periodic_equations,
+    estimate_period,
     solve_shooting,
 )
-from beamdae.errors import BeamdaeWarning, require_count, require_finite, require_positive
+from beamdae.errors import (
+    BeamdaeError,
+    BeamdaeWarning,
+    require_count,
+    require_finite,
+    require_positive,
+)
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.interrupts import interruptible
+from beamdae.model_functions import HasOrigin, Model
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import PeriodicMotion, floquet_multipliers, largest_modulus
 
@@ -34,6 +43,8 @@ _MULTIPLIER_TOLERANCE = 1e-5
 _MAX_REFINEMENTS = 6
 # Steps of the coarsest variational equations, relative to those of Newton's method.
 _COARSEST_STEPS = 4.0
+# A motion is a state of rest if its rates, relative to amplitudes and period, are below this value.
+_REST_TOLERANCE = 1e-6
 # Below this relative deviation, the accuracy of the integrator may limit the convergence.
 _INTEGRATOR_LIMITED_DEVIATION = 1e-4
 
@@ -41,14 +52,15 @@ _INTEGRATOR_LIMITED_DEVIATION = 1e-4
 @interruptible
 def periodic(
     model: Any,
-    period: float,
+    period: float | None = None,
     integrator: Integrator | None = None,
     start: Any = None,
     begin: float = 0.0,
     settle: int = 5,
     tolerance: float | None = None,
+    period_guess: float | None = None,
 ) -> PeriodicMotion:
-    """Find a periodic motion under periodic loads and drivers, and its stability.
+    """Find a periodic motion, forced or self-excited, and its stability.
 
     Single shooting (Nayfeh & Balachandran, Applied Nonlinear Dynamics, 1995, chapter 6): Newton's
     method solves (q, v)(t + T) = (q, v)(t), for one period T, within the motions that the joints
@@ -57,12 +69,18 @@ def periodic(
     advance by full revolutions. The method usually fails if disturbances grow by more than a factor
     of 1e5 per period.
 
+    Without `period`, the period of a self-excited or free motion is an unknown. The corrections of
+    the state are then orthogonal to its time derivative (Seydel, Practical Bifurcation and
+    Stability Analysis, 2010, section 7.1). One of the multipliers is 1: disturbances along the
+    motion persist.
+
     Parameters
     ----------
     model
         As in `simulate`.
     period
         Period of the motion [s]: the period of loads and drivers, or a multiple for subharmonics.
+        None to find the period of a motion under loads that do not depend on time.
     integrator
         Integrator. Defaults to Radau(1e-8).
     start
@@ -72,12 +90,15 @@ def periodic(
         Time [s] at which the period begins; loads must be periodic from this time on.
     settle
         Number of periods to run before the first iteration, 0 to 10 000, to approach a stable
-        motion.
+        motion. Without `period` and `period_guess`, the model runs to its end time instead.
     tolerance
         Largest permitted difference between the states at the end and at the start of the period,
         relative to the amplitudes; positive. Defaults to 100 times the relative tolerance of the
         integrator, but 1e-8 to 1e-3, or to 1e-6 for fixed steps. With the default, an iteration
         that stagnates at the errors of adaptive steps succeeds up to ten times this value.
+    period_guess
+        Approximate period [s] if `period` is None. Defaults to the time after which the motion at
+        the end time of the model recurs.
 
     Returns
     -------
@@ -88,8 +109,8 @@ def periodic(
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, loads or drivers are not periodic, parts are inactive, or events
-        stop the run, switch parts or cause impacts.
+        If an argument is invalid, loads or drivers are not periodic or, without `period`, depend
+        on time, parts are inactive, or events stop the run, switch parts or cause impacts.
     Interrupted
         If Ctrl-C ends the call.
 
@@ -112,38 +133,108 @@ def periodic(
     >>> motion.stability
     'stable'
     """
-    period = require_positive(_NAME, "period", period)
     begin = require_finite(_NAME, "begin", begin)
     settle = require_count(_NAME, "settle", settle, 0, MAX_SETTLING_PERIODS)
     method = Radau(DEFAULT_RTOL) if integrator is None else integrator
     require_integrator(_NAME, method)
     limits = Tolerance.for_integrator(_NAME, tolerance, method)
+    is_free = period is None
+    guess, settle = _first_period(model, period, period_guess, settle)
     equations = build_periodic_equations(_NAME, model, start)
-    period_map = PeriodMap.from_equations(equations, method, begin, period)
+    period_map = PeriodMap.from_equations(equations, method, begin, guess)
     try:
-        q, v = period_map.settle(settle)
-        result, iterations = solve_shooting(period_map, q, v, limits)
+        if is_free:
+            period_map, q, v = _settle_freely(period_map, settle, period_guess is None)
+        else:
+            q, v = period_map.settle(settle)
+        run, iterations = solve_shooting(period_map, q, v, limits, is_free)
     except IncompleteRunError as error:
         sentence = str(error).removeprefix("periodic: ").rstrip(".")
-        motion = PeriodicMotion(error.solution, period, status=Status("failed", sentence))
+        motion = PeriodicMotion(error.solution, guess, status=Status("failed", sentence))
     else:
-        deviation = result.relative_deviation
-        status = Status("ok", "repeats after one period")
-        if deviation > limits.accepted:
-            sentence = (
-                f"after {iterations} iterations the end of the period differs from the "
-                f"start by {deviation:.3g} times the amplitude; change start= or increase settle="
-            )
-            if deviation < _INTEGRATOR_LIMITED_DEVIATION:
-                sentence += ", or use a more accurate integrator"
-            status = Status("failed", sentence)
-        multipliers, error_estimate = _refine_multipliers(result)
+        status = _describe_outcome(run, iterations, limits, is_free)
+        multipliers, error_estimate = _refine_multipliers(run)
         motion = PeriodicMotion(
-            result.solution, period, multipliers, error_estimate, deviation, iterations, status
+            run.solution,
+            run.period_map.period,
+            multipliers,
+            error_estimate,
+            run.relative_deviation,
+            iterations,
+            status,
         )
     if not motion.status.success:
         warnings.warn(f"periodic: {motion.status.sentence}.", BeamdaeWarning, stacklevel=3)
     return motion
+
+
+def _first_period(
+    model: Any, period: float | None, guess: float | None, settle: int
+) -> tuple[float, int]:
+    """Return the period of the first run [s], and the number of periods to run before.
+
+    Without a period and a guess, the first run is a single run to the end time of the model.
+    """
+    if period is not None:
+        if guess is not None:
+            raise BeamdaeError(
+                "periodic: period and period_guess are mutually exclusive; omit one."
+            )
+        return require_positive(_NAME, "period", period), settle
+    if guess is not None:
+        return require_positive(_NAME, "period_guess", guess), settle
+    origin = model.origin if isinstance(model, (Model, HasOrigin)) else None
+    if origin is None or origin.t_end is None:
+        raise BeamdaeError(
+            "periodic: the model has no end time from which to estimate the period; pass period= "
+            "or period_guess=."
+        )
+    return float(origin.t_end), 1
+
+
+def _settle_freely(
+    period_map: PeriodMap, settle: int, must_recur: bool
+) -> tuple[PeriodMap, Array, Array]:
+    """Return the map with the estimated period, and the state (q, v) at the end of the run.
+
+    Raises
+    ------
+    IncompleteRunError
+        If the run ends early.
+    BeamdaeError
+        If the motion does not recur although it must.
+    """
+    if not settle:
+        return period_map, *period_map.settle(0)
+    solution = period_map.run(*period_map.settle(0), periods=settle)
+    estimate = estimate_period(solution)
+    if estimate is None and must_recur:
+        raise BeamdaeError(
+            f"periodic: the motion does not recur within {period_map.period:g} s; pass "
+            "period_guess=, a longer end time of the model or a start closer to the motion."
+        )
+    if estimate is not None:
+        period_map = replace(period_map, period=estimate)
+    return period_map, *period_map.end_state(solution)
+
+
+def _describe_outcome(run: PeriodRun, iterations: int, limits: Tolerance, is_free: bool) -> Status:
+    deviation = run.relative_deviation
+    if is_free and not np.any(np.abs(np.concatenate(run.rates)) > _REST_TOLERANCE):
+        return Status(
+            "failed", "the motion found is a state of rest; change start= or increase settle="
+        )
+    if deviation <= limits.accepted:
+        return Status("ok", "repeats after one period")
+    sentence = (
+        f"after {iterations} iterations the end of the period differs from the "
+        f"start by {deviation:.3g} times the amplitude; change start= or increase settle="
+    )
+    if deviation < _INTEGRATOR_LIMITED_DEVIATION:
+        sentence += ", or use a more accurate integrator"
+    if not is_free and run.period_map.is_autonomous(run.solution):
+        sentence += ", or omit period= to find the period of the free motion"
+    return Status("failed", sentence)
 
 
 def _refine_multipliers(run: PeriodRun) -> tuple[Array, float]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,12 +47,22 @@ _FULL_TURN = 2.0 * np.pi
 # are compared at this number of times.
 _REPETITION_TOLERANCE = 1e-6
 _COMPARED_TIMES = 11
+# Loads are constant if they are periodic with these fractions of a period.
+_TEST_PERIODS = (0.29, 0.618)
 # Loads that do not change within a period must not change later. They are compared after these
 # numbers of periods; the last one is 9e9 s for a period of 1e-9 s.
 _LATER_PERIODS = 2.0 ** np.arange(1.0, 64.0)
 # Maximum number of Newton iterations, and largest permitted correction relative to the amplitudes.
 _MAX_ITERATIONS = 25
 _MAX_CHANGE = 3.0
+_MAX_STRETCH = 0.2  # largest permitted change of an unknown period, relative to the period
+# A run has returned to its final state where it differs by at most this fraction of the range of
+# each coordinate and velocity; coordinates with a far smaller range than others are at rest. Number
+# of times at which states are compared.
+_RETURN_DISTANCE = 0.2
+_REST_RATIO = 1e-6
+_RETURN_SAMPLES = 4001
+_TINY = 1e-300  # avoids a division by zero
 # Below this deviation, Newton's method stops after this many iterations that do not halve it.
 _STAGNATION_DEVIATION = 1e-4
 _STAGNATION_ITERATIONS = 4
@@ -131,17 +140,15 @@ class PeriodMap:
         Integrator of the runs.
     begin, period
         Start and duration of the period [s].
+    variational
+        Equations linearized along runs.
     """
 
     equations: EquationsOfMotion
     integrator: Integrator
     begin: float
     period: float
-
-    @cached_property
-    def variational(self) -> VariationalEquations:
-        """Linearized equations of motion."""
-        return VariationalEquations(self.equations)
+    variational: VariationalEquations
 
     @classmethod
     def from_equations(
@@ -150,7 +157,7 @@ class PeriodMap:
         """Create the map; redundant constraints are removed."""
         reduction = remove_redundant(equations, begin)
         independent = equations if reduction is None else reduction.equations
-        return cls(independent, integrator, begin, period)
+        return cls(independent, integrator, begin, period, VariationalEquations(independent))
 
     def run(self, q: Array, v: Array, scales: Array | None = None, periods: int = 1) -> Solution:
         """Integrate over `periods` periods from (q, v); `scales` are known amplitudes, or None.
@@ -185,10 +192,13 @@ class PeriodMap:
         q, v = self.make_consistent(e.q0, e.v0)
         if not periods:
             return q, v
-        solution = self.run(q, v, periods=periods)
+        return self.end_state(self.run(q, v, periods=periods))
+
+    def end_state(self, solution: Solution) -> tuple[Array, Array]:
+        """Return the consistent state (q, v) at the end of a run, without full revolutions."""
         last = solution.trajectory.intervals[-1].state
-        q = last.q[-1].copy()
-        return self.make_consistent(q - self._full_turns(e.q0, q), last.v[-1])
+        q = last.q[-1]
+        return self.make_consistent(q - self._full_turns(self.equations.q0, q), last.v[-1])
 
     def make_consistent(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the consistent state nearest to (q, v) at the start of a period."""
@@ -243,6 +253,15 @@ class PeriodMap:
                 f"after the period of {self.period:g} s; set period to the period of "
                 "the loads and drivers."
             )
+
+    def is_autonomous(self, solution: Solution) -> bool:
+        """Return True if loads and drivers do not depend on time."""
+        try:
+            for share in _TEST_PERIODS:
+                replace(self, period=share * self.period).require_periodic_loads(solution)
+        except BeamdaeError:
+            return False
+        return True
 
     def full_revolutions(self, solution: Solution) -> Array:
         """Return 2 pi times the number of full revolutions of each angle in a period [rad], (n,).
@@ -379,6 +398,17 @@ class PeriodRun:
         has_stages = self.solution.trajectory.intervals[0].nodes_per_step > 1
         return 1.0 if has_stages else _STEPS_PER_NODE
 
+    @property
+    def rates(self) -> tuple[Array, Array]:
+        """Time derivatives of the state at the start and at the end of the period, (k,) each.
+
+        They are multiplied by the period and expressed in terms of `basis`.
+        """
+        first, last = (x.state for x in np.take(self.solution.trajectory.intervals, [0, -1]))
+        rates = [np.concatenate([x.v[k], x.a[k]]) for x, k in ((first, 0), (last, -1))]
+        start, end = (self.period_map.period * (self.projection @ x) for x in rates)
+        return start, end
+
     def shift_start(self, change: Array) -> tuple[Array, Array]:
         """Return the start shifted by `change` (k,) in terms of `basis`; not yet consistent."""
         first = self.solution.trajectory.intervals[0].state
@@ -388,11 +418,13 @@ class PeriodRun:
 
 
 def solve_shooting(
-    period_map: PeriodMap, q: Array, v: Array, tolerance: Tolerance
+    period_map: PeriodMap, q: Array, v: Array, tolerance: Tolerance, free_period: bool = False
 ) -> tuple[PeriodRun, int]:
     """Return the best result of Newton's method, and the number of iterations.
 
-    The method has converged if `relative_deviation` is at most `tolerance.accepted`.
+    The method has converged if `relative_deviation` is at most `tolerance.accepted`. With
+    `free_period`, the period is an unknown; the phase condition keeps corrections of the state
+    orthogonal to its time derivative.
 
     Raises
     ------
@@ -400,18 +432,21 @@ def solve_shooting(
         If the first run ends early, or a later run does even after a Newton step is halved five
         times.
     BeamdaeError
-        If loads or drivers are not periodic.
+        If loads or drivers are not periodic or, with `free_period`, depend on time.
     """
     result = PeriodRun.from_state(period_map, q, v)
-    period_map.require_periodic_loads(result.solution)
+    if not free_period:
+        period_map.require_periodic_loads(result.solution)
+    elif not period_map.is_autonomous(result.solution):
+        raise BeamdaeError(
+            "periodic: loads or drivers depend on time; pass their period as period=."
+        )
     best, last_halving = result, 0
     for iteration in range(1, _MAX_ITERATIONS + 1):
         if result.relative_deviation <= tolerance.target:
             return result, iteration - 1
-        matrix = result.resolved_monodromy() - np.eye(len(result.deviation))
-        change = -np.linalg.lstsq(matrix, result.deviation, rcond=_NEUTRAL_RATIO)[0]
-        change /= max(1.0, float(np.max(np.abs(change))) / _MAX_CHANGE)
-        result = _shoot_from(period_map, result, change)
+        change, stretch = _newton_step(result, free_period)
+        result = _shoot_from(result, change, stretch)
         if result.relative_deviation < 0.5 * best.relative_deviation:
             last_halving = iteration
         best = min(best, result, key=lambda x: x.relative_deviation)
@@ -421,14 +456,71 @@ def solve_shooting(
     return best, _MAX_ITERATIONS
 
 
+def _newton_step(run: PeriodRun, free_period: bool) -> tuple[Array, float]:
+    """Return the changes of the start (k,) and of the period, relative to the period."""
+    size = len(run.deviation)
+    if not free_period:
+        matrix = run.resolved_monodromy() - np.eye(size)
+        change = -np.linalg.lstsq(matrix, run.deviation, rcond=_NEUTRAL_RATIO)[0]
+        stretch = 0.0
+    else:
+        start, end = run.rates
+        phase = np.append(start / max(float(np.linalg.norm(start)), _TINY), 0.0)
+        by_state = run.resolved_monodromy(start, end) - np.eye(size)
+        matrix = np.vstack([np.column_stack([by_state, end]), phase])
+        right = np.append(run.deviation, 0.0)
+        *change, stretch = -np.linalg.lstsq(matrix, right, rcond=_NEUTRAL_RATIO)[0]
+        change = np.array(change)
+    largest = float(np.max(np.abs(change)))
+    factor = max(1.0, largest / _MAX_CHANGE, abs(stretch) / _MAX_STRETCH)
+    return change / factor, float(stretch) / factor
+
+
 def _shoot_from(
-    period_map: PeriodMap, result: PeriodRun, change: Array, halvings: int = _MAX_HALVINGS
+    run: PeriodRun, change: Array, stretch: float, halvings: int = _MAX_HALVINGS
 ) -> PeriodRun:
-    """Run a period from a shifted start; halve `change` as long as the run ends early."""
+    """Run a period from a shifted start; halve the changes as long as the run ends early."""
+    period_map = replace(run.period_map, period=run.period_map.period * (1.0 + stretch))
     try:
-        q, v = period_map.make_consistent(*result.shift_start(change))
+        q, v = period_map.make_consistent(*run.shift_start(change))
         return PeriodRun.from_state(period_map, q, v)
     except IncompleteRunError:
         if not halvings:
             raise
-        return _shoot_from(period_map, result, 0.5 * change, halvings - 1)
+        return _shoot_from(run, 0.5 * change, 0.5 * stretch, halvings - 1)
+
+
+def estimate_period(solution: Solution) -> float | None:
+    """Return the time since a run was last near its final state [s], or None.
+
+    Differences are measured relative to the ranges of (q, v) in the second half of the run.
+    """
+    trajectory = solution.trajectory
+    is_angle = np.array([c.unit == "rad" for c in solution.equations.coordinates])
+
+    def differences(times: Array) -> Array:
+        state = trajectory.at(times)[1]
+        last = trajectory.intervals[-1].state
+        q = state.q - last.q[-1]
+        q -= np.where(is_angle, _FULL_TURN * np.round(q / _FULL_TURN), 0.0)
+        return np.concatenate([q, state.v - last.v[-1]], axis=1)
+
+    times = np.linspace(trajectory.end, trajectory.start, _RETURN_SAMPLES)
+    changes = differences(times[::-1])[::-1]
+    ranges = np.ptp(changes[: _RETURN_SAMPLES // 2], axis=0)
+    largest = np.repeat([np.max(x) for x in np.split(ranges, 2)], len(is_angle))
+    moves = ranges > _REST_RATIO * np.maximum(largest, _TINY)
+    if not moves.any():
+        return None
+    distance = np.max(np.abs(changes[:, moves] / ranges[moves]), axis=1)
+    departed = int(np.argmax(distance > 2.0 * _RETURN_DISTANCE))
+    is_near = distance < _RETURN_DISTANCE
+    is_near[:departed] = False
+    if not departed or not is_near.any():
+        return None
+    first = int(np.argmax(is_near))
+    count = int(np.argmin(np.append(is_near[first:], False)))
+    nearest = first + int(np.argmin(distance[first : first + count]))
+    around = np.linspace(*times[np.minimum([nearest + 1, nearest - 1], len(times) - 1)], 201)
+    distance = np.linalg.norm(differences(around)[:, moves] / ranges[moves], axis=1)
+    return float(trajectory.end - around[np.argmin(distance)])

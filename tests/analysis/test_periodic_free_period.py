@@ -1,0 +1,109 @@
+"""Periodic motions of unknown period: self-excited and free motions."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.special import ellipk
+
+import beamdae as bd
+
+# Period of van der Pol's oscillator at mu = 1; also Andersen & Geer, SIAM J. Appl. Math. 42 (1982)
+# 678. Digits of scipy's DOP853 at rtol = 1e-13.
+VAN_DER_POL_PERIOD = 6.6632868593
+
+
+def van_der_pol(mu, start=0.5):
+    """Return x'' = mu (1 - x^2) x' - x as equations."""
+    t, x, v = (ca.SX.sym(name) for name in "txv")
+    force = mu * (1.0 - x**2) * v - x
+    return bd.ConstrainedSystem(t, x, v, mass=[1.0], force=force, q0=[start], v0=[0.0])
+
+
+@bd.model(t_end=40.0)
+def self_excited(length=1.0):
+    """Return a mass on a spring with negative damping at small elongations, in units of length."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 2.0, at=(0.0, 0.0), velocity=(0.1 * length, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+
+    def pull(x, rate):
+        return 2.0 * x + 2.0 * ((x / length) ** 2 - 1.0) * rate
+
+    # The spring is anchored far away, since its direction reverses at the anchor.
+    anchor = mech.ground.at(-10.0 * length, 0.0)
+    mech.add(bd.SpringDamper("spring", anchor, mass.point, law=pull))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+@pytest.mark.parametrize("guess", [5.0, 6.8, 9.0])
+def test_period_of_a_self_excited_motion_is_found(guess):
+    motion = bd.periodic(van_der_pol(1.0), period_guess=guess)
+    assert motion.status.success
+    assert motion.stable
+    assert motion.period == pytest.approx(VAN_DER_POL_PERIOD, rel=1e-8)
+    # Disturbances along the motion persist; Liouville's formula determines the other multiplier.
+    trajectory = motion.solution.trajectory
+    t = np.linspace(0.0, motion.period, 2001)
+    x = trajectory.at(t)[1].q[:, 0]
+    expected = np.exp(motion.period * np.mean(1.0 - x[1:] ** 2))
+    np.testing.assert_allclose(motion.multipliers.real, [1.0, expected], atol=1e-6)
+
+
+@pytest.mark.parametrize("length", [1.0, 1000.0])
+def test_period_is_estimated_from_the_run_of_the_model(length):
+    motion = bd.periodic(self_excited(length=length))
+    assert motion.period == pytest.approx(VAN_DER_POL_PERIOD, rel=1e-7)
+    # The amplitude 2.00862 of van der Pol's oscillator at mu = 1.
+    half = motion.amplitudes().loc["mass.x [m]", "half range"]
+    assert half == pytest.approx(2.00862 * length, rel=1e-5)
+
+
+def test_relaxation_oscillation():
+    # scipy's DOP853 at rtol = 1e-13, time between two zero crossings.
+    motion = bd.periodic(van_der_pol(10.0), period_guess=25.0)
+    assert motion.period == pytest.approx(19.07836957, rel=1e-8)
+
+
+@pytest.mark.parametrize("amplitude", [0.1, 2.5])
+def test_period_of_a_free_pendulum(amplitude):
+    t, x, v = (ca.SX.sym(name) for name in "txv")
+    pendulum = bd.ConstrainedSystem(t, x, v, mass=[1.0], force=-ca.sin(x), q0=[amplitude], v0=[0.0])
+    motion = bd.periodic(pendulum, period_guess=6.0)
+    q = motion.solution.trajectory.intervals[0].state.q
+    # The amplitude is that of the nearest periodic motion.
+    assert np.max(np.abs(q)) == pytest.approx(amplitude, rel=1e-3)
+    state = motion.solution.trajectory.at(np.array([0.0]))[1]
+    energy = 0.5 * state.v[0, 0] ** 2 - np.cos(state.q[0, 0])
+    exact = 4.0 * ellipk(0.5 * (1.0 + energy))
+    assert motion.period == pytest.approx(exact, rel=1e-6)
+    assert motion.stable
+
+
+def test_arguments_and_failures():
+    with pytest.raises(bd.BeamdaeError, match="period and period_guess are mutually exclusive"):
+        bd.periodic(van_der_pol(1.0), 6.0, period_guess=6.0)
+    with pytest.raises(bd.BeamdaeError, match="no end time from which to estimate the period"):
+        bd.periodic(van_der_pol(1.0))
+    with pytest.raises(bd.BeamdaeError, match="period_guess must be positive"):
+        bd.periodic(van_der_pol(1.0), period_guess=-1.0)
+    t, x, v = (ca.SX.sym(name) for name in "txv")
+    forced = bd.ConstrainedSystem(t, x, v, mass=[1.0], force=ca.sin(t) - x - v, q0=[1.0], v0=[0.0])
+    with pytest.raises(bd.BeamdaeError, match="loads or drivers depend on time; pass their period"):
+        bd.periodic(forced, period_guess=6.0)
+    with pytest.warns(bd.BeamdaeWarning, match="state of rest; change start= or increase settle="):
+        bd.periodic(van_der_pol(0.01), period_guess=6.5, settle=0)
+    # A period given two per cent too long is kept, and the reason names the remedy.
+    with pytest.warns(bd.BeamdaeWarning, match="omit period= to find the period"):
+        bd.periodic(van_der_pol(1.0), 6.8)
+
+
+def test_motion_that_does_not_recur():
+    @bd.model(t_end=2.0)
+    def falling():
+        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+        return mech
+
+    with pytest.raises(bd.BeamdaeError, match="does not recur within 2 s; pass period_guess="):
+        bd.periodic(falling)
