@@ -22,6 +22,7 @@ _T = TypeVar("_T", bound=type)
 # Values and their read-only counterparts, by the id of the value.
 _Known = dict[int, tuple[Any, Any]]
 _MAX_DEPTH = 50  # of nested containers
+_IMMUTABLE = frozenset({str, int, float, bool, type(None)})
 _SPARSE_ARRAYS = ("data", "indices", "indptr", "offsets", "row", "col")
 
 
@@ -50,6 +51,8 @@ def read_only(value: Any, depth: int = 0, known: _Known | None = None) -> Any:
     the number of enclosing containers. `known` contains earlier results, so that an object that
     occurs several times is converted only once.
     """
+    if type(value) in _IMMUTABLE:
+        return value
     known = {} if known is None else known
     if id(value) not in known:
         # The value is kept, because the id of a deleted object may be used again.

@@ -49,9 +49,8 @@ Array = np.ndarray
 _COORDINATE_EQUIVALENT = 100
 _COMPILATION_EQUIVALENT = 1_000_000
 
-# Steps of iterative refinement of each solution. If the last one exceeds this fraction of the
-# solution, new pivots are chosen. With good pivots, thin beams (L/h = 1e5) reach 5e-3, others 1e-9.
-_REFINEMENTS = 2
+# New pivots are chosen if the refinement of a solution exceeds this fraction of it. With good pivots,
+# it reaches 5e-3 for thin beams (L/h = 1e5), whose matrix has the condition number 1e13.
 _MAX_REFINEMENT = 2e-2
 
 # Tasks of `solve_bordered`, each of which includes the previous ones.
@@ -102,7 +101,7 @@ class BorderedWorkspace:
     right
         Right-hand side, (n + m + 1,).
     solution, negative, refinement
-        Solution, its negative, and the last step of its refinement.
+        Solution, its negative before refinement, and the refinement.
     rows, columns
         Rows and columns of `nonzeros`.
     weights
@@ -180,18 +179,16 @@ def solve_bordered(run: BorderedWorkspace) -> int:
     code = factorize(run.linear, run.nonzeros)
     if code != DONE:
         return code
-    # Pivots chosen for an earlier matrix preserve the sparsity, but lose accuracy, which refinement
-    # restores unless it has lost nearly all digits. The right-hand side is kept for new pivots.
+    # Pivots chosen for an earlier matrix lose accuracy, which a step of iterative refinement restores
+    # unless they have lost nearly all digits. New pivots require the right-hand side again.
+    rows, columns = run.rows, run.columns
     combine(run.solution, (1.0,), (run.right,))
     solve(run.linear, run.solution)
-    for _ in range(_REFINEMENTS):
-        combine(run.negative, (-1.0,), (run.solution,))
-        combine(run.refinement, (1.0,), (run.right,))
-        add_weighted(
-            run.refinement, run.rows, run.nonzeros, run.negative, run.columns, 0, run.rows.size
-        )
-        solve(run.linear, run.refinement)
-        combine(run.solution, (1.0, 1.0), (run.solution, run.refinement))
+    combine(run.negative, (-1.0,), (run.solution,))
+    combine(run.refinement, (1.0,), (run.right,))
+    add_weighted(run.refinement, rows, run.nonzeros, run.negative, columns, 0, rows.size)
+    solve(run.linear, run.refinement)
+    combine(run.solution, (1.0, 1.0), (run.solution, run.refinement))
     change = euclidean_norm(run.refinement, run.weights)
     is_accurate = change <= _MAX_REFINEMENT * euclidean_norm(run.solution, run.weights)
     if run.may_renew == 1 and not is_accurate:

@@ -98,16 +98,10 @@ class Corrector:
             If Newton's method diverges, meets a singular matrix or forces that are not finite, or
             takes more than 15 iterations.
         """
-        bordered, last_size = self.system.bordered, np.inf
+        last_size = np.inf
         for k in range(_MAX_ITERATIONS):
             deviation = control.value(x, mu) - target
-            forces, _ = bordered.residual(x, mu)
-            if not (np.isfinite(deviation) and np.all(np.isfinite(forces))):
-                raise CorrectorError("the forces are not finite at the next point")
-            try:
-                change = bordered.newton_change(x, mu, control.gradient(x, mu), deviation)
-            except SingularMatrixError:
-                raise CorrectorError(_SINGULAR) from None
+            change = self._newton_change(x, mu, control.gradient(x, mu), deviation)
             size = self.displacement_measure.farthest(change[: self.system.equations.n])
             if not size <= _DIVERGENCE_LIMIT:
                 raise CorrectorError("Newton's method diverges")
@@ -118,6 +112,22 @@ class Corrector:
                 return EquilibriumPoint(self.system, x, mu, k + 1)
             last_size = size
         raise CorrectorError(f"Newton's method did not converge in {_MAX_ITERATIONS} iterations")
+
+    def _newton_change(
+        self, x: Array, mu: float, gradient: tuple[Array, float], deviation: float
+    ) -> Array:
+        bordered = self.system.bordered
+        try:
+            change = bordered.newton_change(x, mu, gradient, deviation)
+            is_finite = np.all(np.isfinite(change))
+        except SingularMatrixError:
+            is_finite = False
+        if not is_finite:
+            forces, _ = bordered.residual(x, mu)
+            if not np.all(np.isfinite(np.append(forces, deviation))):
+                raise CorrectorError("the forces are not finite at the next point")
+            raise CorrectorError(_SINGULAR)
+        return change
 
     def path_tangent(self, point: EquilibriumPoint, control: Control) -> PathDirection:
         """Return the derivative of (x, mu) with respect to the control along the path.

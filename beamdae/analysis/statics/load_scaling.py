@@ -257,7 +257,12 @@ def build_loading(model: Any, full_equations: EquationsOfMotion, loads: Any, t: 
     else:
         stages = resolve_load_stages(model, loads)
         remaining = [set().union(*stages[k:]) for k in range(len(stages) + 1)]
-        models = [equations_of_motion(_remove_loads(model, names)) for names in remaining]
+        models = [equations_of_motion(_remove_loads(model, names)) for names in remaining[:-1]]
+        # Parts that are inactive at the start are removed. Otherwise, the equations with all loads
+        # are known, and assembling them takes longer than a few load steps.
+        is_known = full_equations.configurations is None
+        with_all = _remove_loads(model, set())
+        models.append(full_equations if is_known else equations_of_motion(with_all))
     reduction = None
     if full_equations.redundant:
         reduction = remove_redundant_constraints(models[-1], time)
