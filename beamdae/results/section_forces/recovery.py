@@ -106,7 +106,9 @@ def recover_section_forces(
         sections = _requested_sections(beam, s)
     sampler = _SectionSampler(run, beam, *sections)
     (N, Q, M), strained = sampler.evaluate(times)
-    return SectionForces(beam, times, sections[0], N, Q, M, strained, sampler)
+    settings = run.integrator
+    step = 0.0 if settings.get("rtol") else float(settings.get("step") or 0.0)
+    return SectionForces(beam, times, sections[0], N, Q, M, strained, sampler, step)
 
 
 @dataclass(frozen=True, eq=False)

@@ -106,6 +106,8 @@ class SectionForces:
     sample
         Function of ascending times [s] that returns N, Q and M (3, rows, l) at the same sections;
         times outside the run are replaced by its ends. None for equilibria and after unpickling.
+    step
+        Fixed step of the integrator [s]; 0 with error control and for equilibria.
     """
 
     beam: Beam
@@ -116,6 +118,7 @@ class SectionForces:
     M: Array
     strained: Array
     sample: Callable[[Array], Array] | None = None
+    step: float = 0.0
 
     def __repr__(self) -> str:
         times, sections = self.N.shape
@@ -146,15 +149,14 @@ class SectionForces:
         short for the mesh and increase the peaks by 20 to 80 % of the jump, on any mesh. `error`
         shows only a part of this. The estimate compares the largest and the smallest N, Q and M
         with averages over the periods of the shortest waves that the mesh resolves: axial waves of
-        6 and bending waves of 4 node intervals. It applies to the whole beam and is zero for
-        equilibria.
+        6 and bending waves of 4 node intervals, or of 8 steps if these are fixed and longer. It
+        applies to the whole beam and is zero for equilibria.
         """
         if self.sample is None:
             return np.zeros(3)
         forces = np.stack([self.N, self.Q, self.M])
-        return estimate_wave_errors(
-            self.t, forces, shortest_resolved_periods(self.beam), self.sample
-        )
+        periods = shortest_resolved_periods(self.beam, self.step)
+        return estimate_wave_errors(self.t, forces, periods, self.sample)
 
     def __getstate__(self) -> dict[str, Any]:
         # `sample` contains the whole run.
@@ -362,10 +364,11 @@ class SectionForces:
     ) -> str:
         cause, remedy = "due to the mesh", "use more elements or a smaller tolerance"
         if error > 2.0 * mesh_error:
-            cause = "because the mesh does not resolve the waves of a sudden load"
+            period = shortest_resolved_periods(self.beam, self.step)[0]
+            cause = "because mesh and steps do not resolve the waves of a sudden load"
             remedy = (
-                f"apply loads over more than {shortest_resolved_periods(self.beam)[0]:.2g} s, set "
-                "the damping of the section, or use `lower_bound`"
+                f"apply loads over more than {period:.2g} s, set the damping of the section, or "
+                "use `lower_bound`"
             )
         return (
             f"{self.beam.name}: the largest stress, {stress:.4g} Pa at t = {t:.4g} s, has an "
