@@ -13,13 +13,15 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-from scipy.sparse.linalg import LinearOperator, eigs
 
+from beamdae.analysis.eigenproblems.block_krylov import BlockKrylov, converge
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
     MAX_DENSE_COORDINATES,
+    MAX_FALLBACK_COORDINATES,
     ZERO_SQUARE_RATIO,
     UndampedModes,
+    convergence_error,
     is_symmetric,
     is_symmetric_matrix,
     quadratic_form_rounding,
@@ -40,8 +42,11 @@ _ZERO_ENERGY_FACTOR = 1e4
 # the shift.
 _SHIFT_RATIO = 0.6
 _DEFAULT_MODE_COUNT = 10
-# Number of power iterations that prepare the start vector of Arnoldi's method.
-_START_ITERATIONS = 3
+# Number of random vectors at the start of a Krylov space, because modes that strong dampers slow
+# down may be missing from the undamped modes.
+_EXTRA_VECTORS = 2
+# Relative residual that suffices to know on which side of a circle an eigenvalue lies.
+_LOCATION_ACCURACY = 1e-3
 # Eigenvalues of the inverse below this fraction of the largest eigenvalue are lost in rounding.
 _MIN_INVERSE_RATIO = 1e-13
 # Real and imaginary parts up to these fractions of the eigenvalue are rounding errors.
@@ -49,6 +54,8 @@ _REAL_TOLERANCE = 1e-12
 _IMAGINARY_TOLERANCE = 1e-9
 # Free motions are dependent if their singular value is below this fraction of the largest one.
 _RANK_TOLERANCE = 1e-3
+# Eigenvalues of problems without symmetry amplify rounding errors up to this factor.
+_ROUNDING_AMPLIFICATION = 20.0
 # The two parts of a split double eigenvalue are closer than this multiple of the square root of
 # rounding errors, and their mean growth rate is at most this fraction of either growth rate.
 _SPLIT_RATIO = 4.0
@@ -82,6 +89,7 @@ class QuadraticProblem:
     ) -> None:
         self.lin, self.tangent, self.e = lin, lin.tangent, lin.equations
         squares = undamped.squares
+        self._undamped_shapes = undamped.shapes
         # The shift is in the middle of the modes of interest, so that low and high modes lose equal
         # accuracy.
         rates = np.sort(np.sqrt(np.abs(squares[squares != 0.0])))[: count or _DEFAULT_MODE_COUNT]
@@ -140,38 +148,70 @@ class QuadraticProblem:
         """
         e, n = self.e, self.e.n
         available = 2 * (n - e.m - self._free.shape[1]) + len(e.nonholonomic_rows)
-        if not available:
+        if not available or (count is not None and self._free.shape[1] >= count):
             return np.zeros(self._free.shape[1], complex), self._free.astype(complex)
         # Twice the number, for conjugate pairs, and six more because ordering by 1 / (l - s)
         # differs from ordering by l.
         number = available if count is None else min(available, 2 * count + 6)
-        is_small = n <= MAX_DENSE_COORDINATES or number >= n
-        if is_small and not len(e.nonholonomic_rows):
-            return self._select(*self._solve_projected())
-        scales = np.tile(e.position_scales, 2)
-        scales[n:] *= self.shift
-        if is_small:
-            columns = np.diag(scales)
-            images = np.stack([self._apply_inverse(column) for column in columns], axis=1)
-            inverses, vectors = la.eig(images / scales[:, None])
-            shapes = (vectors * scales[:, None])[:n]
-        else:
-            operator = LinearOperator(
-                (2 * n, 2 * n),
-                lambda y: self._apply_inverse(np.ravel(y) * scales) / scales,
-                dtype=float,
-            )
-            # Deterministic start vector that is not orthogonal to any mode.
-            start = np.cos(np.arange(2 * n) ** 2.0)
-            for _ in range(_START_ITERATIONS):
-                start = operator @ start
-            inverses, vectors = eigs(
-                operator, number, which="LM", v0=start, ncv=min(2 * n - 1, 2 * number + 20)
-            )
-            shapes = (vectors * scales[:, None])[:n]
-        order = np.argsort(-np.abs(inverses), kind="stable")[:number]
+        if count is not None and n > MAX_DENSE_COORDINATES and number < n:
+            solution = self._solve_sparse(count - self._free.shape[1])
+            if solution is not None:
+                return self._select(*solution)
+            if n > MAX_FALLBACK_COORDINATES:
+                raise convergence_error(count)
+        has_nonholonomic = len(e.nonholonomic_rows) > 0
+        return self._select(
+            *(self._solve_linearized(number) if has_nonholonomic else self._solve_projected())
+        )
+
+    def _solve_linearized(self, count: int) -> tuple[Array, Array]:
+        """Return `count` eigenvalues and shapes from the dense inverse of the linearization."""
+        n, e = self.e.n, self.e
+        scales = np.concatenate([e.position_scales, self.shift * e.position_scales])
+        images = np.stack([self._apply_inverse(column) for column in np.diag(scales)], axis=1)
+        inverses, vectors = la.eig(images / scales[:, None])
+        shapes = (vectors * scales[:, None])[:n]
+        order = np.argsort(-np.abs(inverses), kind="stable")[:count]
         order = order[_is_accurate(inverses)[order]]
-        return self._select(self.shift + 1.0 / inverses[order], shapes[:, order])
+        return self.shift + 1.0 / inverses[order], shapes[:, order]
+
+    def _solve_sparse(self, count: int) -> tuple[Array, Array] | None:
+        """Return the `count` eigenvalues with the smallest |l| and their shapes, or None.
+
+        Conjugate eigenvalues count once. The Krylov space begins with the undamped modes, as
+        displacements and as velocities, and with random motions. The result is None if it does not
+        converge.
+        """
+        n, s, tangent = self.e.n, self.shift, self.tangent
+        motions = np.random.default_rng(0).standard_normal((_EXTRA_VECTORS, 2 * n))
+        scales = np.concatenate([self.e.position_scales, s * self.e.position_scales])
+        modes = sp.block_diag([self._undamped_shapes, s * self._undamped_shapes]).toarray()
+        start = np.hstack([modes, (scales * motions).T])
+        start = np.stack([self._apply_inverse(y) for y in start.T], axis=1)
+        metric = sp.csr_array(sp.block_diag([s**2 * tangent.mass, tangent.mass]))
+        krylov = BlockKrylov(self._apply_inverse, start, metric, is_symmetric=False)
+
+        def required_accuracy(inverses: Array) -> Array:
+            values = s + 1.0 / inverses
+            sizes = np.abs(values)
+            order = np.argsort(sizes, kind="stable")
+            # Either eigenvalue of a conjugate pair counts half.
+            numbers = np.cumsum(np.where(values.imag != 0.0, 0.5, 1.0)[order])
+            highest = sizes[order[min(np.searchsorted(numbers, count), len(order) - 1)]]
+            # No eigenvalue outside this circle about the shift is smaller.
+            accuracy = np.where(np.abs(values - s) <= highest + s, _LOCATION_ACCURACY, np.inf)
+            return np.where(sizes <= highest, 0.0, accuracy)
+
+        def rounding(inverses: Array, vectors: Array) -> Array:
+            shapes = vectors[:n]
+            inertia = np.abs(np.einsum("ij,ij->j", shapes.conj(), tangent.mass @ shapes))
+            squares = inertia * (s**2 + np.abs(s + 1.0 / inverses) ** 2)
+            return quadratic_form_rounding(tangent.stiffness, shapes) / squares
+
+        if not converge(krylov, required_accuracy, rounding):
+            return None
+        (wanted,) = np.nonzero(required_accuracy(krylov.values) == 0.0)
+        return s + 1.0 / krylov.values[wanted], krylov.vectors(wanted)[:n]
 
     def _solve_projected(self) -> tuple[Array, Array]:
         """Return eigenvalues and shapes from dense matrices, projected onto admissible motions.
@@ -242,6 +282,8 @@ class QuadraticProblem:
         shapes = shapes / np.sqrt(np.where(inertia > 0.0, inertia, 1.0))
         energy = np.abs(np.einsum("ij,ij->j", shapes.conj(), stiffness @ shapes))
         rounding, size = quadratic_form_rounding(stiffness, shapes), np.abs(values)
+        if not self._is_symmetric:
+            rounding = _ROUNDING_AMPLIFICATION * rounding
         is_rotating = not is_symmetric_matrix(damping)
         if is_rotating:
             # Motions of a floating frame have no stiffness, but rotation couples them to the slow

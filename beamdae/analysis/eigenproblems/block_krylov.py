@@ -1,0 +1,171 @@
+"""Block Krylov method for the eigenvalues of a linear operator with the largest magnitudes.
+
+The operator is applied to blocks of vectors, and the basis is not restarted (Golub & Underwood, in
+Mathematical Software III, 1977, 361; Saad, Numerical Methods for Large Eigenvalue Problems, SIAM
+2011, chapter 6). If the first block has as many columns as eigenvalues are wanted, multiple
+eigenvalues are found with their multiplicity. Approximate eigenvectors as first block save most of
+the work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+
+Array = np.ndarray
+
+# Residual, relative to the eigenvalue, of an accurate eigenpair.
+_TOLERANCE = 1e-11
+# A larger residual is accepted up to this size if it has not halved in this number of blocks,
+# because rounding errors of the operator are then larger than estimated.
+_STAGNATION_TOLERANCE = 1e-6
+_STAGNATION_RATIO = 0.5
+_STAGNATION_BLOCKS = 3
+# Largest size of a space: number of its first vectors times the first number, plus the second.
+_MAX_BLOCKS = 15
+_MAX_EXTRA_SIZE = 150
+# A vector depends on the basis if orthogonalization leaves less than this fraction of it.
+_DEPENDENCE_RATIO = 1e-13
+
+
+class BlockKrylov:
+    """Block Krylov space of an operator, with a basis that is orthonormal in a metric.
+
+    Parameters
+    ----------
+    operator
+        Maps a vector (n,) to its image (n,).
+    start
+        First block, (n, k).
+    metric
+        Symmetric matrix (n, n) of the inner product x^T metric y, positive definite on the range of
+        the operator.
+    is_symmetric
+        True if the operator is self-adjoint in this inner product.
+
+    Attributes
+    ----------
+    values
+        Eigenvalues of the operator projected onto the space, (d,), in descending order of the
+        magnitude.
+    residuals
+        Lengths of the residuals of the projected eigenpairs, relative to the magnitudes of the
+        eigenvalues, (d,).
+    """
+
+    def __init__(
+        self,
+        operator: Callable[[Array], Array],
+        start: Array,
+        metric: sp.sparray,
+        is_symmetric: bool,
+    ) -> None:
+        self._operator, self._metric, self._is_symmetric = operator, metric, is_symmetric
+        empty = np.zeros((len(start), 0))
+        self._basis, self._weighted_basis, self._images = empty, empty, empty
+        self._append(start)
+        self._project()
+
+    @property
+    def size(self) -> int:
+        """Dimension of the space."""
+        return self._basis.shape[1]
+
+    def expand(self) -> bool:
+        """Append the images of the last block to the basis.
+
+        Return False if they depend on the basis, which then spans an invariant space.
+        """
+        self._append(self._images[:, self.size - self._block_size :])
+        self._project()
+        return self._block_size > 0
+
+    def vectors(self, selection: Array) -> Array:
+        """Return the approximate eigenvectors, of unit length, at these indices, (n, k)."""
+        return self._basis @ self._coordinates[:, selection]
+
+    def _append(self, block: Array) -> None:
+        """Append the part of the columns that is independent of the basis, and its images."""
+        columns: list[Array] = []
+        for column in block.T:
+            vector, first_length = column, self._length(column)
+            # Once is not enough, twice is (Parlett, The Symmetric Eigenvalue Problem, section 6.9).
+            for _ in range(2):
+                vector = vector - self._basis @ (self._weighted_basis.T @ vector)
+                weighted = self._metric @ vector
+                for other in columns:
+                    vector = vector - other * (other @ weighted)
+            length = self._length(vector)
+            if length > _DEPENDENCE_RATIO * first_length:
+                columns.append(vector / length)
+        self._block_size = len(columns)
+        if columns:
+            new = np.stack(columns, axis=1)
+            self._basis = np.hstack([self._basis, new])
+            self._weighted_basis = np.hstack([self._weighted_basis, self._metric @ new])
+            images = np.stack([self._operator(column) for column in columns], axis=1)
+            self._images = np.hstack([self._images, images])
+
+    def _length(self, x: Array) -> float:
+        return float(np.sqrt(max(x @ (self._metric @ x), 0.0)))
+
+    def _project(self) -> None:
+        """Compute the eigenpairs of the operator projected onto the basis (Rayleigh-Ritz)."""
+        projected = self._weighted_basis.T @ self._images
+        if self._is_symmetric:
+            values, coordinates = la.eigh(0.5 * (projected + projected.T))
+        else:
+            values, coordinates = la.eig(projected)
+        order = np.argsort(-np.abs(values), kind="stable")
+        self.values, self._coordinates = values[order], coordinates[:, order]
+        # Only images of the last block leave the space.
+        last = slice(len(values) - self._block_size, None)
+        outside = self._images[:, last] - self._basis @ projected[:, last]
+        gram, last_coordinates = outside.T @ (self._metric @ outside), self._coordinates[last]
+        squares = np.einsum("ij,ij->j", last_coordinates.conj(), gram @ last_coordinates).real
+        sizes = np.maximum(np.abs(self.values), np.finfo(float).tiny)
+        self.residuals = np.sqrt(np.maximum(squares, 0.0)) / sizes
+
+
+def converge(
+    krylov: BlockKrylov,
+    required_accuracy: Callable[[Array], Array],
+    rounding: Callable[[Array, Array], Array],
+) -> bool:
+    """Expand a Krylov space until the residuals of the wanted eigenpairs are small.
+
+    Parameters
+    ----------
+    krylov
+        The space.
+    required_accuracy
+        Function from the eigenvalues (d,) to the largest permitted residuals (d,): zero for full
+        accuracy, infinity for eigenpairs that are not wanted.
+    rounding
+        Function from eigenvalues (k,) and eigenvectors (n, k) to the residuals (k,) that rounding
+        errors of the operator explain.
+
+    Returns
+    -------
+    bool
+        False if the residuals remain large.
+    """
+    excesses: list[float] = []
+    max_size = _MAX_BLOCKS * krylov.size + _MAX_EXTRA_SIZE
+    while krylov.size <= max_size:
+        permitted = np.maximum(required_accuracy(krylov.values), _TOLERANCE)
+        excesses.append(float(np.max(krylov.residuals / permitted)))
+        if excesses[-1] <= 1.0:
+            return True
+        recent = min(excesses[-_STAGNATION_BLOCKS:])
+        if recent > _STAGNATION_RATIO * min(excesses[:-_STAGNATION_BLOCKS], default=np.inf):
+            (large,) = np.nonzero(krylov.residuals > permitted)
+            explained = rounding(krylov.values[large], krylov.vectors(large))
+            if np.all(krylov.residuals[large] <= np.maximum(explained, _STAGNATION_TOLERANCE)):
+                return True
+        if not krylov.expand():
+            return True
+    return False

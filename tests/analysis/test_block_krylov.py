@@ -1,0 +1,164 @@
+"""Block Krylov method: multiple eigenvalues, accuracy, and modes of large chains of beams."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+from beamdae.analysis.eigenproblems import quadratic_eigenproblem, symmetric_eigenproblem
+from beamdae.analysis.eigenproblems.block_krylov import BlockKrylov, converge
+from beamdae.linear.saddle_point import factorize_saddle_point
+
+STEEL = bd.Material.of("steel")
+
+
+def random_basis(n, seed=0):
+    """Return a random orthogonal matrix (n, n)."""
+    return np.linalg.qr(np.random.default_rng(seed).standard_normal((n, n)))[0]
+
+
+def krylov_space(matrix, columns, metric=None, is_symmetric=True):
+    start = np.random.default_rng(1).standard_normal((len(matrix), columns))
+    metric = sp.eye_array(len(matrix)) if metric is None else metric
+    return BlockKrylov(lambda x: matrix @ x, start, metric, is_symmetric)
+
+
+def converge_to(krylov, count):
+    """Expand the space until the `count` largest eigenpairs are accurate."""
+
+    def required_accuracy(values):
+        return np.where(np.arange(len(values)) < count, 0.0, np.inf)
+
+    return converge(krylov, required_accuracy, lambda values, vectors: 0.0 * np.abs(values))
+
+
+def test_multiple_eigenvalues_are_found_with_their_multiplicity():
+    q = random_basis(60)
+    exact = np.concatenate([[5.0, 5.0, 5.0, -4.0, -4.0], 1.0 / np.arange(1, 56)])
+    krylov = krylov_space((q * exact) @ q.T, columns=5)
+    assert converge_to(krylov, 5)
+    assert_allclose(krylov.values[:5], [5.0, 5.0, 5.0, -4.0, -4.0], rtol=1e-12)
+    vectors = krylov.vectors(np.arange(5))
+    assert_allclose(vectors.T @ vectors, np.eye(5), atol=1e-12)
+    assert_allclose(((q * exact) @ q.T) @ vectors, vectors * krylov.values[:5], atol=1e-9)
+
+
+@pytest.mark.parametrize("is_symmetric", [True, False])
+def test_residuals_are_those_of_the_eigenpairs(is_symmetric):
+    rng = np.random.default_rng(2)
+    matrix = rng.standard_normal((40, 40))
+    metric = np.diag(rng.uniform(1.0, 9.0, 40))
+    if is_symmetric:
+        # Self-adjoint in the metric.
+        matrix = np.linalg.solve(metric, matrix + matrix.T)
+    krylov = krylov_space(matrix, 3, sp.csr_array(metric), is_symmetric)
+    krylov.expand()
+    vectors = krylov.vectors(np.arange(krylov.size))
+    residuals = matrix @ vectors - vectors * krylov.values
+    lengths = np.sqrt(np.einsum("ij,ij->j", residuals.conj(), metric @ residuals).real)
+    assert_allclose(krylov.residuals * np.abs(krylov.values), lengths, rtol=1e-6)
+
+
+def test_invariant_space_is_exact():
+    q = random_basis(30)
+    matrix = q[:, :6] @ np.diag([6.0, 5.0, 4.0, 3.0, 2.0, 1.0]) @ q[:, :6].T
+    krylov = krylov_space(matrix, 4)
+    while krylov.expand():
+        pass
+    # One random direction of each column of the start lies in the null space.
+    assert krylov.size == 10
+    assert_allclose(krylov.values[:6], [6.0, 5.0, 4.0, 3.0, 2.0, 1.0], rtol=1e-12)
+
+
+def test_eigenvalues_inside_a_cluster_do_not_converge():
+    exact = np.concatenate([[2.0], 1.0 - 0.1 * np.linspace(0.0, 1.0, 999) ** 4])
+    krylov = krylov_space(np.diag(exact), 2)
+    assert not converge_to(krylov, 4)
+    assert krylov.residuals[0] < 1e-11
+
+
+def count_solutions(monkeypatch):
+    """Return a list that grows by one entry per solution of a linear system."""
+    solutions = []
+
+    def factorize(*matrices):
+        solve = factorize_saddle_point(*matrices)
+
+        def solve_and_count(right):
+            solutions.append(len(right))
+            return solve(right)
+
+        return None if solve is None else solve_and_count
+
+    for module in (quadratic_eigenproblem, symmetric_eigenproblem):
+        monkeypatch.setattr(module, "factorize_saddle_point", factorize)
+    return solutions
+
+
+def chain(beams, damping, formulation="floating frame", joint=bd.Revolute):
+    """Return a cantilever of short beams in a row, with springs and dampers at its joints."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(STEEL, width=0.02, height=5e-3, damping=damping)
+    end = mech.ground.at(0.0, 0.0)
+    for k in range(beams):
+        line = bd.Line((0.1 * k, 0.0), (0.1 * (k + 1), 0.0))
+        beam = mech.add(bd.Beam(f"beam {k}", line, section, 1, formulation=formulation))
+        mech.add((bd.Weld if k == 0 else joint)(f"joint {k}", end, beam.start))
+        if k and joint is bd.Revolute:
+            mech.add(bd.TorsionSpring(f"spring {k}", end, beam.start, 5.0, damping=1e-3))
+        end = beam.end
+    return mech
+
+
+@pytest.mark.parametrize(
+    "beams", [32, pytest.param(192, marks=pytest.mark.slow(reason="192 beams"))]
+)
+@pytest.mark.parametrize("joint", [bd.Revolute, bd.Weld])
+def test_modes_of_chains_need_few_solutions_of_any_size(beams, joint, monkeypatch):
+    """ARPACK needed up to 240 000 products; the modes of 192 beams took 13 to 219 s."""
+    solutions = count_solutions(monkeypatch)
+    modes = bd.modes(chain(beams, 1e-4, joint=joint))
+    assert len(solutions) < 450
+    undamped = bd.modes(chain(beams, 1e-4, joint=joint), damping=False)
+    assert_allclose(np.abs(modes.eigenvalues[:5]), np.abs(undamped.eigenvalues[:5]), rtol=1e-3)
+    assert np.all(modes.damping_ratios > 0.0)
+
+
+@pytest.mark.slow(reason="192 beams on a hinge")
+def test_free_chain_of_welded_beams_has_one_free_motion():
+    """The free motion dominates the inverse; ARPACK needed 240 000 products for this chain."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(STEEL, width=0.03, height=0.0025, damping=1e-4)
+    end, joint = mech.ground.at(0.0, 0.0), bd.Revolute
+    for k in range(192):
+        beam = mech.add(bd.Beam(f"beam {k}", bd.Line((0.4 * k, 0), (0.4 * k + 0.4, 0)), section, 1))
+        mech.add(joint(f"joint {k}", end, beam.start))
+        end, joint = beam.end, bd.Weld
+    modes = bd.modes(mech, n=6)
+    assert modes.kinds == ("free motion",) + ("vibration",) * 5
+    # Hinged and free: roots of tan(x) = tanh(x).
+    roots = np.array([3.926602312, 7.068582745, 10.210176122])
+    expected = (roots / (192 * 0.4)) ** 2 * np.sqrt(section.EI / section.rhoA)
+    assert_allclose(np.abs(modes.eigenvalues[1:4]), expected, rtol=1e-5)
+
+
+@pytest.mark.slow(reason="many elements")
+def test_many_modes_of_strong_dampers_are_found_or_rejected_in_one_sentence():
+    """Kelvin-Voigt damping of 1e-3 s: slow decays cluster at -1000 1/s."""
+
+    def strip(elements):
+        mech = bd.Mechanism()
+        section = bd.Section.rectangle(STEEL, width=0.02, height=0.004, damping=1e-3)
+        line = bd.Line((0.0, 0.0), (1.0, 0.0))
+        beam = mech.add(bd.Beam("strip", line, section, elements, formulation="exact"))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        return mech
+
+    modes = bd.modes(strip(32), n=6)
+    assert modes.kinds == ("vibration",) * 4 + ("decay",) * 2
+    assert_allclose(modes.eigenvalues[4:], -1000.0, rtol=1e-3)
+    # Vibrations are found on any mesh.
+    assert_allclose(bd.modes(strip(120), n=4).eigenvalues, modes.eigenvalues[:4], rtol=1e-6)
+    with pytest.raises(bd.BeamdaeError, match=r"6 lowest modes were not found, .* request fewer"):
+        bd.modes(strip(120), n=6)
