@@ -4,9 +4,11 @@ from .analysis.linear_dynamics.linear_model import LinearModel as LinearModel
 from .analysis.linear_dynamics.linear_model import linearize as linearize
 from .analysis.linear_dynamics.natural_modes import Modes as Modes
 from .analysis.linear_dynamics.natural_modes import modes as modes
-from .analysis.linear_dynamics.steady_rotation import rotation as rotation
 from .analysis.periodic.periodic_continuation import frequency_response as frequency_response
 from .analysis.periodic.periodic_solution import periodic as periodic
+from .analysis.statics.boundary import Boundary as Boundary
+from .analysis.statics.boundary import BoundaryPoint as BoundaryPoint
+from .analysis.statics.boundary import boundary as boundary
 from .analysis.statics.imperfections import KnockDown as KnockDown
 from .analysis.statics.imperfections import imperfect as imperfect
 from .analysis.statics.imperfections import knock_down as knock_down
@@ -95,6 +97,7 @@ from .parts.laws import table as table
 from .parts.mechanism import Mechanism as Mechanism
 from .parts.observables import relative_displacement as relative_displacement
 from .parts.part import Part as Part
+from .parts.rotation import rotation as rotation
 from .report.pictures.drawing import draw as draw
 from .report.pictures.mode_shapes import animate_mode as animate_mode
 from .report.pictures.mode_shapes import draw_campbell as draw_campbell

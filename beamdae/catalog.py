@@ -608,6 +608,9 @@ GROUPS = (
             Public("imperfect", "beamdae.analysis.statics.imperfections"),
             Public("knock_down", "beamdae.analysis.statics.imperfections"),
             Public("KnockDown", "beamdae.analysis.statics.imperfections"),
+            Public("boundary", "beamdae.analysis.statics.boundary"),
+            Public("Boundary", "beamdae.analysis.statics.boundary"),
+            Public("BoundaryPoint", "beamdae.analysis.statics.boundary"),
         ),
     ),
     Group(
@@ -626,7 +629,7 @@ GROUPS = (
         "analysis",
         "Steady rotation",
         (
-            Public("rotation", "beamdae.analysis.linear_dynamics.steady_rotation"),
+            Public("rotation", "beamdae.parts.rotation"),
             Public("campbell", "beamdae.analysis.linear_dynamics.campbell_diagram"),
             Public("Campbell", "beamdae.analysis.linear_dynamics.campbell_diagram"),
             Public("draw_campbell", "beamdae.report.pictures.mode_shapes"),

@@ -1,0 +1,228 @@
+"""Critical loads as a function of a parameter, against closed forms."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.optimize import brentq
+
+import beamdae as bd
+
+STIFFNESS = 1000.0
+STEEL = bd.Material.of("steel")
+SECTION = bd.Section.rectangle(STEEL, width=0.02, height=1e-3)
+
+
+@bd.model(t_end=1.0)
+def truss(rise=0.2, support=200.0, supported=False):
+    """Von Mises truss: springs from (-1, 0) and (1, 0) to a crown, which a spring may support."""
+    mech = bd.Mechanism()
+    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
+    for name, x in (("left", -1.0), ("right", 1.0)):
+        mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, STIFFNESS))
+    if supported:
+        # Long enough to remain vertical.
+        foot = mech.ground.at(0.0, rise - 50.0)
+        mech.add(bd.Spring("support", foot, crown.point, support))
+    mech.add(bd.Force("press", crown.point, (0.0, -1.0)))
+    mech.observe("crown", crown.point)
+    return mech
+
+
+def truss_limit(rise):
+    """Return the limit load, where L^3 = L0."""
+    free_length = np.hypot(1.0, rise)
+    height = np.sqrt(free_length ** (2.0 / 3.0) - 1.0)
+    length = np.hypot(1.0, height)
+    return 2.0 * STIFFNESS * (free_length - length) * height / length
+
+
+@pytest.mark.slow(reason="one second")
+def test_limit_load_of_a_truss_over_its_rise():
+    curve = bd.boundary(
+        truss, "limit point", ("rise", "load"), (0.2, 0.5), step=0.5, to={"crown.y": 0.0}
+    )
+    assert curve.status.success
+    assert curve.values[[0, -1]].tolist() == [0.2, 0.5]
+    assert_allclose(curve.factors, truss_limit(curve.values), rtol=1e-12)
+    assert curve.special == ()
+    assert list(curve.table()) == ["rise", "load factor [-]"]
+    assert repr(curve).startswith("<Boundary of the limit point: ok, reached the end; ")
+    assert curve.q.shape == (len(curve.values), 2)
+
+
+@pytest.mark.slow(reason="one second")
+def test_limit_and_branch_of_a_tall_truss_meet_at_a_hilltop():
+    # The branch is at L^3 = L0 (L^2 - 1), the limit at L^3 = L0: both at L^2 = 2, L0 = 2 sqrt(2).
+    by, settings = ("rise", "load"), {"to": {"crown.y": 0.0}, "step": 0.2}
+    limits = bd.boundary(truss, "limit point", by, (2.4, 3.0), **settings)
+    assert_allclose(limits.factors, truss_limit(limits.values), rtol=1e-12)
+    branches = bd.boundary(truss, "branch point", by, (3.0, 2.0), **settings)
+    for curve, count in ((limits, 1), (branches, 2)):
+        assert curve.status.success
+        assert len(curve.special) == count
+        hilltop = curve.special[-1]
+        assert hilltop.kind == "hilltop"
+        # Interpolated over 1e-3 of a step.
+        assert hilltop.value == pytest.approx(np.sqrt(7.0), rel=1e-7)
+        assert hilltop.factor == pytest.approx(2.0 * STIFFNESS, rel=1e-7)
+    # L0 = L^3 / (L^2 - 1) is smallest at L^2 = 3: two branch points merge.
+    turning = branches.special[0]
+    assert turning.kind == "turning point"
+    assert turning.value == pytest.approx(np.sqrt(27.0 / 4.0 - 1.0), rel=1e-7)
+    height = np.sqrt(2.0)
+    load = 2.0 * STIFFNESS * (np.sqrt(27.0 / 4.0) / np.sqrt(3.0) - 1.0) * height
+    assert turning.factor == pytest.approx(load, rel=1e-7)
+
+
+@pytest.mark.slow(reason="one second")
+@pytest.mark.parametrize("number", [1, 2])
+def test_limit_points_of_a_supported_truss_merge_at_a_cusp(number):
+    # The stiffness 2 k (1 - L0 / L^3) + c is smallest at y = 0, where it vanishes for
+    # L0 = 1 + c / (2 k). There, the support carries the load c * rise.
+    rise = np.sqrt((1.0 + 0.1) ** 2 - 1.0)
+    support = 200.0
+
+    @bd.model(t_end=1.0)
+    def supported(rise=0.6):
+        return truss(rise=rise, support=support, supported=True)
+
+    curve = bd.boundary(
+        supported,
+        "limit point",
+        ("rise", "load"),
+        (0.6, 0.1),
+        number=number,
+        step=0.1,
+        to={"crown.y": -0.6},
+    )
+    assert curve.status.success
+    (cusp,) = curve.special
+    assert cusp.kind == "cusp"
+    assert cusp.value == pytest.approx(rise, rel=1e-7)
+    assert cusp.factor == pytest.approx(support * rise, rel=1e-7)
+    # The curve returns along the other limit point.
+    assert curve.values[[0, -1]].tolist() == [0.6, 0.6]
+    path = bd.equilibrium(supported(), to={"crown.y": -0.6})
+    expected = [point.factor for point in path.critical]
+    assert_allclose(np.sort(curve.factors[[0, -1]]), np.sort(expected), rtol=1e-8)
+
+
+@pytest.mark.slow(reason="two seconds")
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
+def test_buckling_load_over_the_stiffness_of_a_support(formulation):
+    @bd.model(t_end=1.0)
+    def column(spring=1.0):
+        mech = bd.Mechanism()
+        line = bd.Line((0.0, 0.0), (0.0, 1.0))
+        beam = mech.add(bd.Beam("column", line, SECTION, 8, formulation=formulation))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.Force("press", beam.end, (0.0, -SECTION.EI)))
+        # Long enough to remain horizontal.
+        wall = mech.ground.at(1000.0, 1.0)
+        mech.add(bd.Spring("side", beam.end, wall, spring * SECTION.EI))
+        return mech
+
+    def buckling_load(k):
+        # Timoshenko & Gere: tan u = u - u^3 / k, u^2 = P L^2 / EI.
+        return brentq(lambda u: k * np.sin(u) - (k * u - u**3) * np.cos(u), 1.57, 4.493) ** 2
+
+    by = ("spring", "load")
+    curve = bd.boundary(column, "branch point", by, (0.5, 30.0), step=0.2, to=20.0)
+    assert curve.status.success
+    # Mesh and compression.
+    assert_allclose(curve.factors, [buckling_load(k) for k in curve.values.tolist()], rtol=1e-5)
+
+
+@pytest.mark.slow(reason="several seconds")
+def test_shallow_arch_snaps_only_above_a_cusp():
+    @bd.model(t_end=1.0)
+    def arch(rise=0.01):
+        mech, section = bd.Mechanism(), bd.Section.rectangle(STEEL, width=0.02, height=1e-2)
+        curve = bd.Parabola(span=1.0, rise=rise)
+        beam = mech.add(bd.Beam("arch", curve, section, 4, formulation="exact"))
+        for name, end in (("left", beam.start), ("right", beam.end)):
+            mech.add(bd.Revolute(name, mech.ground.at(*end.point), end))
+        crown = beam.at(0.5 * curve.length)
+        mech.add(bd.Force("press", crown, (0.0, -1000.0)))
+        mech.observe("crown", crown)
+        return mech
+
+    def count_limits(rise):
+        path = bd.equilibrium(arch(rise=rise), to={"crown.y": -0.01})
+        return len(path.critical)
+
+    by, to = ("rise", "load"), {"crown.y": -0.01}
+    curve = bd.boundary(arch, "limit point", by, (0.01, 0.004), step=0.2, to=to)
+    (cusp,) = curve.special
+    assert cusp.kind == "cusp"
+    # Two radii of gyration, h / sqrt(3), for a half sine under a load like a half sine.
+    assert cusp.value == pytest.approx(1e-2 / np.sqrt(3.0), rel=0.05)
+    assert [count_limits((1.0 + d) * cusp.value) for d in (-0.01, 0.01)] == [0, 2]
+
+
+@pytest.mark.slow(reason="several seconds")
+def test_flutter_load_over_damping():
+    # Equal dampers c: 41/28 + c^2 / 2, see test_stability.
+    @bd.model(t_end=1.0)
+    def ziegler(damping=1.0):
+        mech = bd.Mechanism()
+        foot = mech.ground.at(0.0, 0.0)
+        lower = mech.add(bd.RigidBody("lower", 2.0, 1e-9, (0.0, 1.0)))
+        upper = mech.add(bd.RigidBody("upper", 1.0, 1e-9, (0.0, 2.0)))
+        knee = (lower.at(0.0, 1.0), upper.at(0.0, 1.0))
+        mech.add(bd.Revolute("foot", foot, lower.at(0.0, 0.0)))
+        mech.add(bd.Revolute("knee", *knee))
+        for name, a, b in (("first", foot, lower.at(0.0, 0.0)), ("second", *knee)):
+            mech.add(bd.TorsionSpring(name, a, b, 1.0, damping=damping))
+        mech.add(bd.Force("follower", upper.at(0.0, 2.0), (0.0, -1.0), axes="body"))
+        return mech
+
+    by = ("damping", "load")
+    curve = bd.boundary(ziegler, "flutter point", by, (1.0, 0.01), step=0.1, to=3.0)
+    assert curve.status.success
+    # Bisection to 1e-8; growth up to a fraction of the frequency counts as rounding.
+    assert_allclose(curve.factors, 41.0 / 28.0 + 0.5 * curve.values**2, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"model": truss()}, "expected a model function"),
+        ({"kind": "limit"}, "kind must be"),
+        ({"by": ("rise", "height")}, "by must be"),
+        ({"by": ("rize", "load")}, "'rize', which is not a numeric parameter of truss"),
+        ({"values": (0.2, 0.2)}, "values must be"),
+        ({"number": 3}, "has 1 of 3 points of the kind 'limit point'"),
+        ({"loads": []}, "got 0 stages"),
+        ({"step": 0.0}, "step must be"),
+    ],
+)
+def test_arguments_are_checked(arguments, message):
+    settings = {
+        "model": truss,
+        "kind": "limit point",
+        "by": ("rise", "load"),
+        "values": (0.2, 0.4),
+        "to": {"crown.y": 0.0},
+    }
+    if "loads" in arguments:
+        settings["to"] = 1.0
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.boundary(**(settings | arguments))
+
+
+def test_curve_ends_where_no_model_exists():
+    @bd.model(t_end=1.0)
+    def limited(rise=0.2):
+        if rise > 0.3:
+            raise bd.BeamdaeError("limited: rise must be at most 0.3.")
+        return truss(rise=rise)
+
+    by, to = ("rise", "load"), {"crown.y": 0.0}
+    curve = bd.boundary(limited, "limit point", by, (0.2, 0.4), step=0.2, to=to)
+    assert curve.status.kind == "failed"
+    assert "rise must be at most 0.3" in curve.status.sentence
+    assert curve.values[-1] == pytest.approx(0.3, abs=1e-3)
+    short = bd.boundary(truss, "limit point", by, (0.2, 0.4), step=0.05, most_points=3, to=to)
+    assert short.status.kind == "limited"
+    assert len(short.values) == 3
