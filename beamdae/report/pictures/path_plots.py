@@ -27,6 +27,7 @@ from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.frequency_response import FrequencyResponse
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # Columns with smaller ranges are not plotted; relative to the length of the mechanism, or in rad.
@@ -128,10 +129,28 @@ def plot_response(response: FrequencyResponse, column: str) -> Plot:
     # Imported here because importing Matplotlib takes longer than some commands.
     from matplotlib.figure import Figure
 
+    figure = Figure(figsize=(5.6, 3.6), layout="constrained")
+    _draw_response(figure.add_subplot(), response, column)
+    disable_math_text(figure)
+    return Plot(figure)
+
+
+def create_response_figure(response: FrequencyResponse, title: str) -> Figure:
+    """Plot half ranges of observed columns that vary, except rates, over the parameter.
+
+    Unstable parts are dashed, and peaks are marked.
+    """
+    curves = {c: response.curve(c)[1] for c in response.points[0].solution.columns}
+    names = varying_columns(mask_huge_values(curves))
+    figure, axes = create_panels(len(names), title)
+    for axis, name in zip(axes, names, strict=False):
+        _draw_response(axis, response, name)
+    return figure
+
+
+def _draw_response(axis: Axes, response: FrequencyResponse, column: str) -> None:
     values, amplitudes = response.curve(column)
     is_stable = np.array([point.stable for point in response.points], bool)
-    figure = Figure(figsize=(5.6, 3.6), layout="constrained")
-    axis = figure.add_subplot()
     # Each line has the stability of its first point and extends to the start of the next line.
     changes = np.flatnonzero(np.diff(is_stable)) + 1
     for rows in np.split(np.arange(len(values)), changes):
@@ -146,5 +165,3 @@ def plot_response(response: FrequencyResponse, column: str) -> Plot:
     axis.set_ylabel(f"{column.removesuffix(f' [{unit}]')}, half range [{unit}]")
     axis.grid(color="0.9", lw=0.6)
     axis.spines[["top", "right"]].set_visible(False)
-    disable_math_text(figure)
-    return Plot(figure)

@@ -262,6 +262,16 @@ def buckling_table(table: pd.DataFrame) -> ResponsiveTable:
     return ResponsiveTable("mode", columns, rows, "the CSV file")
 
 
+def peaks_table(parameter: str, peaks: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
+    """Return a table of the peaks of response curves: observed column, parameter, half range."""
+    columns = [Column(parameter), Column("half range")]
+    rows = [
+        (x["observed"], format_number(x[parameter], 6), format_number(x["half range"], 5))
+        for x in peaks
+    ]
+    return ResponsiveTable("peak of", columns, rows, "--json")
+
+
 def modes_table(table: pd.DataFrame) -> ResponsiveTable:
     """Return a table of frequencies, damping and moving parts, given `Modes.table()`."""
     columns = [

@@ -1,0 +1,191 @@
+"""`beamdae response`: periodic motions of a model over a frequency or another parameter."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from beamdae.cli.options import (
+    IntegratorName,
+    ModelName,
+    ModelPath,
+    Out,
+    RelativeTolerance,
+    Settings,
+    create_integrator,
+    load_configured_model,
+    parse_assignments,
+)
+from beamdae.cli.output import (
+    WrittenFiles,
+    create_console,
+    print_error,
+    print_written_files,
+    record_results,
+)
+from beamdae.cli.output_paths import require_writable
+from beamdae.errors import BeamdaeError, BeamdaeWarning, require_positive
+
+if TYPE_CHECKING:
+    from beamdae.results.frequency_response import FrequencyResponse
+
+_DEFAULT_RTOL = 1e-8  # as the default of `frequency_response`
+
+
+def response_command(
+    path: ModelPath,
+    over: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME=FIRST:LAST",
+            help="Parameter and the values between which it varies, ascending or descending.",
+        ),
+    ],
+    settings: Settings = None,
+    model_name: ModelName = None,
+    angular: Annotated[
+        bool, typer.Option("--angular", help="The parameter is an angular frequency in rad/s.")
+    ] = False,
+    period: Annotated[
+        float | None,
+        typer.Option(
+            help="Period of the loads in seconds, if it does not depend on the parameter. Defaults "
+            "to the reciprocal of the parameter, a frequency in Hz."
+        ),
+    ] = None,
+    integrator: IntegratorName = "radau",
+    rtol: RelativeTolerance = None,
+    step: Annotated[
+        float,
+        typer.Option(help="First step along the curve, relative to the amplitudes and the range."),
+    ] = 0.02,
+    longest_step: Annotated[float, typer.Option(help="Largest step along the curve.")] = 0.1,
+    settle: Annotated[
+        int, typer.Option(help="Periods to run before the first periodic motion is sought.")
+    ] = 20,
+    most_points: Annotated[int, typer.Option(help="Maximum number of points of the curve.")] = 400,
+    out: Out = Path("results"),
+) -> None:
+    """Follow a periodic motion over a parameter, past folds; write the curve as CSV and PNG.
+
+    Exits with 0 if the curve reached an end of the range, 1 if it did not (partial results are
+    written) or the picture failed, 2 for a usage or model error, and 130 after Ctrl-C.
+    """
+    from beamdae.cli.model_files.model_file import ModelFile
+
+    file = ModelFile(path)
+    model = load_configured_model(file, model_name, settings)
+    parameter, ends = _parse_range(over)
+    if rtol is None and integrator == "radau":
+        rtol = _DEFAULT_RTOL
+    method = create_integrator("response", integrator, {"rtol": rtol}, file)
+    name = f"{model.name}_response"
+    table_path, picture = out / f"{name}.csv", out / f"{name}.png"
+    require_writable(("--out", (table_path, picture)))
+    from beamdae.analysis.periodic.periodic_continuation import frequency_response
+    from beamdae.interrupts import Interrupted
+    from beamdae.report.pictures.figures import save_figure
+    from beamdae.report.pictures.path_plots import create_response_figure
+    from beamdae.results.storage.files import escape_table, write_text
+
+    with warnings.catch_warnings():
+        # The status is printed with the results.
+        warnings.simplefilter("ignore", BeamdaeWarning)
+        result = frequency_response(
+            model,
+            parameter,
+            ends,
+            _period_function(angular, period),
+            method,
+            step,
+            longest_step,
+            settle,
+            most_points=most_points,
+            partial="return",
+        )
+    table = escape_table(result.table())
+    files = WrittenFiles([write_text(table_path, table.to_csv(index=False))])
+    _print_results(result, model.name)
+    if result.points and result.status.kind != "interrupted":
+        title = f"{model.name}, periodic motions"
+        files.write(
+            picture.name, lambda: [save_figure(create_response_figure(result, title), picture)]
+        )
+    print_written_files(create_console(), files.paths)
+    if result.status.kind == "interrupted":
+        raise Interrupted(result.status.sentence)
+    if not result.status.success:
+        print_error(f"failed: {result.status.sentence}")
+    if files.failed or not result.status.success:
+        raise typer.Exit(1)
+
+
+def _parse_range(over: str) -> tuple[str, tuple[float, float]]:
+    """Return the parameter and the range of --over NAME=FIRST:LAST."""
+    ((name, text),) = parse_assignments([over], "--over").items()
+    try:
+        first, last = map(float, text.split(":"))
+    except ValueError:
+        raise BeamdaeError(f"--over {over}: the range must have the form FIRST:LAST.") from None
+    return name, (first, last)
+
+
+def _period_function(angular: bool, period: float | None) -> Callable[[float], float] | None:
+    """Return the period of the loads as a function of the parameter; None for a frequency in Hz."""
+    if angular and period is not None:
+        raise BeamdaeError("response: --angular and --period are mutually exclusive; omit one.")
+    if angular:
+        return lambda frequency: 2.0 * math.pi / frequency
+    if period is None:
+        return None
+    constant = require_positive("response", "--period", period)
+    return lambda parameter: constant
+
+
+def _print_results(result: FrequencyResponse, name: str) -> None:
+    from beamdae.report.terminal import text_tables
+
+    peaks = _find_peaks(result)
+    record_results(lambda: _json_results(result, peaks))
+    console = create_console()
+    console.print(text_tables.fact_list(name, _describe_curve(result)))
+    if peaks:
+        console.print(text_tables.peaks_table(result.parameter, peaks))
+
+
+def _find_peaks(result: FrequencyResponse) -> list[dict[str, Any]]:
+    """Return the column, the parameter and the half range at each peak of observed columns."""
+    columns = result.points[0].solution.columns if result.points else {}
+    return [
+        {"observed": column, result.parameter: value, "half range": amplitude}
+        for column in columns
+        for value, amplitude in result.peaks(column)
+    ]
+
+
+def _json_results(result: FrequencyResponse, peaks: list[dict[str, Any]]) -> dict[str, Any]:
+    return {
+        "status": result.status.kind,
+        "reason": result.status.sentence,
+        "points": result.table().to_dict("records"),
+        "folds": result.folds,
+        "peaks": peaks,
+    }
+
+
+def _describe_curve(result: FrequencyResponse) -> dict[str, str]:
+    """Return descriptions of a response curve, keyed by topic."""
+    values = [point.parameter for point in result.points]
+    n_unstable = sum(not point.stable for point in result.points)
+    span = f", {result.parameter} {min(values):.6g} to {max(values):.6g}" if values else ""
+    return {
+        "status": result.status.sentence,
+        "curve": f"{len(values)} point{'s' * (len(values) != 1)}{span}",
+        "unstable": f"{n_unstable} of {len(values)} points",
+        "folds": ", ".join(f"{fold:.6g}" for fold in result.folds) or "none",
+    }

@@ -1,0 +1,100 @@
+"""`beamdae response`: table, picture, folds and usage errors."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+from typer.testing import CliRunner
+
+from beamdae.cli.app import app
+
+MODEL = """
+import numpy as np
+
+import beamdae as bd
+
+
+@bd.model(t_end=1.0)
+def oscillator(frequency=0.2, damping=0.4, force=0.1, angular=False):
+    mech = bd.Mechanism()
+    bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
+    mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), bob.point))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), bob.point, 4.0, damping))
+    hertz = frequency / (2.0 * np.pi) if angular else frequency
+    mech.add(bd.Force("push", bob.point, (bd.sine(force, hertz), 0.0)))
+    mech.observe("bob", bob.point)
+    return mech
+"""
+
+
+def amplitude(rate, force=0.1):
+    """Return the amplitude of x'' + 0.4 x' + 4 x = force sin(rate t)."""
+    return force / np.hypot(4.0 - rate**2, 0.4 * rate)
+
+
+@pytest.fixture
+def response(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("oscillator.py").write_text(MODEL, encoding="utf-8")
+    return lambda *arguments: CliRunner().invoke(app, ["response", "oscillator.py", *arguments])
+
+
+@pytest.mark.slow(reason="a curve and its picture")
+def test_a_table_and_a_picture_are_written(response):
+    result = response("--over", "frequency=0.26:0.36", "--rtol", "1e-6")
+    assert result.exit_code == 0, result.output
+    table = pd.read_csv("results/oscillator_response.csv")
+    rates = 2.0 * np.pi * table["frequency"]
+    assert_allclose(table["bob.x half range [m]"], amplitude(rates), rtol=1e-4)
+    assert table["stable"].all()
+    assert "reached the end of the range" in result.stdout
+    assert "peak of" in result.stdout
+    assert Path("results/oscillator_response.png").stat().st_size > 1000
+
+
+@pytest.mark.slow(reason="a curve")
+def test_json_of_an_angular_frequency(response):
+    options = ("--over", "frequency=1.9:2.1", "--angular", "--set", "angular=True")
+    result = response(*options, "--longest-step", "0.4", "--json")
+    document = json.loads(result.stdout)
+    assert document["status"] == "ok"
+    assert document["folds"] == []
+    first = document["points"][0]
+    assert first["period [s]"] == pytest.approx(2.0 * np.pi / 1.9)
+    assert first["bob.x half range [m]"] == pytest.approx(amplitude(1.9), rel=1e-5)
+
+
+@pytest.mark.slow(reason="a curve")
+def test_a_constant_period_belongs_to_another_parameter(response):
+    result = response("--over", "force=0.1:0.2", "--period", "5", "--longest-step", "1", "--json")
+    points = json.loads(result.stdout)["points"]
+    expected = [amplitude(0.4 * np.pi, point["force"]) for point in points]
+    assert_allclose([point["bob.x half range [m]"] for point in points], expected, rtol=1e-5)
+
+
+def test_a_curve_that_ends_early_is_a_failure_with_partial_results(response):
+    result = response("--over", "frequency=0.26:0.36", "--rtol", "1e-6", "--most-points", "2")
+    assert result.exit_code == 1
+    assert "failed: stopped at the maximum of 2 points" in result.stderr
+    assert len(pd.read_csv("results/oscillator_response.csv")) == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--over", "frequency=1"), "form FIRST:LAST"),
+        (("--over", "frequency=1:1"), "two different values"),
+        (("--over", "frequncy=1:2"), "frequency"),
+        (("--over", "frequency=1:2", "--angular", "--period", "1"), "mutually exclusive"),
+        (("--over", "frequency=1:2", "--period", "-1"), "--period"),
+    ],
+)
+def test_usage_errors_are_one_line(response, options, message):
+    result = response(*options)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not Path("results").exists()
