@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import quad
 
 import beamdae as bd
+from beamdae.results.section_forces.peak_errors import estimate_sampling_errors
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0, yield_stress=235e6)
 
@@ -299,16 +300,45 @@ def test_resolved_motions_have_small_wave_errors(swinging_strip, elements, error
 def swinging_strip():
     """Function that returns the section forces of an undamped cantilever in its first mode."""
 
-    def section_forces(elements):
+    def section_forces(elements, output_step=0.005):
         mech = bd.Mechanism()
         strip = bd.Section.rectangle(STEEL, width=0.02, height=0.005)
         beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements))
         mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
         mech.add(bd.Force("load", beam.end, (0.0, lambda t: 1.0 - ca.cos(8.0 * np.pi * t))))
-        run = bd.simulate(mech, bd.Radau(1e-6), t_end=0.5, output_step=0.005)
+        run = bd.simulate(mech, bd.Radau(1e-6), t_end=0.5, output_step=output_step)
         return run.section_forces(beam)
 
     return section_forces
+
+
+@pytest.mark.parametrize("rows", [4, 6, 25])
+def test_peaks_between_the_times_are_errors(rows):
+    # Steady vibration over two periods; the moment has another amplitude at the second section.
+    period, amplitude = 0.5, 3.0
+
+    def sample(times):
+        moment = amplitude * np.sin(2.0 * np.pi * times / period + 0.4)[:, None] * [1.0, 0.2]
+        return np.stack([0.0 * moment, 0.0 * moment, moment])
+
+    t = np.linspace(0.0, 2.0 * period, rows)
+    errors = estimate_sampling_errors(t, sample(t), sample)
+    moment = sample(t)[2]
+    missed = amplitude - min(np.max(moment), -np.min(moment))
+    assert missed > 0.001 * amplitude
+    assert errors[2] == pytest.approx(missed, abs=0.06 * amplitude)
+    assert errors[0] == errors[1] == 0.0
+
+
+def test_a_coarse_output_step_is_part_of_the_error(swinging_strip):
+    fine, coarse = swinging_strip(4), swinging_strip(4, output_step=0.1)
+    assert fine.sampling_error[2] < 0.02 * np.max(np.abs(fine.M))
+    missed = np.max(np.abs(fine.M)) - np.max(np.abs(coarse.M))
+    assert missed > 0.1 * np.max(np.abs(coarse.M))
+    assert coarse.sampling_error[2] > 0.5 * missed
+    with pytest.warns(bd.BeamdaeWarning, match="between the times; use more times t"):
+        safety = coarse.safety()
+    assert safety.lower_bound < fine.safety().factor * 1.1
 
 
 def test_wave_errors_survive_pickling_without_the_run():

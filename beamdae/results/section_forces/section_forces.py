@@ -15,7 +15,8 @@ from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, BeamdaeWarning, require_positive
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import Plot, load_views
-from beamdae.results.section_forces.unresolved_waves import (
+from beamdae.results.section_forces.peak_errors import (
+    estimate_sampling_errors,
     estimate_wave_errors,
     shortest_resolved_periods,
 )
@@ -55,7 +56,8 @@ class Safety:
     where
         Point of the section: "top", "bottom" or "axis".
     error
-        Estimated error of the stress [Pa], including waves that the mesh does not resolve.
+        Estimated error of the stress [Pa], including waves that the mesh does not resolve and peaks
+        between the times.
     lower_bound
         Lower bound of the safety factor [-]: the smallest ratio, over all times and sections, of
         the yield stress to the sum of the stress and its estimated error.
@@ -158,9 +160,22 @@ class SectionForces:
         periods = shortest_resolved_periods(self.beam, self.step)
         return estimate_wave_errors(self.t, forces, periods, self.sample)
 
+    @cached_property
+    def sampling_error(self) -> Array:
+        """Amounts by which N, Q and M exceed their extremes between the times `t`, (3,).
+
+        The section forces are evaluated between the times of the largest and the smallest N, Q and
+        M and the adjacent times; more distant extremes are not found. The result is zero for a
+        single time.
+        """
+        if self.sample is None:
+            return np.zeros(3)
+        return estimate_sampling_errors(self.t, np.stack([self.N, self.Q, self.M]), self.sample)
+
     def __getstate__(self) -> dict[str, Any]:
         # `sample` contains the whole run.
-        return {**vars(self), "wave_error": self.wave_error, "sample": None}
+        errors = {"wave_error": self.wave_error, "sampling_error": self.sampling_error}
+        return {**vars(self), **errors, "sample": None}
 
     def table(self) -> pd.DataFrame:
         """Return N, Q, M and their estimated errors, one row per time and section."""
@@ -229,9 +244,14 @@ class SectionForces:
         error = self.error[0] / area + self.error[2] * np.abs(bending)
         return self.N / area + self.M * bending, error
 
-    def _sigma_wave_error(self, offset: float | str) -> Array:
-        """Return errors of the peaks of longitudinal stresses by unresolved waves, (l,) [Pa]."""
-        axial, _, moment = self.wave_error
+    @property
+    def _peak_error(self) -> Array:
+        """Errors of the peaks of N, Q and M in addition to `error`, (3,) [N, N, N m]."""
+        return self.wave_error + self.sampling_error
+
+    def _sigma_peak_error(self, offset: float | str, peak_error: Array) -> Array:
+        """Return errors of longitudinal stresses due to errors of N, Q and M, (l,) [Pa]."""
+        axial, _, moment = peak_error
         return axial / self._section_values("area") + moment * np.abs(self._bending_factors(offset))
 
     def _bending_factors(self, offset: float | str) -> Array:
@@ -248,7 +268,7 @@ class SectionForces:
         """Return minima and maxima of N, Q and M over time, one row per section.
 
         Each extreme has an estimated error and a time. The error is the sum of `error` at this time
-        and section and `wave_error`. Extremes between the times `t` are not included.
+        and section, `wave_error` and `sampling_error`.
 
         If all sections define their height and do not reach the center of curvature, the table
         includes the longitudinal stress at the top and the bottom.
@@ -256,20 +276,24 @@ class SectionForces:
         import pandas as pd
 
         headers = list(SECTION_FORCE_HEADERS.values())
-        forces = zip((self.N, self.Q, self.M), self.error, self.wave_error, strict=True)
+        peak_errors = self._peak_error
+        forces = zip((self.N, self.Q, self.M), self.error, peak_errors, strict=True)
         quantities = dict(zip(headers, forces, strict=True))
         try:
-            stresses = {x: (*self._sigma(x), self._sigma_wave_error(x)) for x in ("top", "bottom")}
+            stresses = {
+                x: (*self._sigma(x), self._sigma_peak_error(x, peak_errors))
+                for x in ("top", "bottom")
+            }
         except BeamdaeError:
             stresses = {}  # not defined for these sections
         quantities |= {f"sigma {x} [Pa]": values for x, values in stresses.items()}
         columns: dict[str, Array] = {_ARC_LENGTH: self.s}
         sections = np.arange(len(self.s))
-        for header, (rows, errors, wave_error) in quantities.items():
+        for header, (rows, errors, peak_error) in quantities.items():
             name, _, unit = header.partition(" [")
             for word, extreme in (("min", rows.argmin(axis=0)), ("max", rows.argmax(axis=0))):
                 columns[f"{name} {word} [{unit}"] = rows[extreme, sections]
-                columns[f"{name} {word} error [{unit}"] = errors[extreme, sections] + wave_error
+                columns[f"{name} {word} error [{unit}"] = errors[extreme, sections] + peak_error
                 columns[f"t of {name} {word} [s]"] = self.t[extreme]
         return pd.DataFrame(columns)
 
@@ -278,9 +302,10 @@ class SectionForces:
 
         The von Mises equivalent stress is |sigma| at the top and the bottom, and
         sqrt(sigma^2 + 3 tau^2) on the axis. Its error follows from the errors of N, Q and M:
-        `error`, and `wave_error` for waves that the mesh does not resolve. These waves increase
-        peaks, so that `Safety.factor` is usually too small after sudden loads. A `BeamdaeWarning`
-        is issued if the error exceeds 10 % of the stress.
+        `error`, `wave_error` for waves that the mesh does not resolve, and `sampling_error` for
+        peaks between the times. Unresolved waves increase peaks, so that `Safety.factor` is usually
+        too small after sudden loads. A `BeamdaeWarning` is issued if the error exceeds 10 % of the
+        stress.
 
         Parameters
         ----------
@@ -343,27 +368,33 @@ class SectionForces:
     def _equivalent_stresses(self, point: str) -> tuple[Array, Array, Array]:
         """Return equivalent stresses at a point of the sections, and two upper bounds of them.
 
-        The bounds include the errors without and with unresolved waves. All are (k, l) [Pa].
+        The bounds include the errors without and with those of peaks. All are (k, l) [Pa].
         """
         offset: float | str = 0.0 if point == "axis" else point
         sigma, error = self._sigma(offset)
         # Shear stresses vanish at the surfaces; on the axis, they count sqrt(3) times.
         shear = np.sqrt(3.0) if point == "axis" else 0.0
         tau, tau_error = shear * np.abs(self._tau(self.Q)), shear * self._tau(self.error[1])
-        wave_error = self._sigma_wave_error(offset)
-        tau_wave_error = shear * self._tau(self.wave_error[1])
+        peak_error = self._sigma_peak_error(offset, self._peak_error)
+        tau_peak_error = shear * self._tau(self._peak_error[1])
         size, tau_size = np.abs(sigma) + error, tau + tau_error
         return (
             np.hypot(sigma, tau),
             np.hypot(size, tau_size),
-            np.hypot(size + wave_error, tau_size + tau_wave_error),
+            np.hypot(size + peak_error, tau_size + tau_peak_error),
         )
 
     def _describe_stress_error(
         self, stress: float, mesh_error: float, error: float, t: float
     ) -> str:
         cause, remedy = "due to the mesh", "use more elements or a smaller tolerance"
-        if error > 2.0 * mesh_error:
+        wave, sampling = (
+            np.max(self._sigma_peak_error(0.0, x) + self._sigma_peak_error("top", x))
+            for x in (self.wave_error, self.sampling_error)
+        )
+        if error > 2.0 * mesh_error and sampling > wave:
+            cause, remedy = "between the times", "use more times t, or a smaller output_step"
+        elif error > 2.0 * mesh_error:
             period = shortest_resolved_periods(self.beam, self.step)[0]
             cause = "because mesh and steps do not resolve the waves of a sudden load"
             remedy = (

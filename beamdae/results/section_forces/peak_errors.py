@@ -1,4 +1,4 @@
-"""Errors of peaks of section forces due to waves that are too short for the mesh or the step.
+"""Errors of peaks of section forces due to unresolved waves and to coarse times.
 
 No mesh resolves the fronts of the waves that a sudden load sends along an undamped beam. Behind a
 front, section forces oscillate at the scale of the mesh and overshoot by 20 to 80 % of the jump;
@@ -30,6 +30,8 @@ _INTERVALS_PER_BENDING_WAVE = 4
 # in the time in which a wave crosses the rod, averages cover 0.8 to 1.4 times the overshoot.
 _STEPS_PER_WAVE = 8
 _SAMPLES_PER_PERIOD = 12
+# Times, per interval between two rows, at which section forces are compared with their extremes.
+_SAMPLES_BETWEEN_ROWS = 3
 
 
 def shortest_resolved_periods(beam: Beam, step: float) -> Array:
@@ -79,11 +81,38 @@ def estimate_wave_errors(
     offsets = np.linspace(-1.0, 1.0, 2 * _SAMPLES_PER_PERIOD + 1)
     errors = np.zeros(3)
     for k, (force, period) in enumerate(zip(forces, periods, strict=True)):
-        extremes = (np.argmin(force), np.argmax(force))
-        for row in {int(extreme) // force.shape[1] for extreme in extremes}:
+        for row in _rows_of_extremes(force):
             around = sample(t[row] + period * offsets)[k]
             windows = np.lib.stride_tricks.sliding_window_view(around, len(weights), axis=0)
             means = windows @ weights
             nearest = np.clip(force[row], means.min(axis=0), means.max(axis=0))
             errors[k] = max(errors[k], np.max(np.abs(force[row] - nearest)))
     return errors
+
+
+def estimate_sampling_errors(t: Array, forces: Array, sample: Callable[[Array], Array]) -> Array:
+    """Return by how much N, Q and M exceed their extremes between the times of these, (3,).
+
+    N, Q and M are evaluated between the time of an extreme and the two adjacent times.
+
+    Parameters
+    ----------
+    t, forces, sample
+        See `estimate_wave_errors`.
+    """
+    fractions = np.arange(1, _SAMPLES_BETWEEN_ROWS + 1) / (_SAMPLES_BETWEEN_ROWS + 1)
+    errors = np.zeros(3)
+    for k, force in enumerate(forces):
+        for row in _rows_of_extremes(force):
+            adjacent = t[max(row - 1, 0) : row + 2]
+            between = (adjacent[:-1, None] + np.diff(adjacent)[:, None] * fractions).ravel()
+            if len(between):
+                values = sample(between)[k]
+                excess = max(values.max() - force.max(), force.min() - values.min())
+                errors[k] = max(errors[k], excess)
+    return errors
+
+
+def _rows_of_extremes(force: Array) -> set[int]:
+    """Return the rows of the smallest and the largest value."""
+    return {int(extreme) // force.shape[1] for extreme in (np.argmin(force), np.argmax(force))}
