@@ -265,6 +265,7 @@ def test_peaks_after_sudden_loads_have_an_error_that_covers_the_overshoot(kind, 
     assert factor < 235e6 / (safety.stress - safety.error)
 
 
+@pytest.mark.slow(reason="two runs of a rod")
 @pytest.mark.parametrize("step", [4e-5, 2e-5])
 def test_steps_that_do_not_resolve_waves_increase_the_error_of_peaks(step):
     # The wave crosses the rod in 1.9e-4 s. Radau resolves all waves of the mesh.
@@ -276,6 +277,7 @@ def test_steps_that_do_not_resolve_waves_increase_the_error_of_peaks(step):
     assert shaken_rod().step == 0.0
 
 
+@pytest.mark.slow(reason="two runs of a rod")
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
     "settings", [{"rise_time": 2e-4}, {"damping": 2e-6}], ids=["gradual load", "damping"]
@@ -290,7 +292,10 @@ def test_remedies_against_unresolved_waves(settings):
     assert safety.error < 0.1 * safety.stress
 
 
-@pytest.mark.parametrize(("elements", "error"), [(2, 0.02), (4, 2e-3)])
+@pytest.mark.parametrize(
+    ("elements", "error"),
+    [pytest.param(2, 0.02, marks=pytest.mark.slow(reason="as 4 elements")), (4, 2e-3)],
+)
 def test_resolved_motions_have_small_wave_errors(swinging_strip, elements, error):
     forces = swinging_strip(elements)
     assert forces.wave_error[2] < error * np.max(np.abs(forces.M))
@@ -330,6 +335,7 @@ def test_peaks_between_the_times_are_errors(rows):
     assert errors[0] == errors[1] == 0.0
 
 
+@pytest.mark.slow(reason="two runs of a strip")
 def test_a_coarse_output_step_is_part_of_the_error(swinging_strip):
     fine, coarse = swinging_strip(4), swinging_strip(4, output_step=0.1)
     assert fine.sampling_error[2] < 0.02 * np.max(np.abs(fine.M))
