@@ -14,20 +14,23 @@ STEEL = bd.Material.of("steel")
 # Roots of cos(x) cosh(x) = 1: frequencies of a free beam are x^2 / (2 pi L^2) sqrt(EI / rhoA).
 FREE_BEAM_ROOTS = np.array([4.730040745, 7.853204624, 10.995607838])
 # Number of free motions by support.
-SUPPORTS = {"free": 3, "hinged": 1, "guided": 1}
+SUPPORTS = {"free": 3, "hinged": 1, "guided": 1, "sliding hinge": 2}
 FORMULATIONS = {"exact": {"formulation": "exact"}, "floating frame": {}}
 
 
-def strip(support, height, damping, **options):
-    """Return a steel strip of 1 m with structural damping [s] on the given support."""
+def strip(support, height, damping, elements=8, material=STEEL, length=1.0, **options):
+    """Return a steel strip with structural damping [s] on the given support."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=height, damping=damping)
-    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (1.0, 0.0)), section, 8, **options))
+    section = bd.Section.rectangle(material, width=0.02 * length, height=height, damping=damping)
+    line = bd.Line((0.0, 0.0), (length, 0.0))
+    beam = mech.add(bd.Beam("strip", line, section, elements, **options))
     origin = mech.ground.at(0.0, 0.0)
     if support == "hinged":
         mech.add(bd.Revolute("support", origin, beam.start))
     if support == "guided":
         mech.add(bd.Prismatic("support", origin, beam.start))
+    if support == "sliding hinge":
+        mech.add(bd.PointOnLine("support", origin, beam.start))
     return mech
 
 
@@ -60,6 +63,44 @@ def test_free_motions_do_not_depend_on_the_number_of_modes(formulation, support,
         elif len(vibrations):
             # Rounding of the axial stiffness is 1e-5 of the lowest squared frequency at 0.2 mm.
             assert_allclose(vibrations.imag, reference.imag, rtol=1e-4)
+
+
+def count_free_motions(mech, n, damping):
+    modes = bd.modes(mech, n=n, damping=damping)
+    assert "unstable" not in modes.kinds
+    return int(np.sum(modes.eigenvalues == 0.0))
+
+
+@pytest.mark.parametrize(
+    ("slenderness", "elements"),
+    [
+        (1e5, 8),
+        # More than 250 coordinates: sparse matrices.
+        *(
+            pytest.param(slenderness, elements, marks=pytest.mark.slow(reason="two seconds each"))
+            for slenderness in (10, 1e3, 1e5)
+            for elements in (4, 32)
+        ),
+    ],
+)
+@pytest.mark.parametrize("support", SUPPORTS)
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_damped_and_undamped_modes_count_equally_many_free_motions(
+    formulation, support, slenderness, elements
+):
+    mech = strip(support, 1.0 / slenderness, 1e-5, elements, **FORMULATIONS[formulation])
+    for n in (1, 2, 3, 4, 7, 10):
+        expected = min(n, SUPPORTS[support])
+        assert count_free_motions(mech, n, damping=True) == expected
+        assert count_free_motions(mech, n, damping=False) == expected
+
+
+@pytest.mark.parametrize("support", SUPPORTS)
+def test_free_motions_do_not_depend_on_units(support):
+    """A steel strip of 1000 mm x 0.1 mm in mm, t and s."""
+    steel = bd.Material(E=STEEL.E * 1e-6, nu=STEEL.nu, rho=STEEL.rho * 1e-12)
+    mech = strip(support, 0.1, 1e-5, material=steel, length=1000.0, formulation="exact")
+    assert count_free_motions(mech, 6, damping=True) == SUPPORTS[support]
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)

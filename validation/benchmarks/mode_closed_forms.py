@@ -1,9 +1,10 @@
-"""Natural frequencies of rings, a hinged arch and a supported beam from analytic equations."""
+"""Natural frequencies of rings, arches, beams and rotating structures from analytic equations."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import eigvalsh, expm
+from numpy.polynomial import Chebyshev
+from scipy.linalg import eigh, eigvalsh, expm
 from scipy.optimize import brentq
 
 import beamdae as bd
@@ -77,3 +78,35 @@ def supported_beam(section: bd.Section, length: float, count: int) -> Array:
     axial = np.sqrt(section.EA / section.rhoA) * np.pi * (np.arange(count) + 0.5) / length
     pure_shear = [np.sqrt(section.GA / section.rhoI)]
     return np.sort(np.concatenate([bending, shear, axial, pure_shear]))[:count]
+
+
+def rotating_cantilever(speed: float, offset: float, count: int, terms: int = 20) -> Array:
+    """Return the lowest frequencies of a thin cantilever in the plane of rotation.
+
+    By the Rayleigh-Ritz method, with unit EI, rho A and length and the clamp at the distance
+    `offset` from the axis: y''^2 + W^2 ((1 - x^2) / 2 + offset (1 - x)) y'^2 - (w^2 + W^2) y^2 is
+    stationary (Yoo & Shin, J. Sound Vib. 212 (1998) 807, without axial strain). The shapes are
+    y = x^2 T_k(2 x - 1).
+    """
+    # x^2 = (3 + 4 T_1 + T_2) / 8.
+    square = Chebyshev([0.375, 0.5, 0.125], domain=[0.0, 1.0])
+    shapes = [square * Chebyshev.basis(k, domain=[0.0, 1.0]) for k in range(terms)]
+    x, weight = np.polynomial.legendre.leggauss(2 * terms + 4)
+    x, weight = 0.5 * (x + 1.0), 0.5 * weight
+    y, slope, bend = (np.array([s.deriv(d)(x) if d else s(x) for s in shapes]) for d in (0, 1, 2))
+    tension = speed**2 * (0.5 * (1.0 - x**2) + offset * (1.0 - x))
+    stiffness = (bend * weight) @ bend.T + (slope * weight * tension) @ slope.T
+    squares = eigh(stiffness, (y * weight) @ y.T, eigvals_only=True)
+    return np.sqrt(squares[:count] - speed**2)
+
+
+def spinning_thin_ring(section: bd.Section, radius: float, n: int, speed: float) -> Array:
+    """Return the frequencies [rad/s] of both waves of n periods, in the frame of a spinning ring.
+
+    w = n / (n^2 + 1) (2 W -+ (n^2 - 1) sqrt(W^2 + (n^2 + 1) EI / (rho A R^4))) for inextensible
+    rings (Bryan, Proc. Camb. Phil. Soc. 7 (1890) 101; Carrier, Q. Appl. Math. 3 (1945) 235). The
+    centrifugal tension is included.
+    """
+    bending = section.EI / (section.rhoA * radius**4)
+    root = (n**2 - 1) * np.sqrt(speed**2 + (n**2 + 1) * bending)
+    return np.abs(n / (n**2 + 1) * (2.0 * speed + np.array([-root, root])))

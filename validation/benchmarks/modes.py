@@ -154,15 +154,19 @@ def _supported_frequencies(elements: int, formulation: str) -> Array:
 
 
 def rotating_arm(
-    slenderness: float, elements: int, formulation: str = "floating frame"
+    slenderness: float, elements: int, formulation: str = "floating frame", offset: float = 0.0
 ) -> bd.Mechanism:
-    """Return a cantilever of unit length, rho A and EI, with L sqrt(A / I) = `slenderness`."""
+    """Return a cantilever of unit length, rho A and EI, with L sqrt(A / I) = `slenderness`.
+
+    The clamp is at the distance `offset` from the origin.
+    """
     light = bd.Material(E=slenderness**2, nu=0.3, rho=1.0)
     section = bd.Section(light, area=1.0, second_moment=slenderness**-2)
     mech = bd.Mechanism()
     settings: dict[str, Any] = {"elements": elements, "formulation": formulation}
-    beam = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (1.0, 0.0)), section, **settings))
-    mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))
+    line = bd.Line((offset, 0.0), (offset + 1.0, 0.0))
+    beam = mech.add(bd.Beam("arm", line, section, **settings))
+    mech.add(bd.Weld("root", mech.ground.at(offset, 0.0), beam.start))
     return mech
 
 
@@ -190,6 +194,51 @@ def _rotating_frequencies(speed: float) -> Callable[[int, str], Array]:
         return np.sqrt(modes.eigenvalues.imag**2 + speed**2)
 
     return compute
+
+
+# Campbell diagrams: speeds [rad/s], distance of the clamp of an arm from the axis over its length,
+# and numbers of waves of a ring.
+SPEEDS = {"arm": (2.0, 10.0, 50.0), "ring": (1.0, 2.0, 5.0)}
+HUB_RADIUS = 1.0
+RING_WAVES = (2, 3)
+
+
+def hub_arm_reference(speed: float) -> Array:
+    """Return the first three frequencies of an arm on a hub in its plane."""
+    return closed_forms.rotating_cantilever(speed, HUB_RADIUS, 3)
+
+
+def spinning_ring_reference(speed: float) -> Array:
+    """Return the frequencies [rad/s] of both waves for each number of waves."""
+    section = _thin_section()
+    waves = (closed_forms.spinning_thin_ring(section, 1.0, n, speed) for n in RING_WAVES)
+    return np.concatenate(list(waves))
+
+
+def _campbell_case(
+    name: str,
+    source: str,
+    speeds: tuple[float, ...],
+    reference: Callable[[float], Array],
+    tolerance: float,
+    build: Callable[[int, str], bd.Mechanism],
+    center: tuple[float, float] = (0.0, 0.0),
+) -> ModeCase:
+    """Return a case whose values are those of a Campbell diagram nearest to each reference."""
+
+    def compute(elements: int, formulation: str) -> Array:
+        # A free ring has three further modes: its rotation, and its translations as a pair.
+        number = len(reference(speeds[0])) + 3
+        diagram = bd.campbell(build(elements, formulation), speeds, number, center)
+        assert not diagram.warnings
+        values = []
+        for speed, eigenvalues in zip(speeds, diagram.eigenvalues, strict=True):
+            distances = np.abs(eigenvalues.imag - reference(speed)[:, None])
+            values.append(eigenvalues.imag[np.argmin(distances, axis=1)])
+        return np.concatenate(values)
+
+    references = tuple(np.concatenate([reference(speed) for speed in speeds]).tolist())
+    return ModeCase(name, source, 16, references, tolerance, compute)
 
 
 # w L^2 sqrt(rho A / EI), to the printed digits.
@@ -257,5 +306,22 @@ MODE_CASES = (
             _rotating_frequencies(speed),
         )
         for speed, reference in WRIGHT.items()
+    ),
+    _campbell_case(
+        "Campbell diagram, arm on a hub",
+        "Yoo & Shin, J. Sound Vib. 212 (1998) 807: hub radius 1, in the plane; Rayleigh-Ritz",
+        SPEEDS["arm"],
+        hub_arm_reference,
+        1e-4,
+        lambda elements, formulation: rotating_arm(1e4, elements, formulation, HUB_RADIUS),
+    ),
+    _campbell_case(
+        "Campbell diagram, spinning ring",
+        "Bryan 1890; Carrier, Q. Appl. Math. 3 (1945) 235: inextensible, with tension",
+        SPEEDS["ring"],
+        spinning_ring_reference,
+        1e-4,
+        lambda elements, formulation: ring(_thin_section(), 1.0, elements, formulation),
+        center=(0.0, 1.0),
     ),
 )
