@@ -94,16 +94,17 @@ class Kernel:
         """Return the machine code as `native`, but only from the cache if `compiles` is False."""
         if not is_native_enabled():
             return None
-        if compiles or "_lane_kernel" in vars(self):
-            return self._lane_kernel
-        kernel = build_lane_kernel(self.function, compiles=False)
-        if kernel is not None:
-            vars(self)["_lane_kernel"] = kernel
-        return kernel
+        is_known = "_lane_kernel" in vars(self)
+        return self._lane_kernel if compiles or is_known else self._cached_lane_kernel
 
     @cached_property
     def _lane_kernel(self) -> LaneKernel | None:
-        return build_lane_kernel(self.function)
+        return self._cached_lane_kernel or build_lane_kernel(self.function)
+
+    @cached_property
+    def _cached_lane_kernel(self) -> LaneKernel | None:
+        # Looked up once, because serializing the function takes milliseconds.
+        return build_lane_kernel(self.function, compiles=False)
 
     @classmethod
     def of(cls, name: str, shared: SX, local: SX, outputs: Sequence[SX]) -> Kernel:

@@ -36,7 +36,7 @@ def random_unknowns(e):
 def compile_now(monkeypatch):
     """Let systems compile their kernels at the first iteration."""
     monkeypatch.setenv("BEAMDAE_NATIVE", "on")
-    monkeypatch.setattr(bordered_system, "_COMPILATION_EQUIVALENT", 0)
+    monkeypatch.setattr(bordered_system, "_COORDINATE_SECONDS", np.inf)
 
 
 FORMULATIONS = pytest.mark.parametrize("formulation", ["exact", "floating frame"])
@@ -112,13 +112,16 @@ def test_kernels_that_are_not_cached_are_compiled_when_it_pays(monkeypatch, tmp_
     # The loop is loaded before the cache is replaced, because compiling it takes seconds.
     BorderedSystem(other, other, np.zeros(2)).newton_change(np.zeros(1), 0.0, control, 0.0)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    limit = 10 * (bordered_system._COORDINATE_EQUIVALENT + 1)
-    monkeypatch.setattr(bordered_system, "_COMPILATION_EQUIVALENT", limit)
+    monkeypatch.setattr(bordered_system, "_OTHER_COORDINATES", 9)
+    monkeypatch.setattr(bordered_system, "_COORDINATE_SECONDS", 1e-3)
+    monkeypatch.setattr(bordered_system, "_INSTRUCTION_SECONDS", 0.0)
+    monkeypatch.setattr(bordered_system, "_KERNEL_SECONDS", 0.0525)
     e = cubic_spring(stiffness=0.123456789).equations
     for k in range(1, 16):
         # A new system each time, as in repeated calls of `equilibrium`.
         bordered = BorderedSystem(e, e, np.zeros(2))
         bordered.newton_change(np.array([0.01 * k]), 0.0, control, 0.0)
+        # An iteration counts as 0.01 s, and both kernels as 0.105 s.
         assert bordered.is_native == (k > 10)
 
 

@@ -55,7 +55,7 @@ class Worker:
         self._process.communicate()
 
 
-def start_exudyn(python: str) -> Worker | None:
+def start_exudyn(python: str, script: str = "exudyn_peer.py") -> Worker | None:
     """Start Exudyn in this interpreter; return None, with a message, if it is not installed."""
     command = [python, "-c", "import exudyn"]
     try:
@@ -63,7 +63,7 @@ def start_exudyn(python: str) -> Worker | None:
     except (OSError, subprocess.CalledProcessError):
         print(EXUDYN_MISSING.format(python=python), file=sys.stderr)
         return None
-    return Worker(python, "exudyn_peer.py")
+    return Worker(python, script)
 
 
 def start_checkout(folder: Path) -> Worker:

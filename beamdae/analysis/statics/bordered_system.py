@@ -37,20 +37,31 @@ from beamdae.native.loop_functions import (
     pick,
     solve,
 )
+from beamdae.native.object_code import is_native_enabled
 from beamdae.native.return_codes import DONE, NEW_PIVOTS
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_matrix_factors, set_time
+from beamdae.symbolic.kernel_sums import (
+    Kernel,
+    Sum,
+    SumPlan,
+    evaluate_sum,
+    set_matrix_factors,
+    set_time,
+)
 from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
-# Machine code that is not in the cache is compiled when the interpreted evaluations of a structure
-# have taken about as long as compiling would: 3 s for the loop and 1 s for the kernels of a beam.
-# An interpreted evaluation takes 4 us for each coordinate, and as much for 100 others.
-_COORDINATE_EQUIVALENT = 100
-_COMPILATION_EQUIVALENT = 1_000_000
+# Machine code that is not in the cache is compiled when interpreted iterations have taken longer
+# than compiling would. Times [s]: of an interpreted iteration, as 100 + n coordinates; of compiling
+# a kernel, and more for each of its instructions; and of compiling the loop.
+_COORDINATE_SECONDS = 4e-6
+_OTHER_COORDINATES = 100
+_KERNEL_SECONDS = 0.01
+_INSTRUCTION_SECONDS = 6e-5
+_LOOP_SECONDS = 3.0
 
-# New pivots are chosen if the refinement of a solution exceeds this fraction of it. With good pivots,
-# it reaches 5e-3 for thin beams (L/h = 1e5), whose matrix has the condition number 1e13.
+# New pivots are chosen if the refinement of a solution exceeds this fraction of it. With good
+# pivots, it reaches 5e-3 for thin beams (L/h = 1e5), whose matrix has the condition number 1e13.
 _MAX_REFINEMENT = 2e-2
 
 # Tasks of `solve_bordered`, each of which includes the previous ones.
@@ -179,8 +190,8 @@ def solve_bordered(run: BorderedWorkspace) -> int:
     code = factorize(run.linear, run.nonzeros)
     if code != DONE:
         return code
-    # Pivots chosen for an earlier matrix lose accuracy, which a step of iterative refinement restores
-    # unless they have lost nearly all digits. New pivots require the right-hand side again.
+    # Pivots chosen for an earlier matrix lose accuracy, which iterative refinement restores unless
+    # nearly all digits are lost. New pivots require the right-hand side again.
     rows, columns = run.rows, run.columns
     combine(run.solution, (1.0,), (run.right,))
     solve(run.linear, run.solution)
@@ -200,9 +211,12 @@ def solve_bordered(run: BorderedWorkspace) -> int:
 
 @dataclass
 class Usage:
-    """Cost of the interpreted evaluations of a structure in this process, in coordinates."""
+    """Estimated time of the interpreted iterations with a structure in this process [s].
 
-    cost: int = 0
+    The time of what has been compiled is subtracted.
+    """
+
+    seconds: float = 0.0
 
 
 @cache_on_owner
@@ -281,8 +295,8 @@ class BorderedSystem:
         entries = (np.ones(len(indices)), indices, indptr)
         self._bordered = sp.csc_array(entries, shape=(size + 1, size + 1))
         self._evaluated_x = np.full(size, np.nan)
-        self._may_compile = True
         self._loop = self._make_loop(compiles=False)
+        self._compilation_seconds = np.inf if self.is_native else self._estimate_compilation()
 
     def _plan(self, sums: StaticSums) -> tuple[SumPlan, SumPlan]:
         """Return the plans of a part; the tangent adds to the non-zeros of the bordered matrix."""
@@ -387,14 +401,41 @@ class BorderedSystem:
         return self._run(x, mu, _SOLVE).solution.copy()
 
     def _compile_if_used(self) -> None:
-        """Count an evaluation; replace the interpreted loop if compiling takes less time."""
-        if self.is_native or not self._may_compile:
+        """Count an iteration; compile kernels, then the loop, when this takes less time."""
+        if self.is_native:
             return
-        self._usage.cost += _COORDINATE_EQUIVALENT + self._n
-        if self._usage.cost > _COMPILATION_EQUIVALENT:
-            self._may_compile = False
-            self._loop = self._make_loop(compiles=True)
+        usage = self._usage
+        usage.seconds += _COORDINATE_SECONDS * (_OTHER_COORDINATES + self._n)
+        while not self.is_native and usage.seconds > self._compilation_seconds:
+            usage.seconds -= self._compilation_seconds
+            missing = self._missing_kernels()
+            for kernel in missing:
+                kernel.load_native()
+            self._loop = self._make_loop(compiles=not missing)
             self._evaluated_x[:] = np.nan
+            was_compiled = not self._missing_kernels() if missing else self.is_native
+            self._compilation_seconds = self._estimate_compilation() if was_compiled else np.inf
+
+    def _missing_kernels(self) -> list[Kernel]:
+        """Return the kernels whose machine code is not in the cache."""
+        kernels = {
+            id(batch.kernel): batch.kernel
+            for plans in self._plans
+            for plan in plans
+            for batch in plan.batches
+        }
+        return [x for x in kernels.values() if x.load_native(compiles=False) is None]
+
+    def _estimate_compilation(self) -> float:
+        """Return the time of compiling the missing kernels or, if there are none, the loop [s]."""
+        if not is_native_enabled():
+            return np.inf
+        missing = self._missing_kernels()
+        seconds = [
+            _KERNEL_SECONDS + _INSTRUCTION_SECONDS * kernel.function.n_instructions()
+            for kernel in missing
+        ]
+        return sum(seconds) if missing else _LOOP_SECONDS
 
     def _set_row(self, gradient: tuple[Array, float]) -> None:
         row = self._loop.work.row

@@ -1,0 +1,179 @@
+"""Times of equilibria of five structures, beside Exudyn's static solver.
+
+    python validation/performance/static_times.py --peer PYTHON
+    python validation/performance/static_times.py --quick
+
+PYTHON is an interpreter with Exudyn (`pip install exudyn`), whose elements have 2 nodes; those of
+beamdae have 4. Both tools take turns with each structure (`static_systems`), in 10 load steps and
+in as few as succeed, with machine code in the cache. Times are processor times, the smallest of several turns. "assembly" is the
+time of the equations of motion, "stability" that of the eigenvalues of the stiffness at each point,
+which Exudyn does not compute. "ratio" compares the time without assembly with Exudyn's time without
+building. Errors are distances of the loaded point from that of the finest mesh of beamdae [m].
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import pandas as pd
+from measurement import RESULTS, write_table
+from static_systems import POISSON, RHO, STRUCTURES, WIDTH, E, Structure
+from workers import Worker, start_exudyn
+
+import beamdae as bd
+from beamdae.analysis.statics import bordered_system, corrector, static_equilibrium
+from beamdae.linear.blas_threads import single_threaded
+
+ELEMENTS = (8, 64, 256)
+QUICK_ELEMENTS = (8, 64)
+STEPS = (10, 1)
+TURNS = 5
+QUICK_TURNS = 2
+MILLISECONDS = 1e3
+
+
+def build_structure(structure: Structure, elements: int) -> bd.Mechanism:
+    """Return the mechanism of a structure, with the loaded point as "point"."""
+    mech = bd.Mechanism(gravity=(0.0, -structure.gravity) if structure.gravity else (0.0, 0.0))
+    steel = bd.Material(E=E, nu=POISSON, rho=RHO)
+    section = bd.Section.rectangle(steel, width=WIDTH, height=structure.height)
+    before = mech.ground.at(*structure.segments[0].start)
+    for k, segment in enumerate(structure.segments):
+        curve: Any = bd.Line(segment.start, segment.point(segment.length))
+        if segment.curvature:
+            curve = bd.Arc(1.0 / segment.curvature, segment.length, segment.start, segment.angle)
+        beam = mech.add(bd.Beam(f"beam {k}", curve, section, elements, formulation="exact"))
+        mech.add(bd.Weld(f"weld {k}", before, beam.start))
+        before = beam.end
+    if structure.is_hinged:
+        mech.add(bd.Revolute("hinge", mech.ground.at(*beam.end.point), beam.end))
+    point, stiffness = beam.at(structure.loaded * beam.length), structure.bending_stiffness
+    if any(structure.force):
+        mech.add(bd.Force("force", point, tuple(stiffness * x for x in structure.force)))
+    if structure.moment:
+        mech.add(bd.Moment("moment", point, stiffness * structure.moment))
+    mech.observe("point", point)
+    return mech
+
+
+@dataclass
+class PathTimes:
+    """Times of a path [s] and its result."""
+
+    total: float
+    assembly: float
+    stability: float
+    path: bd.Equilibrium
+
+
+@single_threaded
+def time_path(mechanism: bd.Mechanism, steps: int) -> PathTimes:
+    """Return the processor times of an equilibrium path and of its parts."""
+    times = {"assembly": 0.0, "stability": 0.0}
+
+    def timed(part: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any) -> Any:
+            begin = time.process_time()
+            result = function(*arguments)
+            times[part] += time.process_time() - begin
+            return result
+
+        return call
+
+    parts = (
+        (static_equilibrium, "initial_positions", "assembly"),
+        (static_equilibrium, "build_loading", "assembly"),
+        (corrector, "assess_stability", "stability"),
+    )
+    patches = [patch.object(m, name, timed(part, getattr(m, name))) for m, name, part in parts]
+    for each in patches:
+        each.start()
+    try:
+        begin = time.process_time()
+        path = bd.equilibrium(mechanism, step=1.0 / steps)
+        total = time.process_time() - begin
+    finally:
+        for each in patches:
+            each.stop()
+    return PathTimes(total, times["assembly"], times["stability"], path)
+
+
+def loaded_point(path: bd.Equilibrium) -> np.ndarray:
+    """Return the end position of the loaded point."""
+    return np.array([path.columns[f"point.{axis} [m]"][-1] for axis in "xy"])
+
+
+def compare(
+    name: str, elements: int, steps: int, reference: np.ndarray, peer: Worker | None, turns: int
+) -> dict[str, object]:
+    """Return a row of the table."""
+    mechanism = build_structure(STRUCTURES[name], elements)
+    # Compile machine code that is not in the cache at the first iteration.
+    with patch.object(bordered_system, "_COORDINATE_SECONDS", np.inf):
+        time_path(mechanism, steps)
+    runs, answers = [], []
+    for _ in range(turns):
+        runs.append(time_path(mechanism, steps))
+        if peer is not None:
+            answers.append(peer(system=name, elements=elements, steps=steps))
+    best = min(runs, key=lambda run: run.total)
+    path, solution = best.path, best.total - best.assembly
+    row: dict[str, object] = {
+        "structure": name,
+        "elements": elements,
+        "steps asked": steps,
+        "status": path.status.kind,
+        "steps": len(path.q) - 1,
+        "iterations": path.settings["iterations"],
+        "unknowns": path.q.shape[1],
+        "total [ms]": MILLISECONDS * best.total,
+        "assembly [ms]": MILLISECONDS * best.assembly,
+        "stability [ms]": MILLISECONDS * best.stability,
+        "error": np.linalg.norm(loaded_point(path) - reference),
+    }
+    if answers:
+        answer = min(answers, key=lambda answer: answer["solve"])
+        row |= {
+            "Exudyn steps": answer["steps"],
+            "Exudyn iterations": answer["newton"],
+            "Exudyn unknowns": answer["unknowns"],
+            "Exudyn [ms]": MILLISECONDS * answer["solve"],
+            "Exudyn error": np.linalg.norm(np.array(answer["point"]) - reference),
+            "ratio": solution / answer["solve"],
+            "ratio without stability": (solution - best.stability) / answer["solve"],
+        }
+    return row
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--peer", help="interpreter with Exudyn")
+    parser.add_argument("--quick", action="store_true", help="fewer elements and repetitions")
+    parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the table")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore", bd.BeamdaeWarning)
+    sizes = QUICK_ELEMENTS if options.quick else ELEMENTS
+    turns = QUICK_TURNS if options.quick else TURNS
+    peer = start_exudyn(options.peer, "exudyn_static_peer.py") if options.peer else None
+    rows = []
+    for name, structure in STRUCTURES.items():
+        finest = bd.equilibrium(build_structure(structure, 2 * max(QUICK_ELEMENTS)))
+        reference = loaded_point(finest)
+        rows += [
+            compare(name, elements, steps, reference, peer, turns)
+            for elements in sizes
+            for steps in STEPS
+        ]
+    write_table(options.out, "static_times", pd.DataFrame(rows))
+
+
+if __name__ == "__main__":
+    main()
