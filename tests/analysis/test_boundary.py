@@ -43,7 +43,8 @@ def test_limit_load_of_a_truss_over_its_rise():
     )
     assert curve.status.success
     assert curve.values[[0, -1]].tolist() == [0.2, 0.5]
-    assert_allclose(curve.factors, truss_limit(curve.values), rtol=1e-12)
+    # Newton's method ends with corrections of 1e-9.
+    assert_allclose(curve.factors, truss_limit(curve.values), rtol=1e-9)
     assert curve.special == ()
     assert list(curve.table()) == ["rise", "load factor [-]"]
     assert repr(curve).startswith("<Boundary of the limit point: ok, reached the end; ")
@@ -55,7 +56,7 @@ def test_limit_and_branch_of_a_tall_truss_meet_at_a_hilltop():
     # The branch is at L^3 = L0 (L^2 - 1), the limit at L^3 = L0: both at L^2 = 2, L0 = 2 sqrt(2).
     by, settings = ("rise", "load"), {"to": {"crown.y": 0.0}, "step": 0.2}
     limits = bd.boundary(truss, "limit point", by, (2.4, 3.0), **settings)
-    assert_allclose(limits.factors, truss_limit(limits.values), rtol=1e-12)
+    assert_allclose(limits.factors, truss_limit(limits.values), rtol=1e-9)
     branches = bd.boundary(truss, "branch point", by, (3.0, 2.0), **settings)
     for curve, count in ((limits, 1), (branches, 2)):
         assert curve.status.success

@@ -44,8 +44,7 @@ _NAME = "boundary"
 LOAD = "load"
 CUSP, TURNING, HILLTOP, DOUBLE = "cusp", "turning point", "hilltop", "double branch point"
 
-# Default step along a curve: change of the parameter relative to its range, or motion relative to
-# the motion up to the start.
+# Default step along a curve, see `boundary`.
 _STEP = 0.05
 _CUT_FACTOR = 0.5
 _GROWTH_FACTOR = 1.5
@@ -171,8 +170,8 @@ def boundary(
     number
         Number of the critical point of this kind on the path, counted from 1.
     step
-        Largest step: the change of the parameter relative to its range, or the motion relative to
-        the motion from the drawing to the first point.
+        Largest step: the change of the parameter relative to its range, the motion relative to the
+        motion from the drawing to the first point, or a fifth of the relative change of the load.
     most_points
         Largest number of points.
     settings
@@ -322,14 +321,14 @@ def _follow_curve(
         is_last = abs(bound - begin.p) <= _LAST_STEP_RATIO * size * abs(rate)
         if is_last:
             size = abs(bound - begin.p) / abs(rate)
-        plane = curve.parameter_plane if is_last else curve.plane(direction)
+        plane = curve.parameter_plane if is_last else curve.plane(begin, direction)
         try:
             guess = curve.predict(begin, direction, size)
             if is_last:
                 guess = guess._replace(p=bound)
             end = curve.correct(guess, plane)
-            after = curve.tangent(end, curve.plane(direction))
-            if curve.cosine(after, direction) < _MIN_COSINE:
+            after = curve.tangent(end, curve.plane(begin, direction))
+            if curve.cosine(begin, after, direction) < _MIN_COSINE:
                 raise CorrectorError("the curve turns too sharply for the step")
             segment = _Segment(curve, begin, end, direction, after, size)
             passed = list(segment.special_points())
@@ -367,7 +366,7 @@ class _Segment:
     def point_at(self, size: float) -> CurvePoint:
         """Return the point at a distance from the beginning."""
         guess = self.curve.predict(self.begin, self.before, size)
-        return self.curve.correct(guess, self.curve.plane(self.before))
+        return self.curve.correct(guess, self.curve.plane(self.begin, self.before))
 
     def special_points(self) -> Iterator[BoundaryPoint]:
         """Yield the special points inside the segment."""
@@ -380,7 +379,7 @@ class _Segment:
             yield self._locate_second_zero(ends[0][1])
 
     def _parameter_rate(self, point: CurvePoint) -> float:
-        return float(self.curve.tangent(point, self.curve.plane(self.before))[-1])
+        return float(self.curve.tangent(point, self.curve.plane(self.begin, self.before))[-1])
 
     def _locate(
         self, function: Callable[[CurvePoint], float], ends: tuple[float, float]

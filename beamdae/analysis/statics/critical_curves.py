@@ -13,6 +13,7 @@ structures.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -24,6 +25,7 @@ import scipy.linalg as la
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
 from beamdae.analysis.statics.critical_points import BRANCH
 from beamdae.analysis.statics.load_scaling import LoadedEquations
+from beamdae.analysis.statics.null_vectors import natural_scales
 from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
@@ -41,6 +43,8 @@ _MODE_DIFFERENCE = 1e-4
 _PARAMETER_DIFFERENCE = 1e-6
 # Lower bound, in natural sizes, of the motion to which motions along a curve are relative.
 _MIN_MOTION = 1e-3
+# Weight of relative changes of the load factor, which are less curved than changes of shape.
+_LOAD_WEIGHT = 0.2
 # Models kept for parameters that are evaluated again.
 _MAX_MODELS = 8
 
@@ -156,15 +160,7 @@ class CriticalCurve:
     @cached_property
     def _scales(self) -> tuple[Array, float, float, float]:
         """Scales of the unknowns, the load factor, the parameter and the residual."""
-        system, x = self._state(self.start)
-        n = system.equations.n
-        tangent = system.matrix(system.tangent(x, self.start.mu)).toarray()
-        sizes = system.equations.position_scales
-        scaled = sizes[:, None] * tangent[:n, :n] * sizes
-        energy = float(np.max(np.abs(scaled), initial=0.0)) or 1.0
-        # Rows of constraints and multipliers become as large as the stiffness.
-        rows = np.max(np.abs(tangent[n:, :n] * sizes), axis=1, initial=0.0)
-        unknowns = np.append(sizes, energy / np.where(rows > 0.0, rows, 1.0))
+        unknowns, energy = natural_scales(*self._state(self.start), self.start.mu)
         parameter = abs(self.limits[1] - self.limits[0])
         return unknowns, abs(self.start.mu) or 1.0, parameter, energy
 
@@ -306,7 +302,7 @@ class CriticalCurve:
     def tangent(self, point: CurvePoint, row: Array) -> Array:
         """Return the direction of the curve (n + m + 2,), scaled, with a positive part along `row`.
 
-        The largest entry of parameter and weighted coordinates is 1.
+        The largest weighted entry is 1.
 
         Raises
         ------
@@ -316,13 +312,16 @@ class CriticalCurve:
         jacobian = self._linearize(point).jacobian
         unit = np.append(np.zeros(len(jacobian)), 1.0)
         direction = self._solve(jacobian, row, unit)[: len(row)]
-        return direction / np.max(np.abs(self._weights * direction))
+        return direction / np.max(np.abs(self._weights(point) * direction))
 
     def _solve(self, jacobian: Array, row: Array, right: Array) -> Array:
         last = np.zeros(jacobian.shape[1])
         last[: len(row)] = row
         try:
-            solution = la.solve(np.vstack([jacobian, last]), right)
+            with warnings.catch_warnings():
+                # Corrections and the direction of the curve are checked by the caller.
+                warnings.simplefilter("ignore", la.LinAlgWarning)
+                solution = la.solve(np.vstack([jacobian, last]), right)
         except (la.LinAlgError, ValueError):
             raise CorrectorError("the extended system is singular") from None
         if not np.all(np.isfinite(solution)):
@@ -330,30 +329,37 @@ class CriticalCurve:
         return solution
 
     @cached_property
-    def _weights(self) -> Array:
-        """Weights of scaled coordinates and parameter in distances; 0 for the other unknowns.
-
-        Motions are relative to the motion from the drawing to the start.
-        """
-        n, size = self._corrector.system.equations.n, len(self.start.u)
+    def _motion(self) -> float:
+        """Motion from the drawing to the start, in natural sizes, within bounds."""
+        n = self._corrector.system.equations.n
         motion = float(np.max(np.abs(self.start.u[:n] / self._scales[0][:n]), initial=0.0))
+        return min(max(motion, _MIN_MOTION), 1.0)
+
+    def _weights(self, point: CurvePoint) -> Array:
+        """Return the weights of the scaled unknowns u, mu and p in distances near a point.
+
+        Motions are relative to the motion from the drawing to the start, changes of the load factor
+        to its value at `point` or at the start. Multipliers have the weight 0.
+        """
+        n, size = self._corrector.system.equations.n, len(point.u)
         weights = np.zeros(size + 2)
-        weights[:n] = 1.0 / min(max(motion, _MIN_MOTION), 1.0)
-        weights[-1] = 1.0
+        weights[:n] = 1.0 / self._motion
+        weights[size] = _LOAD_WEIGHT / max(abs(point.mu) / self._scales[1], 1.0)
+        weights[size + 1] = 1.0
         return weights
 
     def predict(self, point: CurvePoint, direction: Array, size: float) -> CurvePoint:
         """Return the point at the distance `size` along `direction`."""
         return self._displace(point, size * direction)
 
-    def plane(self, direction: Array) -> Array:
-        """Return the normal of the plane across `direction`, see `_weights`."""
-        row = self._weights**2 * direction
+    def plane(self, point: CurvePoint, direction: Array) -> Array:
+        """Return the normal of the plane through a point across `direction`."""
+        row = self._weights(point) ** 2 * direction
         return row / np.linalg.norm(row)
 
-    def cosine(self, one: Array, other: Array) -> float:
-        """Return the cosine of the angle between two directions."""
-        one, other = self._weights * one, self._weights * other
+    def cosine(self, point: CurvePoint, one: Array, other: Array) -> float:
+        """Return the cosine of the angle between two directions near a point."""
+        one, other = (self._weights(point) * direction for direction in (one, other))
         return float(one @ other / (np.linalg.norm(one) * np.linalg.norm(other)))
 
     @property

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
+from beamdae.analysis.statics.null_vectors import SingularityTest
 from beamdae.analysis.statics.path_controls import Control, PathDirection
 from beamdae.analysis.statics.stability import Stability
 
@@ -225,6 +226,8 @@ class PathSegment:
         near = self._interpolate(0.5 * (low + high), None)
         oscillates = unstable.growth.imag > 0.0
         found = []
+        if abs(later_divergence - divergence) == 1 and later_flutter == flutter:
+            return [self._locate_divergence(near.position)]
         for kind, selected, number in (
             (FLUTTER, oscillates, abs(later_flutter - flutter)),
             (near.kind, ~oscillates, abs(later_divergence - divergence)),
@@ -234,6 +237,24 @@ class PathSegment:
             modes = unstable.growing_modes[:, order[:number]].T
             found += [replace(near, kind=kind, mode=mode) for mode in modes]
         return found
+
+    def _locate_divergence(self, position: float) -> SegmentCriticalPoint:
+        """Return the point near `position` at which the tangent is singular.
+
+        Modes grow perceptibly only beyond this point, so that the search for them is less accurate.
+        """
+        near = self._point_near(position)
+        test = SingularityTest.near(near.system, near.x, near.mu)
+
+        def singularity(point: EquilibriumPoint) -> float:
+            return test.value(point.system, point.x, point.mu)
+
+        # The kind follows from samples on both sides, which must be close to the point.
+        point = self._interpolate(position, singularity)
+        point = self._interpolate(point.position, singularity)
+        n = near.system.equations.n
+        mode = test.mode[:n] / np.max(np.abs(test.mode[:n] / near.system.equations.position_scales))
+        return replace(point, mode=mode)
 
     def _locate_zero(self, index: int) -> SegmentCriticalPoint:
         """Return the point where eigenvalue `index` (from 0) changes sign."""
