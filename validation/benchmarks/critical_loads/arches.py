@@ -1,0 +1,469 @@
+"""Arches, trusses and bent frames: critical points of chains of beams, by shooting."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+import beamdae as bd
+from benchmarks.critical_loads.case import EXACT_STRAINS, CriticalLoad, CriticalLoadCase
+from benchmarks.critical_loads.shooting import (
+    BRANCH,
+    LIMIT,
+    Chain,
+    CriticalState,
+    Segment,
+    Shooting,
+)
+from benchmarks.critical_loads.structures import LENGTH, stiffness, strip
+
+
+@dataclass(frozen=True)
+class BentStructure:
+    """Chain of beams and the part of its path that is compared.
+
+    Attributes
+    ----------
+    chain
+        Maps the slenderness to the chain.
+    end
+        Last load factor, under load control; None if the path is followed by arc length to `drop`.
+    drop
+        Maps the slenderness to the deflection of the first loaded point, over L, at which the path
+        ends; positive downward.
+    step
+        Largest step of the reference path, in EI / L^2.
+    """
+
+    chain: Callable[[float], Chain]
+    end: float | None = None
+    drop: Callable[[float], float] | None = None
+    step: float = 1.0
+
+    def path(self, slenderness: float) -> dict[str, Any]:
+        """Return the arguments of `bd.equilibrium`."""
+        if self.drop is None:
+            return {"to": self.end}
+        chain = self.chain(slenderness)
+        height = chain.position(chain.loaded)[1]
+        target = (height - self.drop(slenderness)) * LENGTH
+        return {"to": {"load.y": target}, "control": "arc length"}
+
+    def trace(self, slenderness: float) -> list[CriticalState]:
+        """Return the critical states of the path at a slenderness."""
+        chain, beam = self.chain(slenderness), stiffness(slenderness)
+
+        def is_complete(z: np.ndarray) -> bool:
+            if self.drop is None:
+                return bool(z[3] > self.end)
+            height = chain.position(chain.loaded)[1]
+            now = chain.position(chain.loaded, beam, z)[1]
+            return bool(height - now > self.drop(slenderness))
+
+        return Shooting(chain, beam).trace(self.step, is_complete)
+
+
+def _reference(
+    structure: BentStructure, slenderness: float, strain: str
+) -> tuple[CriticalLoad, ...]:
+    states = structure.trace(slenderness)
+    return tuple(CriticalLoad(state.kind, state.load) for state in states)
+
+
+def _build(
+    structure: BentStructure, slenderness: float, elements: int, settings: Mapping[str, Any]
+) -> bd.Mechanism:
+    return build_chain(structure.chain(slenderness), slenderness, elements, settings)
+
+
+def build_chain(
+    chain: Chain, slenderness: float, elements: int, settings: Mapping[str, Any]
+) -> bd.Mechanism:
+    """Return the chain under its loads times EI / L^2, one beam per segment.
+
+    The first loaded point is observed as "load".
+    """
+    section = strip(slenderness)
+    unit = section.EI / LENGTH**2
+    mech = bd.Mechanism()
+    place, angle, before = np.zeros(2), chain.angle, None
+    for k, segment in enumerate(chain.segments):
+        angle += segment.turn
+        curve = _curve(segment, tuple(place), angle)
+        beam = mech.add(bd.Beam(f"part {k}", curve, section, elements, **settings))
+        if before is None:
+            joint = bd.Weld if chain.start == "clamped" else bd.Revolute
+            mech.add(joint("start", mech.ground.at(*beam.start.point), beam.start))
+        else:
+            mech.add(bd.Weld(f"joint {k}", before.end, beam.start))
+        if any(segment.load):
+            force = tuple(x * unit for x in segment.load)
+            mech.add(bd.Force(f"load {k}", beam.start, force))
+        if segment.couple:
+            mech.add(bd.Moment(f"couple {k}", beam.start, segment.couple * unit * LENGTH))
+        if segment.pressure:
+            pressure = (0.0, segment.pressure * unit / LENGTH)
+            mech.add(bd.DistributedForce(f"pressure {k}", beam, pressure, axes="section"))
+        if segment.dead is not None:
+            mech.add(bd.DistributedForce(f"load {k}", beam, _dead_law(segment.dead, unit / LENGTH)))
+        if k == chain.loaded and k:
+            mech.observe("load", beam.start)
+        place, before = np.array(beam.end.point), beam
+        constant = not callable(segment.curvature)
+        angle += segment.curvature * segment.length if constant else 0.0
+    joint = bd.Weld if chain.end == "clamped" else bd.Revolute
+    mech.add(joint("end", mech.ground.at(*before.end.point), before.end))
+    return mech
+
+
+def _curve(segment: Segment, start: tuple[float, float], angle: float) -> Any:
+    if callable(segment.curvature):
+        curvature = segment.curvature
+        return bd.IntrinsicCurve(
+            lambda s: curvature(s / LENGTH) / LENGTH, segment.length * LENGTH, start, angle
+        )
+    if segment.curvature:
+        return bd.Arc(LENGTH / segment.curvature, segment.length * LENGTH, start, angle)
+    end = (
+        start[0] + segment.length * LENGTH * np.cos(angle),
+        start[1] + segment.length * LENGTH * np.sin(angle),
+    )
+    return bd.Line(start, end)
+
+
+def _dead_law(dead: Callable[[Any], tuple[Any, Any]], unit: float) -> Callable[..., Any]:
+    def law(s: Any, x: Any, y: Any, t: Any) -> tuple[Any, Any]:
+        fx, fy = dead(s / LENGTH)
+        return fx * unit + 0.0 * s, fy * unit + 0.0 * s
+
+    return law
+
+
+def arch(half_angle: float, start: str, end: str, share: float = 0.5, couple: float = 0.0) -> Chain:
+    """Return an arch of radius 1 under a vertical load at `share` of its length."""
+    length = 2.0 * half_angle
+    parts = (
+        Segment(share * length, -1.0),
+        Segment((1.0 - share) * length, -1.0, load=(0.0, -1.0), couple=couple),
+    )
+    return Chain(parts, half_angle, start, end)
+
+
+def pressed_arch(half_angle: float, start: str, end: str, dead: bool = False) -> Chain:
+    """Return an arch of radius 1 under uniform pressure, following or of fixed direction."""
+    if dead:
+
+        def toward_center(s: Any) -> tuple[Any, Any]:
+            return np.sin(half_angle - s), -np.cos(half_angle - s)
+
+        part = Segment(2.0 * half_angle, -1.0, dead=toward_center)
+    else:
+        part = Segment(2.0 * half_angle, -1.0, pressure=-1.0)
+    return Chain((part,), half_angle, start, end)
+
+
+def lee_frame() -> Chain:
+    """Return the hinged right-angle frame loaded at a fifth of its beam."""
+    parts = (Segment(1.0), Segment(0.2, turn=-0.5 * np.pi), Segment(0.8, load=(0.0, -1.0)))
+    return Chain(parts, 0.5 * np.pi, "hinged", "hinged")
+
+
+def roorda_frame(eccentricity: float) -> Chain:
+    """Return the hinged right-angle frame loaded at its corner, off-center by a fraction of L."""
+    parts = (
+        Segment(1.0),
+        Segment(1.0, turn=-0.5 * np.pi, load=(0.0, -1.0), couple=-eccentricity),
+    )
+    return Chain(parts, 0.5 * np.pi, "hinged", "hinged")
+
+
+def toggle(slenderness: float, rise: float, ends: str) -> Chain:
+    """Return two bars of unit span with a rise of `rise` heights of the section, welded."""
+    slope = np.arctan(rise / slenderness / 0.5)
+    bar = 0.5 / np.cos(slope)
+    parts = (Segment(bar), Segment(bar, turn=-2.0 * slope, load=(0.0, -1.0)))
+    return Chain(parts, slope, ends, ends)
+
+
+def sine_arch(slenderness: float, rise: float) -> Chain:
+    """Return a hinged arch of tangent angle a cos(pi s) under a load sin(pi s).
+
+    Its rise a / pi is `rise` radii of gyration h / sqrt(12).
+    """
+    slope = np.pi * rise / (np.sqrt(12.0) * slenderness)
+
+    def part(begin: float) -> Segment:
+        # The chord differs from L by the square of the slope.
+        return Segment(
+            0.5,
+            lambda s: -slope * np.pi * np.sin(np.pi * (begin + s)),
+            dead=lambda s: (0.0 * s, -np.sin(np.pi * (begin + s))),
+        )
+
+    return Chain((part(0.0), part(0.5)), slope, "hinged", "hinged")
+
+
+def sine_arch_loads(slenderness: float, rise: float) -> tuple[CriticalLoad, ...]:
+    """Return all critical points of the thin sine arch, in order along its path.
+
+    With the radius of gyration r, the rise a and the amplitude w of the deformed axis, the load is
+    q = (pi / L)^4 (EI (a - w) + EA (a^2 - w^2) w / 4). Limits are at 3 w^2 = a^2 - 4 r^2, and the
+    second mode branches off at w^2 = a^2 - 16 r^2 (Y. C. Fung, A. Kaplan, NACA TN 2840 (1952)).
+    """
+    limit, branch = np.sqrt((rise**2 - 4.0) / 3.0), np.sqrt(max(rise**2 - 16.0, 0.0))
+    amplitudes = [(limit, LIMIT), (-limit, LIMIT)]
+    amplitudes += [(branch, BRANCH), (-branch, BRANCH)] if rise > 4.0 else []
+    unit = np.pi**4 / (np.sqrt(12.0) * slenderness)
+    return tuple(
+        CriticalLoad(kind, float(unit * ((rise - w) + 0.25 * (rise**2 - w**2) * w)))
+        for w, kind in sorted(amplitudes, reverse=True)
+    )
+
+
+def build_truss(
+    rise: float, slenderness: float, elements: int, settings: Mapping[str, Any]
+) -> bd.Mechanism:
+    """Return von Mises's truss: two hinged bars, unit span, a rise of `rise` section heights."""
+    section = strip(slenderness)
+    unit = section.EI / LENGTH**2
+    top = (0.5 * LENGTH, rise / slenderness * LENGTH)
+    mech = bd.Mechanism()
+    left = mech.add(bd.Beam("left", bd.Line((0.0, 0.0), top), section, elements, **settings))
+    right = mech.add(bd.Beam("right", bd.Line(top, (LENGTH, 0.0)), section, elements, **settings))
+    mech.add(bd.Revolute("left foot", mech.ground.at(0.0, 0.0), left.start))
+    mech.add(bd.Revolute("right foot", mech.ground.at(LENGTH, 0.0), right.end))
+    mech.add(bd.Revolute("apex", left.end, right.start))
+    mech.add(bd.Force("load", left.end, (0.0, -unit)))
+    mech.observe("load", left.end)
+    return mech
+
+
+def truss_loads(rise: float, slenderness: float, strain: str) -> tuple[CriticalLoad, ...]:
+    """Return all critical points of von Mises's truss up to its inverted position.
+
+    F = 2 EA sin b (1 - cos a / cos b) with the slope b of the bars, a undeformed. Limits are at
+    cos^3 b = cos a. Each bar buckles as a hinged column at P (1 - P / EA + P / GA) = pi^2 EI / l^2,
+    where P = EA (1 - cos a / cos b), on the way to and from the position in which both are in line.
+    """
+    beam = stiffness(slenderness)
+    undeformed = np.arctan(2.0 * rise / slenderness)
+    bar = 0.5 / np.cos(undeformed)
+
+    def load(slope: float) -> float:
+        shortening = 1.0 - np.cos(undeformed) / np.cos(slope)
+        return float(2.0 * beam.EA * np.sin(slope) * shortening)
+
+    limit = np.arccos(np.cos(undeformed) ** (1.0 / 3.0))
+    points = [(limit, LIMIT), (-limit, LIMIT)]
+    euler, factor = np.pi**2 / bar**2, 1.0 / beam.GA - 1.0 / beam.EA
+    P = 2.0 * euler / (1.0 + np.sqrt(1.0 + 4.0 * factor * euler))
+    cosine = np.cos(undeformed) / (1.0 - P / beam.EA)
+    if cosine < 1.0:
+        slope = np.arccos(cosine)
+        points += [(slope, BRANCH)] * 2 + [(-slope, BRANCH)] * 2
+    return tuple(CriticalLoad(kind, load(slope)) for slope, kind in sorted(points, reverse=True))
+
+
+def chain_case(
+    group: str,
+    name: str,
+    source: str,
+    structure: BentStructure,
+    published: float | None = None,
+    digits: float = 1e-3,
+    **settings: Any,
+) -> CriticalLoadCase:
+    """Return the case of a chain, followed as `structure` says."""
+    longest = max(one.length for one in structure.chain(1e2).segments)
+    defaults: dict[str, Any] = {
+        "reference": partial(_reference, structure),
+        # Arches: the error of the interpolated tangent angle.
+        "order": 4,
+        "mesh_constant": 1e-4,
+        "phase": lambda load: longest * np.sqrt(abs(load) + 1.0),
+    }
+    return CriticalLoadCase(
+        group,
+        name,
+        source,
+        build=partial(_build, structure),
+        path=structure.path,
+        published=published,
+        digits=digits,
+        formulations=EXACT_STRAINS,
+        **{**defaults, **settings},
+    )
+
+
+def _pressure_case(
+    degrees: float,
+    start: str,
+    end: str,
+    last: float,
+    published: float | None,
+    source: str,
+    dead: bool = False,
+    **settings: Any,
+) -> CriticalLoadCase:
+    half_angle = np.deg2rad(degrees)
+    chain = pressed_arch(half_angle, start, end, dead)
+    name = f"{2.0 * degrees:g} degrees, {start}, {end}, {'dead' if dead else 'fluid'} pressure"
+    structure = BentStructure(lambda s: chain, last)
+    return chain_case("arch", name, source, structure, published, **settings)
+
+
+def _crown_case(
+    name: str,
+    source: str,
+    chain: Chain,
+    drop: float,
+    published: float | None,
+    group: str = "arch",
+    **settings: Any,
+) -> CriticalLoadCase:
+    structure = BentStructure(lambda s: chain, drop=lambda s: drop)
+    return chain_case(group, name, source, structure, published, **settings)
+
+
+def _sine_case(rise: float) -> CriticalLoadCase:
+    structure = BentStructure(
+        partial(sine_arch, rise=rise), drop=lambda s: 2.0 * rise / (np.sqrt(12.0) * s)
+    )
+    return chain_case(
+        "shallow arch",
+        f"sine, rise of {rise:g} radii of gyration",
+        "Y. C. Fung, A. Kaplan, NACA TN 2840 (1952)",
+        structure,
+        reference=lambda slenderness, strain: sine_arch_loads(slenderness, rise),
+        # Squares of slopes up to pi rise / (sqrt(12) s).
+        departure=5.0 * rise**2,
+        axial_force=lambda load: 1.0,
+        phase=lambda load: np.pi,
+        slenderness=(1e2, 1e3, 1e4, 1e5),
+    )
+
+
+def _truss_case(rise: float) -> CriticalLoadCase:
+    return CriticalLoadCase(
+        "truss",
+        f"von Mises, rise of {rise:g} heights",
+        "R. von Mises, ZAMM 3 (1923) 406: closed form",
+        build=partial(build_truss, rise),
+        reference=partial(truss_loads, rise),
+        path=lambda s: {"to": {"load.y": -1.2 * rise / s * LENGTH}, "control": "arc length"},
+        phase=lambda load: np.pi,
+        axial_force=lambda load: 1.0,
+        formulations=EXACT_STRAINS,
+        slenderness=(1e2, 1e3, 1e4, 1e5),
+    )
+
+
+_HINGED, _CLAMPED = "hinged", "clamped"
+_TIMOSHENKO = "Timoshenko & Gere (1961), art. 7.6"
+_SHOOTING = "Reissner's equations by shooting"
+_RIGHT = np.deg2rad(90.0)
+
+ARCH_CASES = (
+    # Low arches of R / h = 10 snap through in this range of loads as well.
+    _pressure_case(
+        30.0,
+        _HINGED,
+        _HINGED,
+        45.0,
+        35.0,
+        f"{_TIMOSHENKO}: pi^2 / a^2 - 1",
+        slenderness=(1e2, 1e3, 1e4, 1e5),
+    ),
+    _pressure_case(60.0, _HINGED, _HINGED, 12.0, 8.0, f"{_TIMOSHENKO}: pi^2 / a^2 - 1"),
+    _pressure_case(90.0, _HINGED, _HINGED, 7.0, 3.0, f"{_TIMOSHENKO}: pi^2 / a^2 - 1"),
+    _pressure_case(120.0, _HINGED, _HINGED, 2.5, 1.25, f"{_TIMOSHENKO}: pi^2 / a^2 - 1"),
+    _pressure_case(
+        60.0,
+        _CLAMPED,
+        _CLAMPED,
+        24.0,
+        18.14,
+        f"{_TIMOSHENKO}: k tan a cot k a = 1",
+        slenderness=(1e2, 1e3, 1e4, 1e5),
+    ),
+    _pressure_case(90.0, _CLAMPED, _CLAMPED, 11.0, 8.0, f"{_TIMOSHENKO}: k tan a cot k a = 1"),
+    _pressure_case(90.0, _HINGED, _HINGED, 7.0, 3.27, "A. N. Dinnik; shooting", True),
+    _pressure_case(60.0, _HINGED, _HINGED, 12.0, None, _SHOOTING, True),
+    _pressure_case(90.0, _CLAMPED, _CLAMPED, 12.0, None, _SHOOTING, True),
+    _crown_case(
+        "215 degrees, clamped, hinged, load at the crown",
+        "D. A. DaDeppo, R. Schmidt, J. Appl. Mech. 42 (1975) 894",
+        arch(np.deg2rad(107.5), _CLAMPED, _HINGED),
+        1.2,
+        8.97,
+    ),
+    _crown_case(
+        "180 degrees, hinged, load at the crown",
+        "D. A. DaDeppo, R. Schmidt, J. Franklin Inst. 287 (1969)",
+        arch(_RIGHT, _HINGED, _HINGED),
+        1.0,
+        5.86,
+    ),
+    _crown_case(
+        "215 degrees, hinged, load at the crown",
+        _SHOOTING,
+        arch(np.deg2rad(107.5), _HINGED, _HINGED),
+        1.2,
+        None,
+    ),
+    _crown_case(
+        "180 degrees, clamped, load at the crown",
+        _SHOOTING,
+        arch(_RIGHT, _CLAMPED, _CLAMPED),
+        0.8,
+        None,
+    ),
+    _crown_case(
+        "180 degrees, hinged, load off the crown (imperfect)",
+        _SHOOTING,
+        arch(_RIGHT, _HINGED, _HINGED, 0.49),
+        0.5,
+        None,
+    ),
+    _crown_case(
+        "180 degrees, hinged, couple at the crown (imperfect)",
+        _SHOOTING,
+        arch(_RIGHT, _HINGED, _HINGED, couple=0.02),
+        0.5,
+        None,
+    ),
+)
+SHALLOW_CASES = (_sine_case(3.0), _sine_case(5.0), _truss_case(1.0), _truss_case(4.0))
+BENT_FRAME_CASES = (
+    _crown_case(
+        "Lee",
+        "S.-L. Lee, F. S. Manuel, E. C. Rossow, ASCE J. Eng. Mech. 94 (1968) 521: 18.55",
+        lee_frame(),
+        0.75,
+        18.55,
+        "frame",
+        order=6,
+    ),
+    _crown_case(
+        "Roorda, load toward the column's outer side (imperfect)",
+        "J. Roorda, J. Mech. Phys. Solids 13 (1965) 267; shooting",
+        roorda_frame(-0.01),
+        0.05,
+        None,
+        "frame",
+        order=6,
+    ),
+    _crown_case(
+        "Roorda, load toward the beam (imperfect)",
+        "J. Roorda, J. Mech. Phys. Solids 13 (1965) 267; shooting",
+        roorda_frame(0.01),
+        0.05,
+        None,
+        "frame",
+        order=6,
+    ),
+)

@@ -1,0 +1,225 @@
+"""One structure with its critical loads at any slenderness, and the comparison with beamdae."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import beamdae as bd
+from benchmarks.critical_loads.structures import FORMULATIONS
+
+LIMIT, BRANCH, FLUTTER = "limit point", "branch point", "flutter point"
+SLENDERNESS = (1e1, 1e2, 1e3, 1e4, 1e5)
+ELEMENTS = (4, 8, 16, 32)
+# Mesh on which the slenderness varies, and slenderness at which the mesh varies.
+_MESH, _SLENDERNESS = 8, 1e2
+EXACT_STRAINS = ("exact", "floating frame, exact strain")
+
+# Mesh error of a load relative to the power `order` of the phase angle of the buckling mode per
+# element [rad]: measured at 2e-5 for columns of every support.
+_MESH_CONSTANT = 4e-5
+# Rounding error of a load over EI / L^2, relative to the square of the slenderness: positions of
+# size L in double precision determine axial forces of size EA = 12 (L / h)^2 EI / L^2 only to 5e-15
+# to 1e-13 of it, depending on the mesh.
+ROUNDING = 1e-12
+# Accuracy of the search for a critical point on the path.
+_SEARCH = 1e-7
+
+
+class CriticalLoad(NamedTuple):
+    """Kind of a critical point and its load factor."""
+
+    kind: str
+    load: float
+
+
+@dataclass(frozen=True, eq=False)
+class CriticalLoadCase:
+    """A structure and all critical points on its path up to a load or a displacement.
+
+    Attributes
+    ----------
+    group, name, source
+        Family, name, and publication or closed form.
+    build
+        Maps slenderness, number of elements and the settings of the formulation to a mechanism.
+    reference
+        Maps slenderness and the strain measure ("exact" or "green") to the critical points in
+        order along the path.
+    path
+        Maps the slenderness to the arguments of `bd.equilibrium`.
+    phase
+        Maps a load to the phase angle of the buckling mode in a member [rad].
+    published
+        Value of the first load for a slender structure as published, or None.
+    digits
+        Relative accuracy of `published`.
+    order
+        Order of the mesh error in the element length; 0 for structures without beams.
+    mesh_constant
+        See `mesh_error`.
+    departure
+        Coefficient c of the relative difference c / slenderness^2 of a reference for slender
+        structures.
+    green_departure
+        The same for the reference for Green's strains in a floating frame.
+    axial_force
+        Maps a load to the axial force whose rounding limits its accuracy [EI / L^2].
+    formulations
+        Formulations for which the reference holds.
+    """
+
+    group: str
+    name: str
+    source: str
+    build: Callable[[float, int, Mapping[str, Any]], bd.Mechanism]
+    reference: Callable[[float, str], tuple[CriticalLoad, ...]]
+    path: Callable[[float], Mapping[str, Any]]
+    phase: Callable[[float], float]
+    published: float | None = None
+    digits: float = 1e-3
+    order: int = 6
+    mesh_constant: float = _MESH_CONSTANT
+    departure: float = 0.0
+    green_departure: float = 0.0
+    axial_force: Callable[[float], float] = abs
+    formulations: tuple[str, ...] = tuple(FORMULATIONS)
+    slenderness: tuple[float, ...] = field(default=SLENDERNESS)
+
+    def settings(self, is_complete: bool = False) -> Iterator[tuple[float, int, str]]:
+        """Yield slenderness, number of elements and formulation of each path to compare.
+
+        By default, the slenderness varies on one mesh, and the mesh at one slenderness; the frame
+        with Green's strains is compared on that mesh alone. `is_complete` yields all combinations.
+        """
+        for slenderness in self.slenderness:
+            for elements in ELEMENTS if self.order else ELEMENTS[:1]:
+                is_cross = elements == _MESH or slenderness == _SLENDERNESS or not self.order
+                for formulation in self.formulations:
+                    is_main = formulation in EXACT_STRAINS or elements == _MESH
+                    if is_complete or (is_cross and is_main):
+                        yield slenderness, elements, formulation
+
+    def tolerance(self, slenderness: float, elements: int, formulation: str, load: float) -> float:
+        """Return the largest relative error allowed of a load."""
+        mesh = self.mesh_constant * (self.phase(load) / elements) ** self.order
+        rounding = ROUNDING * slenderness**2 / self.axial_force(load)
+        departure = self.departure
+        if formulation not in EXACT_STRAINS:
+            departure += self.green_departure
+        return float(mesh + rounding + departure / slenderness**2 + _SEARCH)
+
+    def expected(self, slenderness: float, formulation: str) -> tuple[CriticalLoad, ...]:
+        """Return the reference for a formulation."""
+        strain = "exact" if formulation in EXACT_STRAINS else "green"
+        return _cached_reference(self, slenderness, strain)
+
+    def solve(self, slenderness: float, elements: int, formulation: str) -> bd.Equilibrium:
+        """Return the path computed by beamdae."""
+        mech = self.build(slenderness, elements, FORMULATIONS[formulation])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", bd.BeamdaeWarning)
+            return bd.equilibrium(mech, **self.path(slenderness))
+
+    def rows(self, slenderness: float, elements: int, formulation: str) -> Iterator[dict[str, Any]]:
+        """Yield one row per expected and per computed critical point, in pairs along the path.
+
+        The column "verdict" is "ok", or states what is wrong: "missed", "invented", "kind" or
+        "load" of a point, "ended" for a path that ends early, or "unstable" for a wrong number of
+        unstable directions at its end.
+        """
+        expected = self.expected(slenderness, formulation)
+        begin = perf_counter()
+        try:
+            path = self.solve(slenderness, elements, formulation)
+            status = "" if path.status.success else path.status.sentence
+            unstable = int(path.unstable[-1])
+            found = [CriticalLoad(point.kind, point.factor) for point in path.critical]
+        except bd.BeamdaeError as error:
+            status, found = str(error), []
+        except Exception as error:  # a defect of the engine becomes a row
+            status, found = f"{type(error).__name__}: {error}", []
+        seconds = perf_counter() - begin
+        common = {
+            "group": self.group,
+            "case": self.name,
+            "slenderness": f"{slenderness:g}",
+            "elements": elements,
+            "formulation": formulation,
+        }
+        pairs = _pair(expected, found)
+        if not pairs and not status:
+            yield {**common, "verdict": "ok", "seconds": f"{seconds:.2f}"}
+        for number, (reference, computed) in enumerate(pairs, 1):
+            row = {**common, "point": number}
+            verdict = "ok"
+            if reference:
+                row |= {"expected": reference.kind, "reference": f"{reference.load:.10g}"}
+            if computed:
+                row |= {"computed": computed.kind, "ours": f"{computed.load:.10g}"}
+            if reference and computed:
+                error = abs(computed.load / reference.load - 1.0)
+                tolerance = self.tolerance(slenderness, elements, formulation, reference.load)
+                row |= {"relative": f"{error:.1e}", "tolerance": f"{tolerance:.1e}"}
+                if computed.kind != reference.kind:
+                    verdict = "kind"
+                elif error > tolerance:
+                    verdict = "load"
+            else:
+                verdict = "missed" if reference else "invented"
+            yield {**row, "verdict": verdict, "seconds": f"{seconds:.2f}"}
+        if status:
+            ended = {"verdict": "ended", "seconds": f"{seconds:.2f}", "reason": status}
+            yield {**common, **ended}
+        elif "control" not in self.path(slenderness):
+            # Without limit points, each branch adds an unstable direction and each flutter two.
+            count = sum(2 if point.kind == FLUTTER else 1 for point in expected)
+            if unstable != count:
+                reason = f"{unstable} unstable directions at the end instead of {count}"
+                row = {"verdict": "unstable", "seconds": f"{seconds:.2f}", "reason": reason}
+                yield {**common, **row}
+
+
+# Computed points farther from a reference than this are another point.
+_SAME_POINT = 0.2
+
+
+def _pair(
+    expected: tuple[CriticalLoad, ...], found: list[CriticalLoad]
+) -> list[tuple[CriticalLoad | None, CriticalLoad | None]]:
+    """Return pairs of expected and computed points in order; None where one is missing.
+
+    Among all alignments that keep the order, the one with the smallest sum of relative
+    differences is chosen; an unpaired point costs `_SAME_POINT`, and half of it a wrong kind.
+    """
+
+    @cache
+    def align(i: int, j: int) -> tuple[float, tuple]:
+        if i == len(expected) and j == len(found):
+            return 0.0, ()
+        options = []
+        if i < len(expected):
+            cost, rest = align(i + 1, j)
+            options.append((cost + _SAME_POINT, ((expected[i], None), *rest)))
+        if j < len(found):
+            cost, rest = align(i, j + 1)
+            options.append((cost + _SAME_POINT, ((None, found[j]), *rest)))
+        if i < len(expected) and j < len(found):
+            cost, rest = align(i + 1, j + 1)
+            difference = abs(found[j].load / expected[i].load - 1.0)
+            difference += 0.5 * _SAME_POINT * (found[j].kind != expected[i].kind)
+            options.append((cost + difference, ((expected[i], found[j]), *rest)))
+        return min(options, key=lambda option: option[0])
+
+    return list(align(0, 0)[1])
+
+
+@cache
+def _cached_reference(
+    case: CriticalLoadCase, slenderness: float, strain: str
+) -> tuple[CriticalLoad, ...]:
+    return case.reference(slenderness, strain)
