@@ -1,4 +1,4 @@
-"""Regenerate every table and figure of Pan & Liu (2012).
+"""Recompute Tables 1 and 2 and Figs. 5, 6, 7, 9 and 10 of Pan & Liu (2012).
 
     python validation/pan_liu_2012/run.py [--out results/pan_liu_2012]
 
