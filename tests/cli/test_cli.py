@@ -395,13 +395,19 @@ def test_list_shows_every_model_and_import_errors(tmp_path):
     assert "helper" not in result.stdout
 
 
+@pytest.mark.slow(reason="starts a process that imports everything")
 def test_list_describes_a_model_by_its_file_if_its_function_has_no_docstring(tmp_path):
     (tmp_path / "good.py").write_text("'''Of the file.'''\n" + ARM.replace("A falling strip.", ""))
     assert "Of the file." in CliRunner().invoke(app, ["list", str(tmp_path)]).stdout
 
 
 @pytest.mark.parametrize(
-    ("path", "words"), [("gone", "no such"), ("empty", "no model"), ("bad.py", "ZeroDivisionError")]
+    ("path", "words"),
+    [
+        ("gone", "no such"),
+        ("empty", "no model"),
+        pytest.param("bad.py", "ZeroDivisionError", marks=pytest.mark.slow(reason="a process")),
+    ],
 )
 def test_list_without_models(tmp_path, monkeypatch, path, words):
     monkeypatch.chdir(tmp_path)

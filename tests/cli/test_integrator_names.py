@@ -190,6 +190,7 @@ def test_the_model_file_is_executed_once(run):
     assert run("--integrator", "euler").stdout.count("executed") == 1
 
 
+@pytest.mark.slow(reason="starts processes that run cases")
 def test_sweep_with_an_integrator_of_the_model_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(

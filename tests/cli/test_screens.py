@@ -100,7 +100,13 @@ def test_every_command_fits_the_terminal(here, command):
             assert word in text
 
 
-@pytest.mark.parametrize("width", ["20", "40", "200"])
+@pytest.mark.parametrize(
+    "width",
+    [
+        "20",
+        *(pytest.param(width, marks=pytest.mark.slow(reason="as 20")) for width in ("40", "200")),
+    ],
+)
 def test_lists_and_facts_at_extreme_widths(here, width):
     for command in (["list", "."], ["check", "model.py", "--no-predict"], ["examples"]):
         result = CliRunner().invoke(app, command, env={"COLUMNS": width})
@@ -231,6 +237,7 @@ UNLISTED_FILES = {
 }
 
 
+@pytest.mark.slow(reason="starts a process that imports everything")
 def test_list_executes_only_files_that_define_models_or_studies(here):
     for name, source in UNLISTED_FILES.items():
         Path(name).write_text(source)
@@ -258,6 +265,7 @@ def test_list_executes_only_files_that_define_models_or_studies(here):
     assert "A bob [/b] swings." in result.stdout
 
 
+@pytest.mark.slow(reason="starts a process that imports everything")
 def test_list_of_a_study_omits_models_of_other_files(here):
     Path("study.py").write_text(
         "import beamdae as bd\narm = bd.load_model('model.py')\n"

@@ -141,6 +141,7 @@ def test_a_wrong_value_is_reported_with_its_option(here):
     assert "beamdae run --help" in line
 
 
+@pytest.mark.slow(reason="starts a process that imports everything")
 def test_a_file_that_fails_to_import_is_a_row_of_the_list(here):
     Path("bad.py").write_text("from beamdae import study\n1 / 0\n", encoding="utf-8")
     result = invoke("list", ".", "--json")
