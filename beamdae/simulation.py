@@ -39,6 +39,7 @@ from beamdae.interrupts import (
 from beamdae.memory import is_out_of_memory, require_memory
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
+from beamdae.parts.rotation import Rotation
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
@@ -65,7 +66,7 @@ def simulate(
     t_end: float | None = None,
     output_step: float | None = None,
     progress: Progress | None = None,
-    start: Solution | Equilibrium | Path | str | Mapping[str, float] | None = None,
+    start: Solution | Equilibrium | Rotation | Path | str | Mapping[str, float] | None = None,
     accept_changes: bool = False,
     *,
     partial: PartialResult = "raise",
@@ -92,6 +93,7 @@ def simulate(
 
         - "as drawn": the reference configuration, with the initial velocities of the parts;
         - "equilibrium": at rest under the loads at t = 0;
+        - a steady `rotation` of the whole mechanism, for turning beams;
         - positions and velocities by name, such as {"crank.angle": 0.3, "crank.angle_dot": 5.0};
         - a `Solution` of the same model, or the path of a checkpoint (see `Solution.checkpoint`):
           the run resumes from the last state, and `Solution.followed_by` joins the two runs;
@@ -284,8 +286,8 @@ def as_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
     model
         A model function, mechanism, constrained system or equations of motion.
     start
-        Start that replaces the start of the model: "as drawn", "equilibrium", or positions and
-        velocities by name.
+        Start that replaces the start of the model: "as drawn", "equilibrium", a `Rotation`, or
+        positions and velocities by name.
 
     Raises
     ------

@@ -31,13 +31,14 @@ from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.observables import as_quantity
 from beamdae.parts.part import Part
+from beamdae.parts.rotation import Rotation
 from beamdae.read_only import ReadOnlyDict, read_only, read_only_copy
 from beamdae.symbolic.statements import Quantity
 
 AS_DRAWN, EQUILIBRIUM = "as drawn", "equilibrium"
 _ALLOWED = (
-    f"{AS_DRAWN!r}, {EQUILIBRIUM!r} or a dict of positions and velocities by name such as "
-    "{'crank.angle': 0.3, 'crank.angle_dot': 5.0}"
+    f"{AS_DRAWN!r}, {EQUILIBRIUM!r}, bd.rotation(...) or a dict of positions and velocities by "
+    "name such as {'crank.angle': 0.3, 'crank.angle_dot': 5.0}"
 )
 
 
@@ -48,6 +49,8 @@ def require_start(part: str, start: Any, more: str = "") -> Any:
     """
     if as_text(start) in (AS_DRAWN, EQUILIBRIUM):
         return as_text(start)
+    if isinstance(start, Rotation):
+        return start
     values = require_mapping(part, "start", start, f"{_ALLOWED}{more}")
     return {
         name: require_finite(part, f"start[{short_repr(name)}]", value)
@@ -71,9 +74,9 @@ class Mechanism(HasOrigin):
         is a load, because gravity then has no potential.
     start
         Initial state: "as drawn" (the reference configuration with the initial velocities of the
-        parts), "equilibrium" (at rest under the loads at t = 0), or positions and velocities by
-        name, {"part.coordinate": value, "part.coordinate_dot": value}; all other values are
-        adjusted to satisfy the joints.
+        parts), "equilibrium" (at rest under the loads at t = 0), a steady `rotation`, or positions
+        and velocities by name, {"part.coordinate": value, "part.coordinate_dot": value}; all other
+        values are adjusted to satisfy the joints.
     redundant
         Treatment of redundant constraints: "refuse" raises an error; "minimum norm" removes them
         from the equations and distributes the reactions so that their norm is smallest.

@@ -130,17 +130,23 @@ class FrequencyResponse:
         """Parameter values at which the curve folds back.
 
         Between two points, the curve folds if its tangent reverses with respect to the parameter.
-        Each value is taken at the vertex of a parabola (parameter over arc length of the curve)
-        through the three nearest points.
+        Each value is the extremum of a cubic (parameter over arc length of the curve) through the
+        two points on either side.
         """
         values = np.array([point.parameter for point in self.points])
         forward = np.array([point.forward for point in self.points])
-        folds = []
-        for k in (np.flatnonzero(forward[1:] != forward[:-1]) + 1).tolist():
-            is_beyond = (values[k] > values[k - 1]) == forward[k - 1]
-            nearest = min(max(k if is_beyond else k - 1, 1), len(values) - 2)
-            folds.append(self._vertex(nearest, values))
-        return folds
+        reversals = np.flatnonzero(forward[1:] != forward[:-1]) + 1
+        return [self._fold(k, values) for k in reversals.tolist()]
+
+    def _fold(self, k: int, values: Array) -> float:
+        """Return the extremum of the parameter between the points `k` - 1 and `k`."""
+        points = slice(max(k - 2, 0), k + 2)
+        x = self._arc_length[points] - self._arc_length[k - 1]
+        cubic = np.polynomial.Polynomial.fit(x, values[points], min(3, len(x) - 1))
+        extrema = [float(root.real) for root in cubic.deriv().roots() if root.imag == 0.0]
+        middle = 0.5 * float(self._arc_length[k] - self._arc_length[k - 1])
+        nearest = min(extrema, key=lambda at: abs(at - middle), default=middle)
+        return float(cubic(min(max(nearest, 0.0), 2.0 * middle)))
 
     def peaks(self, column: str) -> list[tuple[float, float]]:
         """Return (parameter, half range) at each peak of the curve of an observed column.

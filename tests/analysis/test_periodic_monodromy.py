@@ -106,8 +106,8 @@ def test_undamped_beam_converges_quadratically():
     motion = bd.periodic(swung_beam(0.02), 1.0, bd.Radau(1e-5), settle=0)
     assert motion.status.success
     assert motion.iterations <= 4
-    # The first mode is resolved; without damping, its multipliers have the modulus 1.
-    np.testing.assert_allclose(np.abs(motion.multipliers[:2]), 1.0, atol=1e-5)
+    # The first mode is resolved: its multipliers have the modulus 1 within a few rtol.
+    np.testing.assert_allclose(np.abs(motion.multipliers[:2]), 1.0, atol=5e-5)
     # Quasistatic tip deflection of the clamped beam: inertia load rho A alpha x and
     # EI w = -rho A alpha (11/120) L^5, amplified by the first mode.
     beam = bd.Section.rectangle(STEEL, width=0.02, height=0.01)

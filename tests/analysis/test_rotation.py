@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.analysis.linear_dynamics.linearization import linearize_about
-from beamdae.analysis.linear_dynamics.steady_rotation import RotatingCoordinates
+from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 
 SOFT = bd.Material(E=1e8, nu=0.3, rho=1000.0)
 STRIP = bd.Section.rectangle(SOFT, width=0.02, height=0.01)

@@ -12,10 +12,10 @@ from scipy.optimize import linear_sum_assignment
 
 from beamdae.analysis.eigenproblems.eigensolution import DECAY
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, modes
-from beamdae.analysis.linear_dynamics.steady_rotation import rotation
 from beamdae.errors import BeamdaeError, require_count, require_finite, require_sequence
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
+from beamdae.parts.rotation import rotation
 from beamdae.read_only import read_only_data
 
 if TYPE_CHECKING:

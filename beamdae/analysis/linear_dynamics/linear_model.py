@@ -15,13 +15,13 @@ from beamdae.analysis.linear_dynamics.linearization import (
     linearize_about,
     massless_error,
 )
-from beamdae.analysis.linear_dynamics.steady_rotation import RotatingCoordinates
 from beamdae.equations.assembly.building import build_equations
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.assembly.statement_checks import collect_statements
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.equations.starts.rank import RANK_TOLERANCE
+from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import BeamdaeError, require_finite, require_sequence, short_repr, suggest
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded

@@ -18,17 +18,17 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
-from beamdae.analysis.linear_dynamics.steady_rotation import (
-    STIFFNESS_ROUNDING,
-    Rotation,
-    find_steady_rotation,
-)
 from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import Tangent, compute_tangent
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
+from beamdae.equations.starts.steady_rotation import (
+    STIFFNESS_ROUNDING,
+    Rotation,
+    find_steady_rotation,
+)
 from beamdae.errors import (
     BeamdaeError,
     plain_text,

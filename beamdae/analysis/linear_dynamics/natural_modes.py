@@ -15,7 +15,7 @@ from beamdae.analysis.eigenproblems.eigensolution import (
     solve_eigenproblem,
 )
 from beamdae.analysis.linear_dynamics.linearization import REFERENCE, Linearization, linearize_about
-from beamdae.analysis.linear_dynamics.steady_rotation import RotatingCoordinates
+from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import BeamdaeError, require_choice, require_count, require_finite, short_repr
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded

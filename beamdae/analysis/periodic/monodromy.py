@@ -10,10 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
+import scipy.sparse as sp
 
 from beamdae.analysis.periodic.variational_loop import (
     VariationalWorkspace,
@@ -25,6 +26,7 @@ from beamdae.equations.formulations.first_order import (
     evaluate_jacobian_parts,
     formulate_first_order,
 )
+from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.radau.coefficients import C
@@ -40,6 +42,9 @@ _STAGES = 3
 _STEPS_PER_CALL = 64
 # Rows of the constraint Jacobian whose length is below this fraction of the longest are zero.
 _ZERO_ROW_RATIO = 1e-10
+# Energy of a disturbance of natural size, relative to that of the motion, which is added because
+# some coordinates have no mass.
+_MIN_ENERGY_RATIO = 1e-8
 # Prevents a threshold of zero if there are no constraints.
 _TINY = 1e-300
 # Number of random disturbances in the first block of a low-rank monodromy matrix.
@@ -53,6 +58,21 @@ _OVERSAMPLING = 2
 
 class LinearizationError(BeamdaeError):
     """Raised if the stage equations of a linearized step cannot be solved."""
+
+
+class DisturbanceBasis(NamedTuple):
+    """Independent disturbances of (q, v).
+
+    Attributes
+    ----------
+    columns
+        The disturbances, (2 n, k).
+    projection
+        Matrix (k, 2 n) that expresses disturbances of (q, v) in terms of `columns`.
+    """
+
+    columns: Array
+    projection: Array
 
 
 @dataclass(frozen=True)
@@ -85,27 +105,53 @@ class VariationalEquations:
 
         return StepLoop(propagate_disturbances, make_workspace, matrices, form.is_native)
 
-    def admissible_disturbances(self, trajectory: Trajectory, scales: Array) -> Array:
-        """Return a basis (2 n, k) of the initial disturbances of (q, v) that the joints allow.
+    def admissible_disturbances(self, trajectory: Trajectory, scales: Array) -> DisturbanceBasis:
+        """Return a basis of the initial disturbances of (q, v) that the joints allow.
 
-        The basis divided by the natural sizes `scales`, (2 n,), is orthonormal.
+        The basis is orthonormal in terms of the energy |dq' K dq| + dv' M dv, relative to that of
+        vibrations with the natural sizes `scales`, (2 n,). In this norm, undamped modes of any
+        frequency keep their size; relative to `scales`, stiff modes grow by the ratio of their
+        frequency to that of the motion.
+        """
+        n, interval = self.equations.n, trajectory.intervals[0]
+        state = State(*(x[0] for x in interval.at(interval.nodes[:1])))
+        time = np.array([interval.nodes[0], interval.branch])
+        tangent = compute_tangent(self.equations, time, state)
+        stiffness, mass = (_symmetrize(x, scales[:n]) for x in (tangent.stiffness, tangent.mass))
+        rate = float(np.max(scales[n:] / scales[:n]))
+        kinetic = rate**2 * mass
+        reference = max(float(np.trace(kinetic)), _TINY)
+        floor = _MIN_ENERGY_RATIO * np.eye(n)
+        values, modes = la.eigh(stiffness / reference)
+        elastic = (modes * np.abs(values)) @ modes.T
+        factors = la.block_diag(
+            la.cholesky(elastic + kinetic / reference + floor, lower=True),
+            la.cholesky(kinetic / reference + floor, lower=True),
+        )
+        rows = self._constraint_rows(time, state, scales)
+        admissible = la.solve_triangular(factors, rows.T, lower=True)
+        lengths = np.linalg.norm(admissible, axis=0)
+        nonzero = admissible[:, lengths > 0.0] / lengths[lengths > 0.0]
+        directions = la.null_space(nonzero.T) if nonzero.size else np.eye(2 * n)
+        return DisturbanceBasis(
+            scales[:, None] * la.solve_triangular(factors.T, directions, lower=False),
+            (factors @ directions).T / scales,
+        )
+
+    def _constraint_rows(self, time: Array, state: State, scales: Array) -> Array:
+        """Return the scaled derivatives of the constraints with respect to (q, v).
+
+        Rows of zeros are omitted.
         """
         form, n, m = self.form, self.equations.n, self.equations.m
-        interval = trajectory.intervals[0]
-        y, yp = form.pack(State(*(x[0] for x in interval.at(interval.nodes[:1]))))
+        y, yp = form.pack(state)
         nonzeros = np.zeros(2 * form.pattern.nnz)
-        evaluate_jacobian_parts(
-            form.buffers(), float(interval.nodes[0]), interval.branch, y, yp, nonzeros
-        )
+        evaluate_jacobian_parts(form.buffers(), time[0], time[1], y, yp, nonzeros)
         by_y = np.zeros((form.size, form.size))
         by_y[form.pattern.indices, column_indices(form.pattern)] = nonzeros[: form.pattern.nnz]
         rows = by_y[2 * n : 2 * (n + m), : 2 * n] * scales
-        size = np.linalg.norm(rows, axis=1, keepdims=True)
-        nonzero = rows[size[:, 0] > _ZERO_ROW_RATIO * np.max(size, initial=_TINY)]
-        if not len(nonzero):
-            return np.diag(scales)
-        unit_rows = nonzero / np.linalg.norm(nonzero, axis=1, keepdims=True)
-        return scales[:, None] * la.null_space(unit_rows)
+        size = np.linalg.norm(rows, axis=1)
+        return rows[size > _ZERO_ROW_RATIO * np.max(size, initial=_TINY)]
 
     def propagate(
         self, trajectory: Trajectory, disturbances: Array, scales: Array, steps_per_node: float = 1
@@ -190,6 +236,12 @@ def _make_workspace(
         complex_real=np.zeros(size),
         complex_imaginary=np.zeros(size),
     )
+
+
+def _symmetrize(matrix: sp.csc_array, scales: Array) -> Array:
+    """Return the symmetric part of a matrix with scaled rows and columns, dense."""
+    dense = matrix.toarray() * scales[:, None] * scales
+    return 0.5 * (dense + dense.T)
 
 
 def assemble_monodromy(propagate: Callable[[Array], Array], size: int, directions: Array) -> Array:

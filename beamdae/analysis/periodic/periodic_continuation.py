@@ -363,7 +363,8 @@ class ResponseCurve:
                 jacobian = _extended_jacobian(run, monodromy, by_parameter)
                 matrix = np.vstack([jacobian, tangent])
                 change = np.linalg.solve(matrix, np.append(-run.deviation, 0.0))
-                change /= max(1.0, float(np.max(np.abs(change))) / _MAX_CHANGE)
+                largest = max(run.relative_size(change[:-1]), abs(float(change[-1])))
+                change /= max(1.0, largest / _MAX_CHANGE)
                 state = np.concatenate(run.shift_start(change[:-1]))
                 value += change[-1] * self._range
         except (BeamdaeError, la.LinAlgError) as error:

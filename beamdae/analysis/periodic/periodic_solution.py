@@ -84,8 +84,9 @@ def periodic(
     integrator
         Integrator. Defaults to Radau(1e-8).
     start
-        "as drawn", "equilibrium", or positions and velocities by name. Defaults to the start of the
-        model.
+        "as drawn", "equilibrium", `rotation`, or positions and velocities by name. Defaults to the
+        start of the model. Start beams on a driver at constant speed from `rotation`: as drawn,
+        only their root turns.
     begin
         Time [s] at which the period begins; loads must be periodic from this time on.
     settle

@@ -297,13 +297,11 @@ class PeriodMap:
 
         The size of a coordinate is its amplitude, but at most the size of the mechanism or 1 rad.
         The size of a velocity is that of its coordinate times 2 pi / period or, with fast
-        vibrations, the amplitude of the velocity.
+        vibrations, times the rate of the motion.
         """
-        amplitudes = Amplitudes.from_trajectory(solution.equations, solution.trajectory).scales
-        scales = np.minimum(amplitudes, self.equations.position_scales)
-        velocities = np.concatenate([x.state.v for x in solution.trajectory.intervals])
-        rates = np.maximum(scales * (_FULL_TURN / self.period), 0.5 * np.ptp(velocities, axis=0))
-        return np.concatenate([scales, rates])
+        amplitudes = Amplitudes.from_trajectory(solution.equations, solution.trajectory)
+        scales = np.minimum(amplitudes.scales, self.equations.position_scales)
+        return np.concatenate([scales, max(_FULL_TURN / self.period, amplitudes.rate) * scales])
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,8 +315,8 @@ class PeriodRun:
     solution
         Run over the period.
     basis
-        Basis of the admissible disturbances at the start, (2 n, k), orthonormal if divided by
-        `scales`.
+        Basis of the admissible disturbances at the start, (2 n, k), orthonormal in terms of energy;
+        see `VariationalEquations.admissible_disturbances`.
     scales
         Natural sizes of (q, v), (2 n,).
     projection
@@ -348,8 +346,9 @@ class PeriodRun:
         """
         solution = period_map.run(q, v)
         scales = period_map.state_scales(solution)
-        basis = period_map.variational.admissible_disturbances(solution.trajectory, scales)
-        projection = (basis / scales[:, None] ** 2).T
+        basis, projection = period_map.variational.admissible_disturbances(
+            solution.trajectory, scales
+        )
         deviation = period_map.deviation(solution)
         return cls(
             period_map,
@@ -408,6 +407,10 @@ class PeriodRun:
         rates = [np.concatenate([x.v[k], x.a[k]]) for x, k in ((first, 0), (last, -1))]
         start, end = (self.period_map.period * (self.projection @ x) for x in rates)
         return start, end
+
+    def relative_size(self, change: Array) -> float:
+        """Return the largest change of (q, v) in `change` (k,), relative to `scales`."""
+        return float(np.max(np.abs(self.basis @ change) / self.scales))
 
     def shift_start(self, change: Array) -> tuple[Array, Array]:
         """Return the start shifted by `change` (k,) in terms of `basis`; not yet consistent."""
@@ -471,7 +474,7 @@ def _newton_step(run: PeriodRun, free_period: bool) -> tuple[Array, float]:
         right = np.append(run.deviation, 0.0)
         *change, stretch = -np.linalg.lstsq(matrix, right, rcond=_NEUTRAL_RATIO)[0]
         change = np.array(change)
-    largest = float(np.max(np.abs(change)))
+    largest = run.relative_size(change)
     factor = max(1.0, largest / _MAX_CHANGE, abs(stretch) / _MAX_STRETCH)
     return change / factor, float(stretch) / factor
 

@@ -78,7 +78,7 @@ def modes_command(
     require_writable(("--out", files.values()))
     from beamdae.analysis.linear_dynamics.campbell_diagram import campbell
     from beamdae.analysis.linear_dynamics.natural_modes import modes
-    from beamdae.analysis.linear_dynamics.steady_rotation import rotation
+    from beamdae.parts.rotation import rotation
 
     mechanism = model()
     result: Any

@@ -1,4 +1,4 @@
-"""Initial conditions: positions and velocities by name, or static equilibrium."""
+"""Initial conditions: positions and velocities by name, static equilibrium or rotation."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.least_strain import minimize_strain, solve_least_change
 from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
 from beamdae.equations.starts.relaxation import relax_to_equilibrium
+from beamdae.equations.starts.steady_rotation import find_steady_rotation
 from beamdae.errors import BeamdaeError, short_repr, suggest
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
+from beamdae.parts.rotation import Rotation
 from beamdae.symbolic.sparse_operators import build_selection
 
 Array = np.ndarray
@@ -39,9 +41,9 @@ def apply_initial_conditions(
     equations
         Equations of motion that start as drawn.
     start
-        "as drawn"; "equilibrium" for rest under the loads at time `t`; or positions and velocities
-        by name ("part.coordinate", "part.coordinate_dot"). Named values are imposed; all others
-        change as little as the joints require.
+        "as drawn"; "equilibrium" for rest under the loads at time `t`; a steady `Rotation`; or
+        positions and velocities by name ("part.coordinate", "part.coordinate_dot"). Named values
+        are imposed; all others change as little as the joints require.
     t
         Start time [s].
 
@@ -49,7 +51,7 @@ def apply_initial_conditions(
     ------
     BeamdaeError
         If `start` is invalid or contains an unknown name, the joints or drivers do not allow the
-        values, or no equilibrium is found.
+        values, or no equilibrium or steady rotation is found.
     """
     start = require_start("start", start)
     if start == AS_DRAWN:
@@ -62,6 +64,9 @@ def apply_initial_conditions(
         q, _ = relax_to_equilibrium(StaticEquations(independent, time), independent.q0)
         v = np.zeros(equations.n)
         request = Start(EQUILIBRIUM, q, v, True)
+    elif isinstance(start, Rotation):
+        q, v = _rotate_steadily(independent, time, start)
+        request = Start(f"rotation at {start.speed:g} rad/s about {start.center}", q, v, True)
     else:
         positions, velocities = _split_by_kind(equations, start)
         requested_q, requested_v = np.array(equations.q0), np.array(equations.v0)
@@ -72,6 +77,21 @@ def apply_initial_conditions(
         description = ", ".join(f"{name} = {value:g}" for name, value in start.items())
         request = Start(description or AS_DRAWN, requested_q, requested_v, bool(positions))
     return replace(equations, q0=q, v0=v, start=request)
+
+
+def _rotate_steadily(e: EquationsOfMotion, time: Array, rotation: Rotation) -> tuple[Array, Array]:
+    """Return the positions and velocities of a steady rotation that the joints allow."""
+    state, _ = find_steady_rotation(e, time, rotation, frozen_forces=True)
+    g_dot = ConsistencySolver(e).constraint_levels(time, state.q, state.v)[1]
+    size = max(1.0, e.length, float(np.max(np.abs(state.v), initial=0.0)))
+    worst = int(np.argmax(np.abs(g_dot))) if e.m else 0
+    if e.m and not np.abs(g_dot[worst]) <= _VELOCITY_TOLERANCE * size:
+        raise BeamdaeError(
+            f"start: {e.lam_names[worst]} does not allow a rotation at {rotation.speed:g} rad/s "
+            f"about {rotation.center} (the velocities differ by {abs(g_dot[worst]):.3g} m/s or "
+            "rad/s); use the speed of the driver and its center."
+        )
+    return state.q, state.v
 
 
 def _split_by_kind(

@@ -25,8 +25,9 @@ import scipy.sparse as sp
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import Tangent, compute_tangent
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.errors import BeamdaeError, require_finite, require_point
+from beamdae.errors import BeamdaeError
 from beamdae.linear.saddle_point import factorize_saddle_point
+from beamdae.parts.rotation import Rotation
 
 Array = np.ndarray
 
@@ -53,51 +54,6 @@ _MIN_SPEED_STEP = 2.0**-10
 # stiffness: the sum of these fractions of W^2 and of the largest ratio of stiffness to mass.
 _SPEED_REGULARIZATION = 1e-9
 _STIFFNESS_REGULARIZATION = 1e-16
-
-
-@dataclass(frozen=True)
-class Rotation:
-    """Steady rotation at `speed` [rad/s] about the point `center` [m]; see `rotation`."""
-
-    speed: float
-    center: tuple[float, float] = (0.0, 0.0)
-
-
-def rotation(speed: float, center: tuple[float, float] = (0.0, 0.0)) -> Rotation:
-    """Specify a steady rotation of the whole mechanism, for `modes` and `linearize`.
-
-    The ground is a turntable: joints to the ground rotate with it, and drivers keep their value at
-    the time `t` of the analysis. Coordinates refer to the corotating frame, so that frequencies are
-    as measured by a strain gauge on the mechanism. Forces must rotate with the mechanism: weight,
-    loads of fixed direction, and springs and dampers attached to the ground away from the center
-    are rejected.
-
-    Parameters
-    ----------
-    speed
-        Angular speed [rad/s], positive counterclockwise.
-    center
-        Center of rotation (x, y) in the reference configuration [m].
-
-    Returns
-    -------
-    Rotation
-        Rotation to pass as `about`.
-
-    Raises
-    ------
-    BeamdaeError
-        If `speed` is not a finite number, or `center` is not a pair of finite numbers.
-
-    Examples
-    --------
-    >>> import beamdae as bd
-    >>> bd.rotation(6.0)
-    Rotation(speed=6.0, center=(0.0, 0.0))
-    """
-    return Rotation(
-        require_finite("rotation", "speed", speed), require_point("rotation", "center", center)
-    )
 
 
 @dataclass(frozen=True)
@@ -177,7 +133,11 @@ class RotatingCoordinates:
 
 
 def find_steady_rotation(
-    e: EquationsOfMotion, time: Array, rotation: Rotation, guess: Array | None = None
+    e: EquationsOfMotion,
+    time: Array,
+    rotation: Rotation,
+    guess: Array | None = None,
+    frozen_forces: bool = False,
 ) -> tuple[State, Tangent]:
     """Return the state of steady rotation and the equations linearized in the rotating frame.
 
@@ -194,11 +154,15 @@ def find_steady_rotation(
     guess
         Coordinates (n,) at which the iteration begins. Defaults to the start positions of `e`,
         corrected to satisfy the constraints.
+    frozen_forces
+        True to admit forces that do not rotate with the mechanism, such as weight; they act as at
+        `time`.
 
     Raises
     ------
     BeamdaeError
-        If no coordinate rotates, forces do not rotate with the mechanism, or no state is found.
+        If no coordinate rotates, no state is found or, without `frozen_forces`, forces do not
+        rotate with the mechanism.
     """
     frame = RotatingCoordinates.from_equations(e)
     if not frame.can_rotate:
@@ -210,7 +174,8 @@ def find_steady_rotation(
     lam, share, step = np.zeros(e.m), 0.0, 1.0
     # Checked first, because no steady state may exist if forces do not rotate.
     first_state = _rotating_state(frame, rotation, rotation.speed, q, lam)
-    _require_rotating_forces(e, time, frame, rotation, first_state)
+    if not frozen_forces:
+        _require_rotating_forces(e, time, frame, rotation, first_state)
     while share < 1.0:
         next_share = min(share + step, 1.0)
         solution = _solve_steady_state(
@@ -227,7 +192,8 @@ def find_steady_rotation(
             continue
         (q, lam), share, step = solution, next_share, 2.0 * step
     state = _rotating_state(frame, rotation, rotation.speed, q, lam)
-    _require_rotating_forces(e, time, frame, rotation, state)
+    if not frozen_forces:
+        _require_rotating_forces(e, time, frame, rotation, state)
     tangent = compute_tangent(e, time, state)
     return state, _to_rotating_frame(tangent, frame, rotation.speed)
 
