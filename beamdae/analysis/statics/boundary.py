@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -53,10 +53,12 @@ _MIN_STEP_RATIO = 1e-4
 _LAST_STEP_RATIO = 1.2
 # Smallest cosine of the angle between successive directions.
 _MIN_COSINE = 0.8
-# Accuracy of special points, relative to the step in which they lie. The extended system is
-# singular at a hilltop, which is therefore interpolated from both sides at the second distance.
+# Accuracy of special points, relative to the step in which they lie.
 _POSITION_TOLERANCE = 1e-6
-_HILLTOP_DISTANCE = 1e-3
+# Largest distance between the points between which a hilltop is interpolated, relative to the step,
+# and distances of enclosing points from an estimate, relative to the present enclosure.
+_HILLTOP_WIDTH = 1e-2
+_ENCLOSURE = (-0.03, 0.03)
 # Work of the load in a mode, relative to the sum of its magnitudes, above which a mode has a limit.
 _MIN_WORK = 1e-6
 # Flutter loads: initial half width of the search, relative to the load factor; factor by which it
@@ -371,26 +373,25 @@ class _Segment:
     def special_points(self) -> Iterator[BoundaryPoint]:
         """Yield the special points inside the segment."""
         if self.before[-1] * self.after[-1] < 0.0:
-            point = self._locate(self._parameter_rate, (self.before[-1], self.after[-1]))
+            point = self._locate_extremum()
             kind = CUSP if self.curve.kind == LIMIT else TURNING
             yield BoundaryPoint(kind, point.p, point.mu)
-        ends = [self._second_eigenvalue(point) for point in (self.begin, self.end)]
-        if ends[0][1] != ends[1][1]:
-            yield self._locate_second_zero(ends[0][1])
+        counts = [self._second_eigenvalue(point)[1] for point in (self.begin, self.end)]
+        if counts[0] != counts[1]:
+            yield self._locate_second_zero(counts[0])
 
-    def _parameter_rate(self, point: CurvePoint) -> float:
-        return float(self.curve.tangent(point, self.curve.plane(self.begin, self.before))[-1])
+    def _locate_extremum(self) -> CurvePoint:
+        """Return the point at which the parameter has an extremum."""
+        known = {0.0: self.before[-1], self.size: self.after[-1]}
+        plane = self.curve.plane(self.begin, self.before)
 
-    def _locate(
-        self, function: Callable[[CurvePoint], float], ends: tuple[float, float]
-    ) -> CurvePoint:
-        known = {0.0: ends[0], self.size: ends[1]}
-
-        def value(size: float) -> float:
-            return known[size] if size in known else function(self.point_at(size))
+        def rate(size: float) -> float:
+            if size in known:
+                return float(known[size])
+            return float(self.curve.tangent(self.point_at(size), plane)[-1])
 
         tolerance = _POSITION_TOLERANCE * self.size
-        return self.point_at(float(brentq(value, 0.0, self.size, xtol=tolerance)))
+        return self.point_at(float(brentq(rate, 0.0, self.size, xtol=tolerance)))
 
     def _second_eigenvalue(self, point: CurvePoint) -> tuple[float, int]:
         """Return the second smallest eigenvalue by magnitude, and the number of negative ones.
@@ -407,21 +408,23 @@ class _Segment:
     def _locate_second_zero(self, count: int) -> BoundaryPoint:
         """Return the point where a second eigenvalue is zero; `count` are negative before it."""
 
-        def signed(size: float) -> float:
-            second, negative = self._second_eigenvalue(self.point_at(size))
+        def signed(point: CurvePoint) -> float:
+            second, negative = self._second_eigenvalue(point)
             return abs(second) if negative == count else -abs(second)
 
-        low, high = 0.0, self.size
-        while high - low > 2.0 * _HILLTOP_DISTANCE * self.size:
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if signed(middle) > 0.0 else (low, middle)
-        distance = _HILLTOP_DISTANCE * self.size
-        sizes = np.array([low - distance, high + distance])
-        values = np.array([signed(size) for size in sizes.tolist()])
-        if not values[0] * values[1] < 0.0:
-            raise CorrectorError("two critical points are too close to each other")
-        share = values[0] / (values[0] - values[1])
-        one, other = (self.point_at(size) for size in sizes.tolist())
+        # The extended system is singular at the point, which is therefore enclosed from both sides
+        # by samples that are not too close to it.
+        sizes, points = [0.0, self.size], [self.begin, self.end]
+        values = [signed(point) for point in points]
+        while sizes[-1] - sizes[0] > _HILLTOP_WIDTH * self.size:
+            width, share = sizes[-1] - sizes[0], values[0] / (values[0] - values[-1])
+            inner = [sizes[0] + width * float(np.clip(share + d, 0.0, 1.0)) for d in _ENCLOSURE]
+            inner_points = [self.point_at(size) for size in inner]
+            sizes[1:1], points[1:1] = inner, inner_points
+            values[1:1] = [signed(point) for point in inner_points]
+            k = next(k for k in range(len(sizes) - 1) if values[k + 1] < 0.0)
+            sizes, points, values = (x[k : k + 2] for x in (sizes, points, values))
+        (one, other), share = points, values[0] / (values[0] - values[1])
         kind = HILLTOP
         if self.curve.kind == BRANCH and not self._has_limit(one):
             kind = DOUBLE

@@ -128,14 +128,17 @@ def assess_stability(system: LoadedEquations, x: Array, mu: float) -> Stability:
     tangent = system.matrix(system.tangent(x, mu))
     stiffness = sp.csc_array(tangent[:n, :n]) * scale * scale[:, None]
     gradients = sp.csr_array(tangent[n:, :n]) * scale
+    # The stiffness may vanish at a critical point, where rounding is that of its terms.
+    drawn = system.matrix(system.tangent(np.append(system.equations.q0, np.zeros(len(x) - n)), 0.0))
+    terms = sp.csc_array(drawn[:n, :n]) * scale * scale[:, None]
+    size = max(float(np.max(np.abs(each.data), initial=0.0)) for each in (stiffness, terms))
     unknown = Stability(np.zeros(0), np.zeros((n, 0)), -1)
     try:
         if n <= _MAX_DENSE_COORDINATES:
-            dense = _dense_stability(stiffness.toarray(), gradients.toarray(), scale)
+            dense = _dense_stability(stiffness.toarray(), gradients.toarray(), scale, size)
             if dense is None:
                 return _assess_motion(system, x, mu)
             return _refine_small_eigenvalues(system, x, mu, dense)
-        size = float(np.max(np.abs(stiffness.data), initial=0.0))
         skew = sp.csc_array(stiffness - stiffness.T)
         if np.max(np.abs(skew.data), initial=0.0) > _ASYMMETRY_TOLERANCE * size:
             return _assess_motion(system, x, mu)
@@ -145,14 +148,19 @@ def assess_stability(system: LoadedEquations, x: Array, mu: float) -> Stability:
         return unknown
 
 
-def _dense_stability(stiffness: Array, gradients: Array, scale: Array) -> Stability | None:
-    """Return the stability from the eigenvalues of the stiffness; None without a potential."""
+def _dense_stability(
+    stiffness: Array, gradients: Array, scale: Array, size: float
+) -> Stability | None:
+    """Return the stability from the eigenvalues of the stiffness; None without a potential.
+
+    `size` is the size of the terms of the stiffness.
+    """
     m = len(gradients)
     basis = la.qr(gradients.T)[0][:, m:] if m else np.eye(len(scale))
     if not basis.shape[1]:
         return Stability(np.zeros(0), np.zeros((len(scale), 0)), 0)
     projected = basis.T @ stiffness @ basis
-    zero = _ZERO_TOLERANCE * float(np.max(np.abs(stiffness), initial=0.0))
+    zero = _ZERO_TOLERANCE * size
     asymmetry = np.max(np.abs(projected - projected.T))
     if asymmetry > max(_ASYMMETRY_TOLERANCE * float(np.max(np.abs(projected))), zero):
         return None
