@@ -423,7 +423,8 @@ class _Segment:
             sizes[1:1], points[1:1] = inner, inner_points
             values[1:1] = [signed(point) for point in inner_points]
             k = next(k for k in range(len(sizes) - 1) if values[k + 1] < 0.0)
-            sizes, points, values = (x[k : k + 2] for x in (sizes, points, values))
+            enclosure = slice(k, k + 2)
+            sizes, points, values = sizes[enclosure], points[enclosure], values[enclosure]
         (one, other), share = points, values[0] / (values[0] - values[1])
         kind = HILLTOP
         if self.curve.kind == BRANCH and not self._has_limit(one):
