@@ -158,7 +158,9 @@ def recheck_stability(model: object, loading: Loading, path: EquilibriumPath) ->
         for rows in sections
         if np.any(ratios[rows] >= 0.0) and np.nanmax(ratios[rows]) < _SMALL_EIGENVALUE_RATIO
     }
-    doubtful.update(small[small == len(points) - 1].tolist())
+    # The end of a failed path, for example just before a limit point, is no result.
+    if path.status.success:
+        doubtful.update(small[small == len(points) - 1].tolist())
     if not isinstance(model, Mechanism) or not doubtful:
         return unchanged
     try:
@@ -170,7 +172,7 @@ def recheck_stability(model: object, loading: Loading, path: EquilibriumPath) ->
         return unchanged
 
     def disagrees(row: int) -> bool:
-        return counts[row] != points[row].stability.negative_count
+        return counts[row] not in (-1, points[row].stability.negative_count)
 
     counts = {row: _fine_count(mesh, path, row) for row in doubtful}
     if not any(map(disagrees, counts)):
@@ -216,11 +218,11 @@ def _is_confirmed(
 
     It is compared between the nearest points before and after on which the meshes agree, because
     the critical point of the fine mesh may lie at another position. If they disagree up to an end
-    of the path, the point there is used.
+    of the path, the point there is used. Points unknown on the fine mesh are ignored.
     """
-    rows = {one.row for one in path.critical}
-    before = [row for row in range(critical.row) if row not in rows]
-    after = [row for row in range(critical.row + 1, len(path.points)) if row not in rows]
+    excluded = {one.row for one in path.critical} | {row for row in counts if counts[row] < 0}
+    before = [row for row in range(critical.row) if row not in excluded]
+    after = [row for row in range(critical.row + 1, len(path.points)) if row not in excluded]
     if not before or not after or not {before[-1], after[0]}.intersection(undecided):
         return True
 
@@ -229,7 +231,7 @@ def _is_confirmed(
 
     last = next((row for row in reversed(before) if row not in undecided), before[0])
     first = next((row for row in after if row not in undecided), after[-1])
-    return -1 in (count(last), count(first)) or count(last) != count(first)
+    return count(last) != count(first)
 
 
 def _describe(
@@ -241,12 +243,11 @@ def _describe(
     """Yield a remark on the points on which meshes disagree, and one per missing critical point."""
     row = undecided[-1]
     point = path.points[row]
-    fine = "unknown" if counts[row] < 0 else f"{counts[row]}"
     yield (
         f"equilibrium: the stability of {len(undecided)} points up to the load factor "
         f"{point.mu:.6g} is not decided by this mesh (there, the number of unstable directions is "
-        f"{point.stability.negative_count}, but {fine} with elements of half the length); use more "
-        "elements."
+        f"{point.stability.negative_count}, but {counts[row]} with elements of half the length); "
+        "use more elements."
     )
     for one in path.critical:
         if one not in critical:

@@ -1,0 +1,109 @@
+"""Every change of the number of unstable directions is a critical point, for random structures."""
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+
+FORMULATIONS = [{"formulation": "exact"}, {"strain": "exact"}]
+CONTROLS = [
+    {},
+    {"control": "arc length"},
+    {"control": "arc length", "step": 0.02},
+    {"control": "arc length", "step": 0.3},
+]
+
+
+def random_structure(rng):
+    """Return a column, frame or arch of random size, slenderness and supports, and its load."""
+    size, options = 10.0 ** rng.uniform(-1.0, 3.0), FORMULATIONS[rng.integers(2)]
+    material = bd.Material(E=10.0 ** rng.uniform(5.0, 11.5), nu=0.3, rho=10.0 ** rng.uniform(0, 4))
+    height = size * 10.0 ** rng.uniform(-4.0, -1.5)
+    section = bd.Section.rectangle(material, width=0.02 * size, height=height)
+    mech, kind = bd.Mechanism(), ("column", "frame", "arch")[rng.integers(3)]
+    elements = int(rng.integers(2, 9))
+    corners = [np.zeros(2), size * np.array([rng.uniform(-0.1, 0.1), 1.0])]
+    if kind == "column":
+        curves = [bd.Line((0.0, 0.0), (0.0, size))]
+    elif kind == "frame":
+        corners.append(
+            corners[1] + size * np.array([rng.uniform(0.5, 1.5), rng.uniform(-0.2, 0.2)])
+        )
+        if rng.uniform() < 0.5:
+            corners.append(np.array([corners[2][0], 0.0]))
+        curves = [bd.Line(tuple(a), tuple(b)) for a, b in zip(corners, corners[1:], strict=False)]
+    else:
+        half = rng.uniform(0.1, 1.5)
+        curves = [bd.Arc(-size, 2.0 * half * size, start=(0.0, 0.0), angle=half)]
+    beams = [
+        mech.add(bd.Beam(f"beam {k}", curve, section, elements, **options))
+        for k, curve in enumerate(curves)
+    ]
+    for k, (one, other) in enumerate(zip(beams, beams[1:], strict=False)):
+        mech.add(bd.Weld(f"corner {k}", one.end, other.start))
+    joints = [(bd.Weld, bd.Revolute)[rng.integers(2)] for _ in range(2)]
+    mech.add(joints[0]("first", mech.ground.at(*beams[0].start.point), beams[0].start))
+    if kind != "column" or joints[0] is bd.Revolute:
+        mech.add(joints[1]("last", mech.ground.at(*beams[-1].end.point), beams[-1].end))
+    # A symmetric load, in half of the structures, has branch points.
+    at = beams[0].at(beams[0].length * (0.5 if kind == "arch" else 1.0))
+    if kind == "column" and "last" in mech.parts:
+        at = beams[0].at(0.5 * size)
+    sideways = rng.choice([0.0, 0.05])
+    force = section.EI / size**2 * np.array([sideways, -1.0])
+    axes = ("inertial", "body")[rng.integers(2)] if kind == "column" else "inertial"
+    mech.add(bd.Force("press", at, tuple(force), axes=axes))
+    return mech
+
+
+def count_changes(path):
+    """Return the changes of the number of unstable directions, and those of the critical points.
+
+    There is one pair for each critical point or group of successive ones.
+    """
+    weights = np.zeros(len(path.q))
+    for point in path.critical:
+        weights[point.row] += 2 if point.kind == "flutter point" else 1
+    regular = [row for row in range(len(path.q)) if not weights[row]]
+    pairs = zip(regular, regular[1:], strict=False)
+    return [
+        (abs(int(path.unstable[b] - path.unstable[a])), int(weights[a:b].sum()))
+        for a, b in pairs
+        if path.unstable[a] >= 0 and path.unstable[b] >= 0
+    ]
+
+
+def trace_random_path(seed):
+    rng = np.random.default_rng(seed)
+    mech, settings = random_structure(rng), CONTROLS[rng.integers(len(CONTROLS))]
+    target = 10.0 ** rng.uniform(1.0, 2.5)
+    return bd.equilibrium(mech, to=target, most_points=120, **settings)
+
+
+# Seeds of 0 to 79 with limit points, branch points and flutter; all 80 satisfy the law.
+SEEDS = [
+    6,
+    43,
+    *(
+        pytest.param(seed, marks=pytest.mark.slow(reason="seconds"))
+        for seed in (2, 15, 18, 19, 21, 25, 31)
+    ),
+]
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize("seed", SEEDS)
+def test_changes_of_stability_are_critical_points(seed):
+    path = trace_random_path(seed)
+    assert path.critical
+    for change, expected in count_changes(path):
+        assert change == expected
+
+
+@pytest.mark.slow(reason="one second")
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+def test_end_before_a_limit_point_is_not_rechecked():
+    # The finer mesh has its limit point slightly earlier, so that it has no equilibrium there.
+    path = trace_random_path(4)
+    assert path.status.kind == "failed"
+    assert path.notes == ()
