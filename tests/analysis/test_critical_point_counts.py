@@ -1,5 +1,7 @@
 """Every change of the number of unstable directions is a critical point, for random structures."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -31,7 +33,7 @@ def random_structure(rng):
         )
         if rng.uniform() < 0.5:
             corners.append(np.array([corners[2][0], 0.0]))
-        curves = [bd.Line(tuple(a), tuple(b)) for a, b in zip(corners, corners[1:], strict=False)]
+        curves = [bd.Line(tuple(a), tuple(b)) for a, b in pairwise(corners)]
     else:
         half = rng.uniform(0.1, 1.5)
         curves = [bd.Arc(-size, 2.0 * half * size, start=(0.0, 0.0), angle=half)]
@@ -39,7 +41,7 @@ def random_structure(rng):
         mech.add(bd.Beam(f"beam {k}", curve, section, elements, **options))
         for k, curve in enumerate(curves)
     ]
-    for k, (one, other) in enumerate(zip(beams, beams[1:], strict=False)):
+    for k, (one, other) in enumerate(pairwise(beams)):
         mech.add(bd.Weld(f"corner {k}", one.end, other.start))
     joints = [(bd.Weld, bd.Revolute)[rng.integers(2)] for _ in range(2)]
     mech.add(joints[0]("first", mech.ground.at(*beams[0].start.point), beams[0].start))
@@ -65,7 +67,7 @@ def count_changes(path):
     for point in path.critical:
         weights[point.row] += 2 if point.kind == "flutter point" else 1
     regular = [row for row in range(len(path.q)) if not weights[row]]
-    pairs = zip(regular, regular[1:], strict=False)
+    pairs = pairwise(regular)
     return [
         (abs(int(path.unstable[b] - path.unstable[a])), int(weights[a:b].sum()))
         for a, b in pairs
