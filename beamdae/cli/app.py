@@ -20,6 +20,7 @@ from beamdae.cli.commands.draw import draw_command
 from beamdae.cli.commands.examples import examples_command, new_command
 from beamdae.cli.commands.list import list_command
 from beamdae.cli.commands.modes import modes_command
+from beamdae.cli.commands.periodic import periodic_command
 from beamdae.cli.commands.response import response_command
 from beamdae.cli.commands.run import run_command
 from beamdae.cli.commands.static import static_command
@@ -44,6 +45,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "static": static_command,
     "buckling": buckling_command,
     "modes": modes_command,
+    "periodic": periodic_command,
     "response": response_command,
     "list": list_command,
     "examples": examples_command,

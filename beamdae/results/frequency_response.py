@@ -218,10 +218,6 @@ class FrequencyResponse:
         a, b, _ = np.polyfit(x - x[1], y, 2)
         return float(x[1] - 0.5 * b / a) if a != 0.0 else float(x[1])
 
-    def _vertex(self, k: int, values: Array) -> float:
-        at = self._vertex_arc_length(k, values)
-        return _interpolate_parabola(at, k, self._arc_length, values)
-
 
 def _interpolate_parabola(at: float, k: int, arc_length: Array, values: Array) -> float:
     x, y = arc_length[k - 1 : k + 2], values[k - 1 : k + 2]

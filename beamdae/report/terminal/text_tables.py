@@ -262,6 +262,17 @@ def buckling_table(table: pd.DataFrame) -> ResponsiveTable:
     return ResponsiveTable("mode", columns, rows, "the CSV file")
 
 
+def amplitudes_table(table: pd.DataFrame) -> ResponsiveTable:
+    """Return a table of observed columns, given `PeriodicMotion.amplitudes()`."""
+    names = ["mean", "half range", "least", "largest"]
+    columns = [Column(name, rank) for rank, name in zip((0, 0, 1, 1), names, strict=True)]
+    rows = [
+        (str(header), *(format_number(row[name], 5) for name in names))
+        for header, row in table.iterrows()
+    ]
+    return ResponsiveTable("observed", columns, rows, "--json")
+
+
 def peaks_table(parameter: str, peaks: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
     """Return a table of the peaks of response curves: observed column, parameter, half range."""
     columns = [Column(parameter), Column("half range")]

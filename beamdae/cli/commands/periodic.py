@@ -1,0 +1,147 @@
+"""`beamdae periodic`: a periodic motion of a model and its stability."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from beamdae.cli.options import (
+    IntegratorName,
+    ModelName,
+    ModelPath,
+    Out,
+    RelativeTolerance,
+    Settings,
+    Starts,
+    create_integrator,
+    load_configured_model,
+    parse_start,
+)
+from beamdae.cli.output import (
+    WrittenFiles,
+    create_console,
+    print_error,
+    print_written_files,
+    record_results,
+)
+from beamdae.cli.output_paths import require_writable
+from beamdae.errors import BeamdaeError, BeamdaeWarning
+
+if TYPE_CHECKING:
+    from beamdae.results.periodic_motion import PeriodicMotion
+
+_DEFAULT_RTOL = 1e-8  # as the default of `periodic`
+_PRINTED_MULTIPLIERS = 4
+
+
+def periodic_command(
+    path: ModelPath,
+    settings: Settings = None,
+    model_name: ModelName = None,
+    period: Annotated[
+        float | None,
+        typer.Option(
+            help="Period of loads and drivers in seconds. Without it, the period of a self-excited "
+            "or free motion is found."
+        ),
+    ] = None,
+    period_guess: Annotated[
+        float | None,
+        typer.Option(help="Approximate period in seconds, to be refined."),
+    ] = None,
+    integrator: IntegratorName = "radau",
+    rtol: RelativeTolerance = None,
+    start: Starts = None,
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            metavar="RAD/S", help="Start in steady rotation about the origin at this speed."
+        ),
+    ] = None,
+    settle: Annotated[
+        int, typer.Option(help="Periods to run before the periodic motion is sought.")
+    ] = 5,
+    out: Out = Path("results"),
+) -> None:
+    """Find a periodic motion and its stability; write one period as CSV and PNG.
+
+    Exits with 0 if a motion was found, stable or not, 1 if not (the last iterate is written) or if
+    the picture failed, and 2 for a usage or model error.
+    """
+    from beamdae.cli.model_files.model_file import ModelFile
+
+    if start and speed is not None:
+        raise BeamdaeError("periodic: --start and --speed are mutually exclusive; omit one.")
+    file = ModelFile(path)
+    model = load_configured_model(file, model_name, settings)
+    if rtol is None and integrator == "radau":
+        rtol = _DEFAULT_RTOL
+    method = create_integrator("periodic", integrator, {"rtol": rtol}, file)
+    name = f"{model.name}_periodic"
+    table_path, picture = out / f"{name}.csv", out / f"{name}.png"
+    require_writable(("--out", (table_path, picture)))
+    from beamdae.analysis.periodic.periodic_solution import periodic
+    from beamdae.parts.rotation import rotation
+    from beamdae.report.pictures.time_plots import save_run_figure
+    from beamdae.results.storage.files import escape_table, write_text
+
+    with warnings.catch_warnings():
+        # The status is printed with the results.
+        warnings.simplefilter("ignore", BeamdaeWarning)
+        motion = periodic(
+            model,
+            period,
+            method,
+            parse_start(start) if speed is None else rotation(speed),
+            settle=settle,
+            period_guess=period_guess,
+        )
+    table = escape_table(motion.solution.table())
+    files = WrittenFiles([write_text(table_path, table.to_csv(index=False))])
+    _print_results(motion, model.name)
+    if motion.solution.columns:
+        title = f"{model.name}, one period"
+        files.write(
+            picture.name, lambda: [save_run_figure(picture, motion.solution.table(), title)]
+        )
+    print_written_files(create_console(), files.paths)
+    if not motion.status.success:
+        print_error(f"failed: {motion.status.sentence}")
+    if files.failed or not motion.status.success:
+        raise typer.Exit(1)
+
+
+def _print_results(motion: PeriodicMotion, name: str) -> None:
+    from beamdae.report.terminal import text_tables
+
+    record_results(lambda: _json_results(motion))
+    console = create_console()
+    console.print(text_tables.fact_list(name, _describe_motion(motion)))
+    if motion.solution.columns:
+        console.print(text_tables.amplitudes_table(motion.amplitudes()))
+
+
+def _json_results(motion: PeriodicMotion) -> dict[str, Any]:
+    return {
+        "status": motion.status.kind,
+        "reason": motion.status.sentence,
+        "period": motion.period,
+        "stable": motion.stable,
+        "stability": motion.stability,
+        "multipliers": [[x.real, x.imag] for x in motion.multipliers.tolist()],
+        "observed": motion.amplitudes().to_dict("index"),
+    }
+
+
+def _describe_motion(motion: PeriodicMotion) -> dict[str, str]:
+    """Return descriptions of a periodic motion, keyed by topic."""
+    moduli = [f"{abs(x):.6g}" for x in motion.multipliers[:_PRINTED_MULTIPLIERS].tolist()]
+    return {
+        "status": motion.status.sentence,
+        "period": f"{motion.period:.8g} s",
+        "stability": motion.stability,
+        "multipliers": f"largest moduli {', '.join(moduli)}" if moduli else "none",
+    }

@@ -1,0 +1,78 @@
+"""`beamdae periodic`: forced and self-excited motions, and usage errors."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from beamdae.cli.app import app
+
+MODEL = """
+import beamdae as bd
+
+
+@bd.model(t_end=30.0)
+def oscillator(force=0.0, growth=1.0):
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0), velocity=(0.5, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+    law = lambda x, rate: x + growth * (x**2 - 1.0) * rate
+    mech.add(bd.SpringDamper("spring", mech.ground.at(-10.0, 0.0), mass.point, law=law))
+    if force:
+        mech.add(bd.Force("load", mass.point, (bd.sine(force, 0.25), 0.0)))
+    mech.observe("mass", mass.point)
+    return mech
+"""
+
+
+@pytest.fixture
+def periodic(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("model.py").write_text(MODEL, encoding="utf-8")
+    return lambda *arguments: CliRunner().invoke(app, ["periodic", "model.py", *arguments])
+
+
+def test_a_self_excited_motion_is_written(periodic):
+    result = periodic()
+    assert result.exit_code == 0, result.output
+    assert "6.6632869 s" in result.stdout
+    table = pd.read_csv("results/oscillator_periodic.csv")
+    assert table["t [s]"].iloc[-1] == pytest.approx(6.6632869, rel=1e-7)
+    assert Path("results/oscillator_periodic.png").stat().st_size > 1000
+
+
+def test_json_of_a_forced_motion(periodic):
+    # With growth = 0, the oscillator is linear and undamped.
+    options = ["--set", "force=1.0", "--set", "growth=0.0", "--period", "4", "--rtol", "1e-6"]
+    document = json.loads(periodic(*options, "--json").stdout)
+    assert document["status"] == "ok"
+    assert document["stable"]
+    half = document["observed"]["mass.x [m]"]["half range"]
+    assert half == pytest.approx(1.0 / ((0.5 * np.pi) ** 2 - 1.0), rel=1e-3)
+    assert np.hypot(*document["multipliers"][0]) == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--start", "equilibrium", "--speed", "3"], "--start and --speed are mutually exclusive"),
+        (["--period", "4", "--period-guess", "4"], "mutually exclusive"),
+        (["--set", "force=1.0"], "depend on time; pass their period"),
+        (["--period", "-1"], "period must be positive"),
+    ],
+)
+def test_usage_errors_are_one_line(periodic, options, message):
+    result = periodic(*options)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert result.stderr.count("\n") <= 2
+
+
+def test_a_failed_search_exits_with_1(periodic):
+    # With negative growth, all motions decay.
+    result = periodic("--set", "growth=-1.0", "--period-guess", "6")
+    assert result.exit_code == 1
+    assert "failed: " in result.stderr
