@@ -5,10 +5,11 @@
 
 PYTHON is an interpreter with Exudyn (`pip install exudyn`), whose elements have 2 nodes; those of
 beamdae have 4. Both tools take turns with each structure (`static_systems`), in 10 load steps and
-in as few as succeed, with machine code in the cache. Times are processor times, the smallest of several turns. "assembly" is the
-time of the equations of motion, "stability" that of the eigenvalues of the stiffness at each point,
-which Exudyn does not compute. "ratio" compares the time without assembly with Exudyn's time without
-building. Errors are distances of the loaded point from that of the finest mesh of beamdae [m].
+in as few as succeed, with machine code in the cache. Times are processor times, the smallest of
+several turns. "assembly" is the time of the equations of motion, "stability" that of the
+eigenvalues of the stiffness at each point, which Exudyn does not compute. "ratio" compares the time
+without assembly with Exudyn's time without building. Errors are distances of the loaded point from
+that of the finest mesh of beamdae [m].
 """
 
 from __future__ import annotations

@@ -238,7 +238,8 @@ def _split_terms(
         return (*map(comparison_key, values), e.p[term.data].tobytes())
 
     def split(e: EquationsOfMotion, other: Counter[Any]) -> tuple[tuple[Any, ...], ...]:
-        common, only = [], []
+        common: list[Any] = []
+        only: list[Any] = []
         for term in getattr(e.structure, kind):
             key = identify(e, term)
             (common if other[key] > 0 else only).append(term)
@@ -325,12 +326,14 @@ class BorderedSystem:
             return LoadPart(residual, tangent, np.zeros(size), np.zeros(nnz))
 
         def make(native: bool) -> BorderedWorkspace:
-            parts = [
+            common, unloaded, loaded = (
                 make_part(plans, p, native)
                 for plans, p in zip(self._plans, self._numbers, strict=True)
-            ]
+            )
             return BorderedWorkspace(
-                *parts,
+                common=common,
+                unloaded=unloaded,
+                loaded=loaded,
                 linear=matrix.make_solver(native, "auto"),
                 nonzeros=matrix.nonzeros,
                 inputs=np.zeros(self._n + size),
