@@ -1,5 +1,6 @@
 """Block Krylov method: multiple eigenvalues, accuracy, and modes of large chains of beams."""
 
+import casadi as ca
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -143,22 +144,62 @@ def test_free_chain_of_welded_beams_has_one_free_motion():
     assert_allclose(np.abs(modes.eigenvalues[1:4]), expected, rtol=1e-5)
 
 
+def damped_strip(elements):
+    """Return a clamped strip with Kelvin-Voigt damping of 1e-3 s: decays cluster at -1000 1/s."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(STEEL, width=0.02, height=0.004, damping=1e-3)
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("strip", line, section, elements, formulation="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    return mech
+
+
 @pytest.mark.slow(reason="many elements")
-def test_many_modes_of_strong_dampers_are_found_or_rejected_in_one_sentence():
-    """Kelvin-Voigt damping of 1e-3 s: slow decays cluster at -1000 1/s."""
-
-    def strip(elements):
-        mech = bd.Mechanism()
-        section = bd.Section.rectangle(STEEL, width=0.02, height=0.004, damping=1e-3)
-        line = bd.Line((0.0, 0.0), (1.0, 0.0))
-        beam = mech.add(bd.Beam("strip", line, section, elements, formulation="exact"))
-        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-        return mech
-
-    modes = bd.modes(strip(32), n=6)
+def test_modes_of_strong_material_damping():
+    modes = bd.modes(damped_strip(32), n=6)
     assert modes.kinds == ("vibration",) * 4 + ("decay",) * 2
     assert_allclose(modes.eigenvalues[4:], -1000.0, rtol=1e-3)
-    # Vibrations are found on any mesh.
-    assert_allclose(bd.modes(strip(120), n=4).eigenvalues, modes.eigenvalues[:4], rtol=1e-6)
-    with pytest.raises(bd.BeamdaeError, match=r"6 lowest modes were not found, .* request fewer"):
-        bd.modes(strip(120), n=6)
+    assert_allclose(bd.modes(damped_strip(120), n=4).eigenvalues, modes.eigenvalues[:4], rtol=1e-6)
+
+
+@pytest.mark.slow(reason="many elements")
+@pytest.mark.parametrize("damping", [True, False])
+def test_problems_that_do_not_converge_use_dense_matrices_or_end_in_one_sentence(
+    damping, monkeypatch
+):
+    expected = bd.modes(damped_strip(32), n=3, damping=damping).eigenvalues
+    for module in (quadratic_eigenproblem, symmetric_eigenproblem):
+        monkeypatch.setattr(module, "converge", lambda *arguments: False)
+    dense = bd.modes(damped_strip(32), n=3, damping=damping).eigenvalues
+    assert_allclose(dense, expected, rtol=1e-6)
+    for module in (quadratic_eigenproblem, symmetric_eigenproblem):
+        monkeypatch.setattr(module, "MAX_FALLBACK_COORDINATES", 0)
+    with pytest.raises(bd.BeamdaeError, match=r"3 lowest modes were not found, .* request fewer"):
+        bd.modes(damped_strip(32), n=3, damping=damping)
+
+
+def test_slow_decays_of_stiff_parts_with_strong_dampers_are_found():
+    """The undamped modes do not contain them: x'' + c x' + k x = 0 with c >> sqrt(k) >> 1."""
+    stiffness = np.linspace(1.0, 500.0, 300)
+    damping = np.concatenate([np.zeros(290), np.geomspace(10.0, 1e5, 10)])
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 300), ca.SX.sym("v", 300)
+    zeros = np.zeros(300)
+    system = bd.ConstrainedSystem(
+        t=t, q=q, v=v, mass=zeros + 1.0, force=-stiffness * q - damping * v, q0=zeros, v0=zeros
+    )
+    roots = np.concatenate(
+        [np.roots([1.0, c, k]) for k, c in zip(stiffness, damping, strict=True)]
+    ).astype(complex)
+    roots = roots[roots.imag >= 0.0]
+    expected = roots[np.argsort(np.abs(roots))][:12]
+    assert np.sum(expected.imag == 0.0) == 7
+    assert_allclose(bd.modes(system, n=12).eigenvalues, expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.slow(reason="192 beams")
+def test_motion_that_rounding_hides_is_a_free_motion_damped_or_not():
+    """The squared frequency of the lowest mode equals the rounding error of this stiffness."""
+    mech = chain(192, 1e-4, "exact")
+    damped, undamped = (bd.modes(mech, n=4, damping=damping) for damping in (True, False))
+    assert damped.kinds == undamped.kinds
+    assert_allclose(np.abs(damped.eigenvalues[1:]), np.abs(undamped.eigenvalues[1:]), rtol=1e-3)

@@ -42,9 +42,11 @@ _ZERO_ENERGY_FACTOR = 1e4
 # the shift.
 _SHIFT_RATIO = 0.6
 _DEFAULT_MODE_COUNT = 10
-# Number of random vectors at the start of a Krylov space, because modes that strong dampers slow
-# down may be missing from the undamped modes.
-_EXTRA_VECTORS = 2
+# The undamped modes may be an invariant space without the modes that strong dampers slow down.
+# These are found from as many random vectors as modes, at least this number, in this number of
+# blocks.
+_MIN_RANDOM_VECTORS = 2
+_MIN_BLOCKS = 3
 # Relative residual that suffices to know on which side of a circle an eigenvalue lies.
 _LOCATION_ACCURACY = 1e-3
 # Eigenvalues of the inverse below this fraction of the largest eigenvalue are lost in rounding.
@@ -183,13 +185,16 @@ class QuadraticProblem:
         converge.
         """
         n, s, tangent = self.e.n, self.shift, self.tangent
-        motions = np.random.default_rng(0).standard_normal((_EXTRA_VECTORS, 2 * n))
+        n_random = max(count, _MIN_RANDOM_VECTORS)
+        motions = np.random.default_rng(0).standard_normal((n_random, 2 * n))
         scales = np.concatenate([self.e.position_scales, s * self.e.position_scales])
         modes = sp.block_diag([self._undamped_shapes, s * self._undamped_shapes]).toarray()
         start = np.hstack([modes, (scales * motions).T])
         start = np.stack([self._apply_inverse(y) for y in start.T], axis=1)
         metric = sp.csr_array(sp.block_diag([s**2 * tangent.mass, tangent.mass]))
         krylov = BlockKrylov(self._apply_inverse, start, metric, is_symmetric=False)
+        for _ in range(_MIN_BLOCKS - 1):
+            krylov.expand()
 
         def required_accuracy(inverses: Array) -> Array:
             values = s + 1.0 / inverses
@@ -293,7 +298,9 @@ class QuadraticProblem:
         zero_energy = np.maximum(rounding, ZERO_SQUARE_RATIO * self.shift**2)
         is_zero = size <= _ZERO_RATIO * self.shift
         is_zero &= energy <= _ZERO_ENERGY_FACTOR * zero_energy
-        is_zero |= size**2 <= np.maximum(rounding, self.lin.zero_square)
+        zero_squares = np.maximum(rounding, self.lin.zero_square)
+        is_zero |= size**2 <= zero_squares
+        zero_square = float(np.max(zero_squares[is_zero], initial=0.0))
         is_upper = ~is_zero & (values.imag > -_IMAGINARY_TOLERANCE * size)
         if self._is_symmetric:
             values = self._refine_values(values, shapes)
@@ -308,7 +315,9 @@ class QuadraticProblem:
         real = np.where(np.abs(values.real) <= off_axis, 0.0, values.real)
         is_real = np.abs(values.imag) <= _IMAGINARY_TOLERANCE * size
         values = real + 1j * np.where(is_real, 0.0, values.imag)
-        free = np.hstack([self._free, self._independent_free_motions(shapes[:, is_zero])])
+        free = np.hstack(
+            [self._free, self._independent_free_motions(shapes[:, is_zero], zero_square)]
+        )
         values = np.concatenate([np.zeros(free.shape[1], complex), values[is_upper]])
         return values, np.hstack([free, shapes[:, is_upper]])
 
@@ -334,8 +343,11 @@ class QuadraticProblem:
         nearest = roots[np.argmin(distances, axis=0), np.arange(len(values))]
         return np.where(np.isfinite(nearest), nearest, values)
 
-    def _independent_free_motions(self, shapes: Array) -> Array:
-        """Return a basis of the motions without stiffness in the span of these shapes."""
+    def _independent_free_motions(self, shapes: Array, zero_square: float) -> Array:
+        """Return a basis of the motions without stiffness in the span of these shapes.
+
+        Squared frequencies up to `zero_square` are treated as zero.
+        """
         if not shapes.shape[1]:
             return shapes
         scales = self.e.position_scales[:, None]
@@ -349,7 +361,7 @@ class QuadraticProblem:
             basis.T @ (x @ basis) for x in (self.tangent.stiffness, self.tangent.mass)
         )
         squares, vectors = la.eigh(0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T))
-        is_zero = np.abs(squares) <= _ZERO_RATIO * self.shift**2
+        is_zero = np.abs(squares) <= max(_ZERO_RATIO * self.shift**2, zero_square)
         return (basis @ vectors[:, is_zero]).astype(complex)
 
 
