@@ -202,7 +202,8 @@ class QuadraticProblem:
             order = np.argsort(sizes, kind="stable")
             # Either eigenvalue of a conjugate pair counts half.
             numbers = np.cumsum(np.where(values.imag != 0.0, 0.5, 1.0)[order])
-            highest = sizes[order[min(np.searchsorted(numbers, count), len(order) - 1)]]
+            last = min(int(np.searchsorted(numbers, count)), len(order) - 1)
+            highest = sizes[order[last]]
             # No eigenvalue outside this circle about the shift is smaller.
             accuracy = np.where(np.abs(values - s) <= highest + s, _LOCATION_ACCURACY, np.inf)
             return np.where(sizes <= highest, 0.0, accuracy)

@@ -114,8 +114,10 @@ class SymmetricProblem:
         if self.mode_count <= 0:
             return UndampedModes(np.zeros(0), np.zeros((self.e.n, 0)))
         is_small = self.e.n <= MAX_DENSE_COORDINATES
-        is_sparse = count is not None and not is_small and count < self.mode_count // 2
-        shapes, shift = self._solve_sparse(count) if is_sparse else self._solve_dense()
+        if count is None or is_small or count >= self.mode_count // 2:
+            shapes, shift = self._solve_dense()
+        else:
+            shapes, shift = self._solve_sparse(count)
         # The error of Rayleigh quotients is of second order in the error of the shapes.
         shapes = shapes / np.sqrt(np.einsum("ij,ij->j", shapes, self.mass @ shapes))
         squares, zero_squares = self._rayleigh_quotients(shapes, shift)
