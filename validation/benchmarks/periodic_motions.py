@@ -8,8 +8,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
-from scipy.special import mathieu_b
+from scipy.special import ellipk, mathieu_a, mathieu_b
 
 import beamdae as bd
 
@@ -107,6 +108,145 @@ def _solve_mathieu() -> dict[str, float]:
     return values
 
 
+# Undamped stability boundaries of Mathieu's equation, where both multipliers are 1 or -1.
+BOUNDARIES = {
+    f"sum of multipliers at {name}, q = {q:g}": (float(value(order, q)), q, sign)
+    for q in (0.2, 5.0)
+    for name, value, order, sign in (
+        ("a_0", mathieu_a, 0, 2.0),
+        ("a_1", mathieu_a, 1, -2.0),
+        ("b_2", mathieu_b, 2, 2.0),
+        ("a_2", mathieu_a, 2, 2.0),
+    )
+}
+
+
+def _parametric_system(stiffness: Callable[[Any], Any]) -> bd.ConstrainedSystem:
+    """Return the system x'' + stiffness(t) x = 0 at rest."""
+    t, x, v = (ca.SX.sym(name) for name in "txv")
+    return bd.ConstrainedSystem(t, x, v, mass=[1.0], force=-stiffness(t) * x, q0=[0.0], v0=[0.0])
+
+
+def _sum_of_multipliers(stiffness: Callable[[Any], Any], period: float) -> float:
+    return float(bd.periodic(_parametric_system(stiffness), period).multipliers.sum().real)
+
+
+def _solve_boundaries() -> dict[str, float]:
+    return {
+        name: _sum_of_multipliers(lambda t, a=a, q=q: a - 2.0 * q * ca.cos(2.0 * t), np.pi)
+        for name, (a, q, _) in BOUNDARIES.items()
+    }
+
+
+# Hill's equation x'' + (a + cos 2 t + 0.4 sin 4 t) x = 0, undamped.
+HILL_CONSTANTS = (0.3, 1.2, 4.1)
+
+
+def _hill_stiffness(a: float, t: Any, functions: Any) -> Any:
+    return a + functions.cos(2.0 * t) + 0.4 * functions.sin(4.0 * t)
+
+
+def _solve_hill() -> dict[str, float]:
+    return {
+        f"sum of multipliers, a = {a:g}": _sum_of_multipliers(
+            lambda t, a=a: _hill_stiffness(a, t, ca), np.pi
+        )
+        for a in HILL_CONSTANTS
+    }
+
+
+def _reference_hill() -> dict[str, float]:
+    """Return traces of the fundamental matrix by an explicit method of order 8."""
+    traces = {}
+    for a in HILL_CONSTANTS:
+        columns = [
+            solve_ivp(
+                lambda t, y, a=a: [y[1], -_hill_stiffness(a, t, np) * y[0]],
+                (0.0, np.pi),
+                start,
+                method="DOP853",
+                rtol=1e-13,
+                atol=1e-13,
+            ).y[:, -1]
+            for start in ([1.0, 0.0], [0.0, 1.0])
+        ]
+        traces[f"sum of multipliers, a = {a:g}"] = float(columns[0][0] + columns[1][1])
+    return traces
+
+
+# Free undamped vibrations x'' + x + x^3 = 0 at these amplitudes.
+BACKBONE_AMPLITUDES = (0.1, 1.0, 5.0)
+
+
+def _backbone_period(amplitude: float) -> float:
+    """Return the exact period of x'' + x + x^3 = 0 by the elliptic integral."""
+    stiffness = 1.0 + amplitude**2
+    return float(4.0 * ellipk(0.5 * amplitude**2 / stiffness) / np.sqrt(stiffness))
+
+
+def _solve_backbone() -> dict[str, float]:
+    """Return periods over the exact period at the amplitude that was found."""
+    values = {}
+    for amplitude in BACKBONE_AMPLITUDES:
+        t, x, v = (ca.SX.sym(name) for name in "txv")
+        system = bd.ConstrainedSystem(
+            t, x, v, mass=[1.0], force=-x - x**3, q0=[amplitude], v0=[0.0]
+        )
+        motion = bd.periodic(system, period_guess=_backbone_period(amplitude) * 1.1)
+        first = motion.solution.trajectory.at(np.zeros(1))[1]
+        q, v = first.q[0, 0], first.v[0, 0]
+        energy = float(v**2 + q**2 + 0.5 * q**4)
+        found = float(np.sqrt(np.sqrt(1.0 + 2.0 * energy) - 1.0))
+        values[_backbone_label(amplitude)] = motion.period / _backbone_period(found)
+    return values
+
+
+def _backbone_label(amplitude: float) -> str:
+    return f"period / exact at amplitude {amplitude:g}"
+
+
+# Self-excited motions x'' = mu (1 - x^2) x' - x.
+SELF_EXCITATIONS = (0.1, 1.0, 10.0)
+_CYCLE_TIME = 200.0  # after which the motion at mu = 0.1 is periodic within 1e-9
+
+
+def _cycle_label(mu: float) -> str:
+    return f"period, mu = {mu:g}"
+
+
+def _solve_self_excited() -> dict[str, float]:
+    values = {}
+    for mu in SELF_EXCITATIONS:
+        t, x, v = (ca.SX.sym(name) for name in "txv")
+        force = mu * (1.0 - x**2) * v - x
+        system = bd.ConstrainedSystem(t, x, v, mass=[1.0], force=force, q0=[1.0], v0=[0.0])
+        guess = 2.0 * np.pi + 1.6 * mu
+        values[_cycle_label(mu)] = bd.periodic(system, period_guess=guess, settle=8).period
+    return values
+
+
+def _reference_cycles() -> dict[str, float]:
+    """Return times between upward zero crossings by an explicit method of order 8."""
+
+    def crosses_upward(t: float, y: Array) -> float:
+        return float(y[0])
+
+    crosses_upward.direction = 1.0  # type: ignore[attr-defined]
+    periods = {}
+    for mu in SELF_EXCITATIONS:
+        run = solve_ivp(
+            lambda t, y, mu=mu: [y[1], mu * (1.0 - y[0] ** 2) * y[1] - y[0]],
+            (0.0, _CYCLE_TIME),
+            [2.0, 0.0],
+            method="DOP853",
+            rtol=1e-13,
+            atol=1e-13,
+            events=crosses_upward,
+        )
+        periods[_cycle_label(mu)] = float(np.diff(run.t_events[0])[-1])
+    return periods
+
+
 # A slider-crank with a short crank and a lightly damped rod.
 ROD_LENGTH = 0.5  # [m]
 CRANK = 5e-5  # length [m]
@@ -177,6 +317,34 @@ PERIODIC_CASES = (
         {f"sum of multipliers, q = {q:g}": -2.0 for q in (0.2, 1.0, 5.0)},
         1e-5,
         _solve_mathieu,
+    ),
+    PeriodicCase(
+        "Mathieu, undamped boundaries",
+        "characteristic values a_0, a_1, b_2 and a_2 of Mathieu's equation",
+        {name: sign for name, (_, _, sign) in BOUNDARIES.items()},
+        1e-5,
+        _solve_boundaries,
+    ),
+    PeriodicCase(
+        "Hill, undamped",
+        "trace of the fundamental matrix by scipy's DOP853",
+        _reference_hill(),
+        1e-5,
+        _solve_hill,
+    ),
+    PeriodicCase(
+        "Duffing backbone",
+        "elliptic integral of the first kind",
+        {_backbone_label(amplitude): 1.0 for amplitude in BACKBONE_AMPLITUDES},
+        1e-6,
+        _solve_backbone,
+    ),
+    PeriodicCase(
+        "van der Pol",
+        "time between zero crossings by scipy's DOP853",
+        _reference_cycles(),
+        1e-7,
+        _solve_self_excited,
     ),
     PeriodicCase(
         "peak of a slider-crank over its speed",

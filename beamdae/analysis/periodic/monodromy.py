@@ -120,7 +120,7 @@ class VariationalEquations:
         stiffness, mass = (_symmetrize(x, scales[:n]) for x in (tangent.stiffness, tangent.mass))
         rate = float(np.max(scales[n:] / scales[:n]))
         kinetic = rate**2 * mass
-        reference = max(float(np.trace(kinetic)), _TINY)
+        reference = max(float(np.trace(kinetic)) / n, _TINY)
         floor = _MIN_ENERGY_RATIO * np.eye(n)
         values, modes = la.eigh(stiffness / reference)
         elastic = (modes * np.abs(values)) @ modes.T

@@ -402,6 +402,8 @@ def _orient_curve(point: CurvePoint, by_parameter: Array) -> CurvePoint:
     elif tangent @ _reduce_direction(run, point.direction) < 0.0:
         tangent, orientation = -tangent, -orientation
     direction = np.append(run.basis @ tangent[:-1], tangent[-1])
+    # Steps are measured relative to the amplitudes, not by energy.
+    direction /= np.linalg.norm(direction / np.append(run.scales, 1.0))
     return replace(point, direction=direction, orientation=point.orientation or orientation)
 
 
