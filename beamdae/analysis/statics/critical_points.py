@@ -38,6 +38,10 @@ _MAX_LOAD_SPREAD = 0.05
 _TOUCH_SAMPLE_DISTANCE = 0.1
 # An eigenvalue touches zero if it falls below this fraction of its size at the ends of the segment.
 _TOUCH_RATIO = 1e-2
+# Rates of the load factor below this fraction of those at the ends of the segment may be rounding
+# errors. They are then computed at this distance from the point.
+_MIN_RATE_RATIO = 1e-2
+_WIDE_DISTANCE = 5e-2
 # Maximum number of bisections of a segment that may contain several critical points.
 _MAX_SPLITS = 6
 # Roots of the interpolating polynomial with a smaller imaginary part are real.
@@ -329,6 +333,15 @@ class PathSegment:
                 last_error = error
         raise last_error
 
+    def _load_rates(self, first: EquilibriumPoint, last: EquilibriumPoint) -> Array:
+        """Return the rates of the load factor along the path at two points.
+
+        Where a tangent is undefined, both are the mean rate between the points.
+        """
+        tangents = [self.corrector.try_path_tangent(one, self.control) for one in (first, last)]
+        rates = [tangent.mu for tangent in tangents if tangent is not None]
+        return np.array(rates if len(rates) == 2 else [last.mu - first.mu] * 2)
+
     def _interpolate(
         self,
         position: float,
@@ -352,11 +365,12 @@ class PathSegment:
         ]
         x = np.einsum("i,ij->j", weights, [point.x for point in points])
         factors = np.array([point.mu for point in points])
-        # Rates of the load factor are more accurate than its differences.
-        tangents = [self.corrector.try_path_tangent(one, self.control) for one in points[::3]]
-        changes = np.diff(factors)[[0, -1]]
-        if not any(tangent is None for tangent in tangents):
-            changes = np.array([tangent.mu for tangent in tangents if tangent is not None])
+        changes = self._load_rates(points[0], points[-1])
+        ends = self._load_rates(self.begin, self.end)
+        if np.min(np.abs(changes)) < _MIN_RATE_RATIO * np.max(np.abs(ends)):
+            # Near the extremum of a thin beam's load, rounding determines the signs of its rates.
+            wide = position + _WIDE_DISTANCE * np.array([-1.0, 1.0])
+            changes = self._load_rates(*(self._point_near(x) for x in np.clip(wide, 0.0, 1.0)))
         kind = LIMIT if changes[0] * changes[1] < 0.0 else BRANCH
         point = EquilibriumPoint(self.corrector.system, x, float(weights @ factors))
         return SegmentCriticalPoint(position, point, kind, np.zeros(0))
