@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 _STABILITY_MARGIN = 1e-4  # moduli of the multipliers of stable motions may exceed 1 by this
+# Larger errors leave the stability open if they exceed the distance of the largest modulus from 1.
+_MAX_MULTIPLIER_ERROR = 1e-2
 _IMAGINARY_ROUNDING = 1e-6  # largest imaginary part / modulus of a real multiplier
 
 
@@ -65,16 +67,30 @@ class PeriodicMotion:
     def stable(self) -> bool:
         """True if the search converged and no perturbation grows.
 
-        Moduli of the multipliers may exceed 1 by 1e-4 plus `multiplier_error`.
+        Moduli of the multipliers may exceed 1 by 1e-4 plus `multiplier_error`, unless the error is
+        so large that the stability is not known.
         """
         limit = 1.0 + _STABILITY_MARGIN + self.multiplier_error
-        return self.status.success and largest_modulus(self.multipliers) <= limit
+        is_known = self.status.success and not self._is_uncertain
+        return is_known and largest_modulus(self.multipliers) <= limit
+
+    @property
+    def _is_uncertain(self) -> bool:
+        """True if a large error of the multipliers does not permit a statement on stability."""
+        error = self.multiplier_error
+        distance = abs(largest_modulus(self.multipliers) - 1.0)
+        return error > _MAX_MULTIPLIER_ERROR and distance <= error
 
     @property
     def stability(self) -> str:
         """Description of the stability: "stable", "unstable: ..." or "not known: ..."."""
         if not self.status.success:
             return f"not known: {self.status.sentence}"
+        if self._is_uncertain:
+            return (
+                f"not known: the largest multiplier, {largest_modulus(self.multipliers):.3g}, is "
+                f"uncertain by {self.multiplier_error:.2g}; use a smaller rtol"
+            )
         if self.stable:
             return "stable"
         multiplier = self.multipliers[0]

@@ -12,6 +12,7 @@ from scipy.special import mathieu_a, mathieu_b
 import beamdae as bd
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
+from beamdae.results.periodic_motion import PeriodicMotion
 
 MASS, STIFFNESS, DAMPING = 2.0, 18.0, 1.0
 
@@ -238,3 +239,15 @@ def test_steps_across_a_fold_report_it_once():
     assert np.sum(np.diff(np.sign(np.diff([p.parameter for p in points]))) != 0) == 3
     (fold,) = response.folds
     assert fold == pytest.approx(1.0, abs=1e-6)
+
+
+def test_uncertain_multipliers_leave_the_stability_open():
+    def motion(multiplier, error):
+        return PeriodicMotion(None, 1.0, np.array([multiplier + 0.0j]), error)
+
+    assert not motion(1.45, 0.6).stable
+    assert motion(1.45, 0.6).stability.startswith("not known: the largest multiplier, 1.45, is unc")
+    assert not motion(0.9, 0.2).stable
+    assert motion(0.5, 0.2).stable
+    assert "unstable" in motion(1.45, 0.2).stability
+    assert motion(1.00005, 1e-5).stable
