@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -131,9 +132,13 @@ def _sum_of_multipliers(stiffness: Callable[[Any], Any], period: float) -> float
     return float(bd.periodic(_parametric_system(stiffness), period).multipliers.sum().real)
 
 
+def _mathieu_stiffness(a: float, q: float, t: Any) -> Any:
+    return a - 2.0 * q * ca.cos(2.0 * t)
+
+
 def _solve_boundaries() -> dict[str, float]:
     return {
-        name: _sum_of_multipliers(lambda t, a=a, q=q: a - 2.0 * q * ca.cos(2.0 * t), np.pi)
+        name: _sum_of_multipliers(partial(_mathieu_stiffness, a, q), np.pi)
         for name, (a, q, _) in BOUNDARIES.items()
     }
 
@@ -142,14 +147,14 @@ def _solve_boundaries() -> dict[str, float]:
 HILL_CONSTANTS = (0.3, 1.2, 4.1)
 
 
-def _hill_stiffness(a: float, t: Any, functions: Any) -> Any:
+def _hill_stiffness(a: float, functions: Any, t: Any) -> Any:
     return a + functions.cos(2.0 * t) + 0.4 * functions.sin(4.0 * t)
 
 
 def _solve_hill() -> dict[str, float]:
     return {
         f"sum of multipliers, a = {a:g}": _sum_of_multipliers(
-            lambda t, a=a: _hill_stiffness(a, t, ca), np.pi
+            partial(_hill_stiffness, a, ca), np.pi
         )
         for a in HILL_CONSTANTS
     }
@@ -161,7 +166,7 @@ def _reference_hill() -> dict[str, float]:
     for a in HILL_CONSTANTS:
         columns = [
             solve_ivp(
-                lambda t, y, a=a: [y[1], -_hill_stiffness(a, t, np) * y[0]],
+                lambda t, y, a=a: [y[1], -_hill_stiffness(a, np, t) * y[0]],
                 (0.0, np.pi),
                 start,
                 method="DOP853",

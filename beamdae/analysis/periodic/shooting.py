@@ -62,6 +62,7 @@ _MAX_STRETCH = 0.2  # largest permitted change of an unknown period, relative to
 _RETURN_DISTANCE = 0.2
 _REST_RATIO = 1e-6
 _RETURN_SAMPLES = 4001
+_REFINED_RETURN_SAMPLES = 201  # around the nearest of these times
 _TINY = 1e-300  # avoids a division by zero
 # Below this deviation, Newton's method stops after this many iterations that do not halve it.
 _STAGNATION_DEVIATION = 1e-4
@@ -403,7 +404,8 @@ class PeriodRun:
 
         They are multiplied by the period and expressed in terms of `basis`.
         """
-        first, last = (x.state for x in np.take(self.solution.trajectory.intervals, [0, -1]))
+        intervals = self.solution.trajectory.intervals
+        first, last = intervals[0].state, intervals[-1].state
         rates = [np.concatenate([x.v[k], x.a[k]]) for x, k in ((first, 0), (last, -1))]
         start, end = (self.period_map.period * (self.projection @ x) for x in rates)
         return start, end
@@ -524,6 +526,7 @@ def estimate_period(solution: Solution) -> float | None:
     first = int(np.argmax(is_near))
     count = int(np.argmin(np.append(is_near[first:], False)))
     nearest = first + int(np.argmin(distance[first : first + count]))
-    around = np.linspace(*times[np.minimum([nearest + 1, nearest - 1], len(times) - 1)], 201)
+    earlier, later = times[[min(nearest + 1, len(times) - 1), nearest - 1]]
+    around = np.linspace(earlier, later, _REFINED_RETURN_SAMPLES)
     distance = np.linalg.norm(differences(around)[:, moves] / ranges[moves], axis=1)
     return float(trajectory.end - around[np.argmin(distance)])
