@@ -40,6 +40,7 @@ from beamdae.interrupts import (
     acknowledge,
     interruptible,
 )
+from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
@@ -68,6 +69,7 @@ _NOT_CONVERGED = "Newton's method does not converge; reduce step="
 _SHARP_TURN = "the curve turns too sharply for the steps; reduce step="
 
 
+@single_threaded
 @interruptible
 def frequency_response(
     model: Model,
@@ -176,7 +178,7 @@ def frequency_response(
     if status.kind == "interrupted" and partial == "raise":
         raise Interrupted(status.sentence, response, _NAME)
     if not status.success:
-        warnings.warn(f"{_NAME}: {status.sentence}.", BeamdaeWarning, stacklevel=3)
+        warnings.warn(f"{_NAME}: {status.sentence}.", BeamdaeWarning, stacklevel=4)
     return response
 
 
