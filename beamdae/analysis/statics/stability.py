@@ -46,6 +46,8 @@ _REFINED_MULTIPLE = 1e3
 _REFINED_COUNT = 4
 _DIFFERENCE = 1e-8
 _REFINED_ZERO_RATIO = 5e-3
+# Zero eigenvalues may exceed the difference between two steps by this factor.
+_ERROR_MULTIPLE = 4.0
 # Prevents division by zero for modes that vanish.
 _TINY = 1e-300
 
@@ -181,10 +183,14 @@ def _refine_small_eigenvalues(
     if not np.any(np.abs(eigenvalues[nearest]) < limit):
         return stability
     basis = la.qr(stability.modes[:, nearest] / scale, mode="economic")[0]
-    ritz = _ritz_stiffness(system, x, mu, scale * basis)
+    ritz, other = (
+        _ritz_stiffness(system, x, mu, scale * basis, step * _DIFFERENCE) for step in (1.0, 2.0)
+    )
     values, shares = la.eigh(0.5 * (ritz + ritz.T))
-    if np.max(np.abs(values - np.sort(eigenvalues[nearest]))) > limit:
-        # The forces are not smooth, for example where a contact begins.
+    # Differences are less accurate than the stiffness if a beam is thick, or if the forces are not
+    # smooth, for example where a contact begins.
+    error = float(np.max(np.abs(values - la.eigvalsh(0.5 * (other + other.T)))))
+    if error > stability.zero_tolerance:
         return stability
     count = stability.negative_count - int(np.sum(eigenvalues[nearest] < 0.0))
     count += int(np.sum(values < 0.0))
@@ -192,21 +198,24 @@ def _refine_small_eigenvalues(
     modes = modes / la.norm(modes, axis=0)
     eigenvalues[nearest], modes[:, nearest] = values, basis @ shares
     order = np.argsort(eigenvalues)
-    zero = _REFINED_ZERO_RATIO * stability.zero_tolerance
+    zero = max(_REFINED_ZERO_RATIO * stability.zero_tolerance, _ERROR_MULTIPLE * error)
     return _build_stability(eigenvalues[order], modes[:, order], scale[:, 0], zero, count)
 
 
-def _ritz_stiffness(system: LoadedEquations, x: Array, mu: float, basis: Array) -> Array:
+def _ritz_stiffness(
+    system: LoadedEquations, x: Array, mu: float, basis: Array, size: float
+) -> Array:
     """Return B^T K B, (k, k), for displacements B, (n, k), that hardly stretch thin beams.
 
     The stiffness of a thin beam consists of axial stiffnesses EA, whose rounding errors exceed its
     bending stiffness EI at L/h = 1e5. Differences B^T (F(q + d b) - F(q - d b)) / (2 d) have no such
-    errors: they are accurate to the rounding of the axial force, and to EA d^2.
+    errors: they are accurate to the rounding of the axial force, and to EA d^2. `size` is the
+    largest displacement, in natural sizes.
     """
     n, scale = system.equations.n, system.equations.position_scales
     ritz = np.zeros((basis.shape[1], basis.shape[1]))
     for k, displacement in enumerate(basis.T):
-        step = _DIFFERENCE / np.max(np.abs(displacement / scale))
+        step = size / np.max(np.abs(displacement / scale))
         change = np.zeros_like(x)
         change[:n] = step * displacement
         # Evaluations share their memory.
