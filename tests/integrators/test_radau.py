@@ -40,7 +40,7 @@ def pushed_particle(law):
 def interpreted(monkeypatch):
     """Run loops in plain Python."""
 
-    def raise_unavailable(*_):
+    def raise_unavailable(*_, **__):
         raise MachineCodeError("it is not wanted")
 
     monkeypatch.setattr(loops, "CompiledLoop", raise_unavailable)
