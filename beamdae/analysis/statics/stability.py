@@ -208,9 +208,9 @@ def _ritz_stiffness(
     """Return B^T K B, (k, k), for displacements B, (n, k), that hardly stretch thin beams.
 
     The stiffness of a thin beam consists of axial stiffnesses EA, whose rounding errors exceed its
-    bending stiffness EI at L/h = 1e5. Differences B^T (F(q + d b) - F(q - d b)) / (2 d) have no such
-    errors: they are accurate to the rounding of the axial force, and to EA d^2. `size` is the
-    largest displacement, in natural sizes.
+    bending stiffness EI at L/h = 1e5. Differences B^T (F(q + d b) - F(q - d b)) / (2 d) are
+    accurate to the rounding of the axial force, and to EA d^2. `size` is the largest displacement,
+    in natural sizes.
     """
     n, scale = system.equations.n, system.equations.position_scales
     ritz = np.zeros((basis.shape[1], basis.shape[1]))

@@ -21,6 +21,9 @@ from benchmarks.critical_loads.shooting import (
 )
 from benchmarks.critical_loads.structures import LENGTH, stiffness, strip
 
+# Half waves of buckled bars that are considered.
+_MAX_HALF_WAVES = 10
+
 
 @dataclass(frozen=True)
 class BentStructure:
@@ -113,8 +116,7 @@ def build_chain(
         if k == chain.loaded and k:
             mech.observe("load", beam.start)
         place, before = np.array(beam.end.point), beam
-        constant = not callable(segment.curvature)
-        angle += segment.curvature * segment.length if constant else 0.0
+        angle = float(curve.tangent_angle(curve.length))
     joint = bd.Weld if chain.end == "clamped" else bd.Revolute
     mech.add(joint("end", mech.ground.at(*before.end.point), before.end))
     return mech
@@ -246,8 +248,8 @@ def truss_loads(rise: float, slenderness: float, strain: str) -> tuple[CriticalL
     """Return all critical points of von Mises's truss up to its inverted position.
 
     F = 2 EA sin b (1 - cos a / cos b) with the slope b of the bars, a undeformed. Limits are at
-    cos^3 b = cos a. Each bar buckles as a hinged column at P (1 - P / EA + P / GA) = pi^2 EI / l^2,
-    where P = EA (1 - cos a / cos b), on the way to and from the position in which both are in line.
+    cos^3 b = cos a. Bars buckle as hinged columns at P (1 - P / EA + P / GA) = (n pi / l)^2 EI
+    with P = EA (1 - cos a / cos b), on the way to and from the position where both are in line.
     """
     beam = stiffness(slenderness)
     undeformed = np.arctan(2.0 * rise / slenderness)
@@ -259,12 +261,14 @@ def truss_loads(rise: float, slenderness: float, strain: str) -> tuple[CriticalL
 
     limit = np.arccos(np.cos(undeformed) ** (1.0 / 3.0))
     points = [(limit, LIMIT), (-limit, LIMIT)]
-    euler, factor = np.pi**2 / bar**2, 1.0 / beam.GA - 1.0 / beam.EA
-    P = 2.0 * euler / (1.0 + np.sqrt(1.0 + 4.0 * factor * euler))
-    cosine = np.cos(undeformed) / (1.0 - P / beam.EA)
-    if cosine < 1.0:
-        slope = np.arccos(cosine)
-        points += [(slope, BRANCH)] * 2 + [(-slope, BRANCH)] * 2
+    factor = 1.0 / beam.GA - 1.0 / beam.EA
+    for waves in range(1, _MAX_HALF_WAVES):
+        euler = (waves * np.pi / bar) ** 2
+        P = 2.0 * euler / (1.0 + np.sqrt(1.0 + 4.0 * factor * euler))
+        cosine = np.cos(undeformed) / (1.0 - P / beam.EA)
+        if cosine < 1.0:
+            slope = np.arccos(cosine)
+            points += [(slope, BRANCH)] * 2 + [(-slope, BRANCH)] * 2
     return tuple(CriticalLoad(kind, load(slope)) for slope, kind in sorted(points, reverse=True))
 
 
@@ -283,7 +287,9 @@ def chain_case(
         "reference": partial(_reference, structure),
         # Arches: the error of the interpolated tangent angle.
         "order": 4,
-        "mesh_constant": 1e-4,
+        "mesh_constant": 2e-4,
+        # Finer meshes of curved beams take minutes in all.
+        "elements": (4, 8, 16),
         "phase": lambda load: longest * np.sqrt(abs(load) + 1.0),
     }
     return CriticalLoadCase(
@@ -355,7 +361,9 @@ def _truss_case(rise: float) -> CriticalLoadCase:
         build=partial(build_truss, rise),
         reference=partial(truss_loads, rise),
         path=lambda s: {"to": {"load.y": -1.2 * rise / s * LENGTH}, "control": "arc length"},
-        phase=lambda load: np.pi,
+        # Bars of a rise of 4 heights buckle in up to three half waves, near the largest force.
+        phase=lambda load: 3.0 * np.pi,
+        mesh_constant=1e-4,
         axial_force=lambda load: 1.0,
         formulations=EXACT_STRAINS,
         slenderness=(1e2, 1e3, 1e4, 1e5),
@@ -363,7 +371,7 @@ def _truss_case(rise: float) -> CriticalLoadCase:
 
 
 _HINGED, _CLAMPED = "hinged", "clamped"
-_TIMOSHENKO = "Timoshenko & Gere (1961), art. 7.6"
+_TIMOSHENKO = "Timoshenko & Gere (1961)"
 _SHOOTING = "Reissner's equations by shooting"
 _RIGHT = np.deg2rad(90.0)
 
@@ -403,7 +411,7 @@ ARCH_CASES = (
     ),
     _crown_case(
         "180 degrees, hinged, load at the crown",
-        "D. A. DaDeppo, R. Schmidt, J. Franklin Inst. 287 (1969)",
+        "D. A. DaDeppo, R. Schmidt, J. Appl. Mech. 36 (1969) 325",
         arch(_RIGHT, _HINGED, _HINGED),
         1.0,
         5.86,
@@ -445,7 +453,7 @@ BENT_FRAME_CASES = (
         lee_frame(),
         0.75,
         18.55,
-        "frame",
+        "bent frame",
         order=6,
     ),
     _crown_case(
@@ -454,7 +462,7 @@ BENT_FRAME_CASES = (
         roorda_frame(-0.01),
         0.05,
         None,
-        "frame",
+        "bent frame",
         order=6,
     ),
     _crown_case(
@@ -463,7 +471,7 @@ BENT_FRAME_CASES = (
         roorda_frame(0.01),
         0.05,
         None,
-        "frame",
+        "bent frame",
         order=6,
     ),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -24,10 +24,10 @@ EXACT_STRAINS = ("exact", "floating frame, exact strain")
 _MESH_CONSTANT = 4e-5
 # Rounding error of a load over EI / L^2, relative to the square of the slenderness: positions of
 # size L in double precision determine axial forces of size EA = 12 (L / h)^2 EI / L^2 only to 5e-15
-# to 1e-13 of it, depending on the mesh.
-ROUNDING = 1e-12
+# to 1e-14 of it, depending on the mesh.
+ROUNDING = 1e-13
 # Accuracy of the search for a critical point on the path.
-_SEARCH = 1e-7
+_SEARCH = 3e-7
 
 
 class CriticalLoad(NamedTuple):
@@ -71,6 +71,8 @@ class CriticalLoadCase:
         Maps a load to the axial force whose rounding limits its accuracy [EI / L^2].
     formulations
         Formulations for which the reference holds.
+    slenderness, elements
+        Values to compare.
     """
 
     group: str
@@ -88,7 +90,8 @@ class CriticalLoadCase:
     green_departure: float = 0.0
     axial_force: Callable[[float], float] = abs
     formulations: tuple[str, ...] = tuple(FORMULATIONS)
-    slenderness: tuple[float, ...] = field(default=SLENDERNESS)
+    slenderness: tuple[float, ...] = SLENDERNESS
+    elements: tuple[int, ...] = ELEMENTS
 
     def settings(self, is_complete: bool = False) -> Iterator[tuple[float, int, str]]:
         """Yield slenderness, number of elements and formulation of each path to compare.
@@ -97,7 +100,7 @@ class CriticalLoadCase:
         with Green's strains is compared on that mesh alone. `is_complete` yields all combinations.
         """
         for slenderness in self.slenderness:
-            for elements in ELEMENTS if self.order else ELEMENTS[:1]:
+            for elements in self.elements if self.order else self.elements[:1]:
                 is_cross = elements == _MESH or slenderness == _SLENDERNESS or not self.order
                 for formulation in self.formulations:
                     is_main = formulation in EXACT_STRAINS or elements == _MESH
