@@ -544,6 +544,7 @@ GROUPS = (
                     "mass_per_length": 0.6,
                     "rotary_inertia_per_length": 1e-6,
                     "shear_peak": 1.5,
+                    "shapes": (),
                 },
             ),
             Public(

@@ -20,11 +20,12 @@ from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    as_text,
     require_choice,
     require_count,
     require_finite,
+    require_pair,
     require_positive,
-    require_sequence,
     short_repr,
     suggest,
 )
@@ -261,28 +262,27 @@ def boundary(
 
 def _parse_parameter(model: Model, by: Any) -> str:
     """Return the name of the parameter."""
-    names = require_sequence(_NAME, "by", by, "(name of a parameter, 'load')")
-    if len(names) != 2 or names[1] != LOAD:
-        raise BeamdaeError(
-            f"{_NAME}: by must be (name of a parameter, 'load'), got {short_repr(by)}."
-        )
-    if names[0] not in model.parameters or as_real(model.parameters[names[0]]) is None:
+    expected = f"(name of a parameter, {LOAD!r})"
+    name, load = (as_text(entry) for entry in require_pair(_NAME, "by", by, expected))
+    if name is None or load != LOAD:
+        raise BeamdaeError(f"{_NAME}: by must be {expected}, got {short_repr(by)}.")
+    if as_real(model.parameters.get(name)) is None:
         numbers = [key for key, value in model.parameters.items() if as_real(value) is not None]
         raise BeamdaeError(
-            f"{_NAME}: by names {short_repr(names[0])}, which is not a numeric parameter of "
-            f"{model.name}{suggest(str(names[0]), numbers)}; use one of its parameters "
+            f"{_NAME}: by names {short_repr(name)}, which is not a numeric parameter of "
+            f"{model.name}{suggest(name, numbers)}; use one of its parameters "
             f"({', '.join(numbers) or 'none'})."
         )
-    return str(names[0])
+    return name
 
 
 def _parse_limits(values: Any) -> tuple[float, float]:
     expected = "(first, last) value of the parameter"
-    numbers = require_sequence(_NAME, "values", values, expected)
-    limits = tuple(require_finite(_NAME, "values", number) for number in numbers)
-    if len(limits) != 2 or limits[0] == limits[1]:
+    pair = require_pair(_NAME, "values", values, expected)
+    first, last = (require_finite(_NAME, "values", number) for number in pair)
+    if first == last:
         raise BeamdaeError(f"{_NAME}: values must be {expected}, got {short_repr(values)}.")
-    return limits[0], limits[1]
+    return first, last
 
 
 def _first_point(family: Family, path: Equilibrium, row: int, value: float) -> CurvePoint:

@@ -127,30 +127,56 @@ def imperfect(model: Any, shape: Any, amplitude: float | None = None) -> Mechani
     >>> bool(abs(abs(path.columns["tip.x [m]"][-1]) - 1e-3 / (1 - 4 / 3.14159**2)) < 1e-5)
     True
     """
+    model = _build_mechanism(_NAME, model)
+    deviations = _find_deviations(_NAME, model, shape)
+    if amplitude is not None:
+        amplitude = require_finite(_NAME, "amplitude", amplitude)
+    elif not isinstance(shape, Mapping):
+        raise BeamdaeError(f"{_NAME}: a mode has no size; pass amplitude= [m].")
+    return _deviate(f"{_NAME}: amplitude", model, deviations, amplitude)
+
+
+def _build_mechanism(call: str, model: Any) -> Mechanism:
     if isinstance(model, Model):
         model = model()
     if not isinstance(model, Mechanism):
-        raise BeamdaeError(f"{_NAME}: expected a model or a mechanism, got {short_repr(model)}.")
-    beams = {name: part for name, part in model.parts.items() if isinstance(part, Beam)}
+        raise BeamdaeError(f"{call}: expected a model or a mechanism, got {short_repr(model)}.")
+    return model
+
+
+def _find_deviations(call: str, mechanism: Mechanism, shape: Any) -> dict[str, _Deviation]:
+    """Return the deviations of the beams that a mode or measured curves bend, by name."""
+    beams = {name: part for name, part in mechanism.parts.items() if isinstance(part, Beam)}
     if isinstance(shape, Mapping):
-        curves = require_mapping(_NAME, "shape", shape, "measured curves by name of a beam")
-        deviations = {name: _measured_deviation(beams, name, x) for name, x in curves.items()}
+        curves = require_mapping(call, "shape", shape, "measured curves by name of a beam")
+        deviations = {name: _measured_deviation(call, beams, name, x) for name, x in curves.items()}
     else:
-        if amplitude is None:
-            raise BeamdaeError(f"{_NAME}: a mode has no size; pass amplitude= [m].")
-        deviations = _modal_deviations(model, beams, shape)
-    size = max((one.size for one in deviations.values()), default=0.0)
-    if not size > 0.0:
+        deviations = _modal_deviations(call, mechanism, beams, shape)
+    if not any(one.size > 0.0 for one in deviations.values()):
         raise BeamdaeError(
-            f"{_NAME}: the shape bends no beam; choose another mode or other curves, because only "
+            f"{call}: the shape bends no beam; choose another mode or other curves, because only "
             "beams have imperfections."
         )
-    scale = 1.0 if amplitude is None else require_finite(_NAME, "amplitude", amplitude) / size
-    changed = {
-        name: beams[name].with_free_curve(one.free_curve(beams[name], scale))
-        for name, one in deviations.items()
-    }
-    return replace_beams(model, changed, _NAME)
+    return deviations
+
+
+def _deviate(
+    argument: str, mechanism: Mechanism, deviations: dict[str, _Deviation], amplitude: float | None
+) -> Mechanism:
+    """Return a copy of the mechanism with deviations of an amplitude [m], or unscaled if None."""
+    size = max(one.size for one in deviations.values())
+    scale = 1.0 if amplitude is None else amplitude / size
+    changed = {}
+    for name, deviation in deviations.items():
+        beam = mechanism.parts[name]
+        assert isinstance(beam, Beam)
+        try:
+            changed[name] = beam.with_free_curve(deviation.free_curve(beam, scale))
+        except BeamdaeError as problem:
+            raise BeamdaeError(
+                f"{argument} {scale * size:.3g} m is too large for {name} ({problem}); reduce it."
+            ) from problem
+    return replace_beams(mechanism, changed, _NAME)
 
 
 @dataclass(frozen=True, repr=False)
@@ -225,13 +251,14 @@ def knock_down(model: Any, shape: Any, amplitudes: Any, **settings: Any) -> Knoc
     BeamdaeWarning
         If the path of an amplitude has no critical point, or ended early, as in `equilibrium`.
     """
-    if isinstance(model, Model):
-        model = model()
+    model = _build_mechanism("knock_down", model)
+    deviations = _find_deviations("knock_down", model, shape)
     values = require_sequence("knock_down", "amplitudes", amplitudes, "numbers")
     sizes = [require_finite("knock_down", "amplitudes", value) for value in values]
     kinds, factors = [], []
     for size in sizes:
-        path = equilibrium(imperfect(model, shape, size), **settings)
+        bent = _deviate("knock_down: an entry of amplitudes,", model, deviations, size)
+        path = equilibrium(bent, **settings)
         kinds.append(path.critical[0].kind if path.critical else "")
         factors.append(float(path.critical[0].factor) if path.critical else np.nan)
         if not path.critical:
@@ -245,15 +272,17 @@ def knock_down(model: Any, shape: Any, amplitudes: Any, **settings: Any) -> Knoc
     return KnockDown(np.array(sizes), np.array(factors), tuple(kinds), factor)
 
 
-def _measured_deviation(beams: Mapping[str, Beam], name: Any, measured: Any) -> _Deviation:
+def _measured_deviation(
+    call: str, beams: Mapping[str, Beam], name: Any, measured: Any
+) -> _Deviation:
     """Return the deviation of a measured curve from the reference curve of a beam."""
     if name not in beams:
         raise BeamdaeError(
-            f"{_NAME}: shape names {short_repr(name)}, but no beam has this name"
+            f"{call}: shape names {short_repr(name)}, but no beam has this name"
             f"{suggest(str(name), beams)}; use the name of a beam."
         )
     beam = beams[name]
-    curve: PlaneCurve = require_curve(f"{_NAME}: {name}", measured)
+    curve: PlaneCurve = require_curve(f"{call}: {name}", measured)
     ratio = curve.length / beam.length
     s = np.linspace(0.0, beam.length, _SAMPLES)
     distances = np.linalg.norm(curve.point(ratio * s) - beam.curve.point(s), axis=-1)
@@ -265,30 +294,29 @@ def _measured_deviation(beams: Mapping[str, Beam], name: Any, measured: Any) -> 
 
 
 def _modal_deviations(
-    mechanism: Mechanism, beams: Mapping[str, Beam], shape: Any
+    call: str, mechanism: Mechanism, beams: Mapping[str, Beam], shape: Any
 ) -> dict[str, _Deviation]:
     """Return the deviations of all beams that a mode bends.
 
     All have the size of the largest displacement of the mode, because they share one amplitude.
     """
     equations = equations_of_motion(mechanism, AS_DRAWN)
+    expected = (
+        f"the {equations.n} real coordinates of a mode of this mechanism, a Buckling with a mode, "
+        "or a dict of curves"
+    )
     vector = shape.shapes[0] if isinstance(shape, Buckling) and len(shape) else shape
-    try:
-        mode = np.array(vector, float)
-    except (TypeError, ValueError):
-        mode = np.zeros(0)
-    if mode.shape != (equations.n,) or not np.all(np.isfinite(mode)):
-        raise BeamdaeError(
-            f"{_NAME}: shape must be the {equations.n} real coordinates of a mode of this "
-            f"mechanism, a Buckling with a mode, or a dict of curves, got {short_repr(shape)}."
-        )
+    entries = require_sequence(call, "shape", vector, expected)
+    if len(entries) != equations.n:
+        raise BeamdaeError(f"{call}: shape must be {expected}, got {short_repr(shape)}.")
+    mode = np.array([require_finite(call, "shape", entry) for entry in entries])
     rows = {name: k for k, name in enumerate(equations.q_names)}
     motions = {}
     for name, beam in beams.items():
         change = mode[[rows[f"{name}.{one.name}"] for one in beam.coordinates]]
         if beam.formulation == CUSTOM_FORMULATION and np.any(change):
             raise BeamdaeError(
-                f"{_NAME}: {name} has custom kinematics, which have no free_curve; use a built-in "
+                f"{call}: {name} has custom kinematics, which have no free_curve; use a built-in "
                 "formulation."
             )
         motions[name] = _nodal_motion(beam, change)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import casadi as ca
 
 import beamdae as bd
 from robustness.inputs.sandbox import (
@@ -127,6 +130,13 @@ def _shaken_model(sandbox: Sandbox) -> bd.Model:
     return shaken
 
 
+def _self_excited(sandbox: Sandbox) -> bd.ConstrainedSystem:
+    """Return van der Pol's oscillator."""
+    t, x, v = (ca.SX.sym(name) for name in "txv")
+    force = (1.0 - x**2) * v - x
+    return bd.ConstrainedSystem(t, x, v, mass=[1.0], force=force, q0=[2.0], v0=[0.0])
+
+
 PERIODIC_CALLS: dict[str, WorkingCall] = {
     "periodic": WorkingCall(
         lambda box: {
@@ -139,6 +149,11 @@ PERIODIC_CALLS: dict[str, WorkingCall] = {
             "tolerance": 1e-3,
         },
         lambda box, motion: motion.amplitudes(),
+    ),
+    "periodic of unknown period": WorkingCall(
+        lambda box: {"period_guess": 6.0},
+        lambda box, motion: motion.amplitudes(),
+        lambda box, **arguments: bd.periodic(_self_excited(box), **arguments),
     ),
     "frequency_response": WorkingCall(
         lambda box: {
@@ -192,6 +207,22 @@ def _column() -> bd.Mechanism:
     return mech
 
 
+def _truss() -> bd.Model:
+    """Return a model of a truss that snaps through, with the rise as parameter."""
+
+    @bd.model(t_end=T_END)
+    def truss(rise=0.2):
+        mech = bd.Mechanism()
+        crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
+        for name, x in (("left", -1.0), ("right", 1.0)):
+            mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, 1000.0))
+        mech.add(bd.Force("press", crown.point, (0.0, -1.0)))
+        mech.observe("crown", crown.point)
+        return mech
+
+    return truss
+
+
 STATIC_CALLS: dict[str, WorkingCall] = {
     "equilibrium": WorkingCall(
         lambda box: {
@@ -211,6 +242,41 @@ STATIC_CALLS: dict[str, WorkingCall] = {
     "buckling": WorkingCall(
         lambda box: {"model": _column(), "modes": 1, "loads": ["press"], "t": 0.0, "start": None},
         lambda box, result: result.table(),
+    ),
+    "imperfect": WorkingCall(
+        lambda box: {
+            "model": _column(),
+            "shape": bd.buckling(_column(), modes=1).shapes[0],
+            "amplitude": 1e-3,
+        },
+        lambda box, result: bd.equations_of_motion(result),
+    ),
+    "imperfect measured": WorkingCall(
+        lambda box: {"shape": {"column": bd.Arc(100.0, 1.0, angle=0.5 * math.pi)}},
+        lambda box, result: bd.equations_of_motion(result),
+        lambda box, shape: bd.imperfect(_column(), shape),
+    ),
+    "knock_down": WorkingCall(
+        lambda box: {
+            "model": _column(),
+            "shape": bd.buckling(_column(), modes=1),
+            "amplitudes": [1e-3],
+        },
+        lambda box, result: result.table(),
+        lambda box, **arguments: bd.knock_down(to=0.5, step=0.5, **arguments),
+    ),
+    "boundary": WorkingCall(
+        lambda box: {
+            "model": _truss(),
+            "kind": "limit point",
+            "by": ("rise", "load"),
+            "values": (0.2, 0.3),
+            "number": 1,
+            "step": 0.5,
+            "most_points": 4,
+        },
+        lambda box, result: result.table(),
+        lambda box, **arguments: bd.boundary(to={"crown.y": 0.0}, **arguments),
     ),
     "equilibrium displaced": WorkingCall(
         lambda box: {"to": {"knee.x": 0.1}, "switch": 0},
