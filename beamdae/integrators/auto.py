@@ -29,8 +29,8 @@ Array = np.ndarray
 class Auto(AdaptiveIntegrator):
     """Choose `Radau` for stiff or long motion, otherwise `Ida`.
 
-    `Radau` is chosen if natural modes are over 300 times faster than the motion, or if the run has
-    more than 10 periods. Steps do not resolve modes that are this fast. If these modes are lightly
+    `Radau` is chosen if natural modes are over 300 times faster than the motion, if the run has
+    more than 10 periods, or with nonholonomic constraints. Steps do not resolve modes that are this fast. If these modes are lightly
     damped, they limit BDF to order 2, whose phase error grows over free oscillations, whereas Radau
     IIA is of order 5 and damps them. Without such modes, BDF of order 5 takes about the same time
     as Radau, except in long runs, because its phase errors are larger (tables in

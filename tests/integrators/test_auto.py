@@ -32,6 +32,24 @@ def test_auto_chooses_ida_if_all_modes_are_resolved(rtol):
     assert auto.integrator["max_order"] == 5
 
 
+@pytest.mark.parametrize("rtol", [1e-4, 1e-5])
+def test_regression_paths_of_skates_keep_the_bound(rtol):
+    """Errors of velocities displace paths for good: Ida was wrong by 206 rtol with another skate."""
+    mech = bd.Mechanism()
+    body = mech.add(bd.RigidBody("sledge", 1.0, 0.1, velocity=(0.5, 0.0), angular_velocity=2.0))
+    mech.add(bd.Skate("skate", body.at(0.0, 0.0)))
+    anchor = mech.ground.at(0.3, -1.0)
+    mech.add(bd.SpringDamper("spring", anchor, body.at(0.2, 0.0), 20.0, 0.1))
+    mech.observe("sledge", body.at(0.2, 0.0))
+    auto = bd.simulate(mech, bd.Auto(rtol), t_end=5.0)
+    exact = bd.simulate(mech, bd.Radau(1e-9), t_end=5.0)
+    assert auto.integrator["method"] == "Radau"
+    errors = (auto.observed - exact.observed).abs().max()
+    half_ranges = 0.5 * (exact.observed.max() - exact.observed.min())
+    positions = ["sledge.x [m]", "sledge.y [m]", "sledge.angle [rad]"]
+    assert np.all(errors[positions] < 30.0 * rtol * half_ranges[positions])
+
+
 @pytest.mark.parametrize("integrator", [bd.Auto, bd.Ida])
 def test_regression_long_runs_keep_the_bound(integrator):
     """A pendulum was wrong by 273 rtol after 80 periods."""
