@@ -34,7 +34,7 @@ def test_auto_chooses_ida_if_all_modes_are_resolved(rtol):
 
 @pytest.mark.parametrize("rtol", [1e-4, 1e-5])
 def test_regression_paths_of_skates_keep_the_bound(rtol):
-    """Errors of velocities displace paths for good: Ida was wrong by 206 rtol with another skate."""
+    """Errors of velocities displace paths for good: Ida was wrong by 206 rtol in another case."""
     mech = bd.Mechanism()
     body = mech.add(bd.RigidBody("sledge", 1.0, 0.1, velocity=(0.5, 0.0), angular_velocity=2.0))
     mech.add(bd.Skate("skate", body.at(0.0, 0.0)))
