@@ -77,7 +77,8 @@ _BENDING_ERROR_OF_MOMENTS = {4: 0.6, 3: 0.6, 2: 2.0}
 _SLOPE_OF_MOMENT_ERROR = 3.6
 _MAX_ATTACHMENT_ERROR = 2e-4  # relative error of deflections above which `prepare` warns
 
-# Winkler & Bach: the bending stiffness of a curved rectangle is EI (1 + 0.15 (h/R)^2).
+# Winkler & Bach: the bending stiffness of a curved rectangle whose axis keeps its length is
+# EI (1 + 0.15 (h/R)^2); without a normal force, the factor is 0.067.
 _WINKLER_BACH_STIFFNESS = 0.15
 # Curvature times height at which the bending stiffness has an error of 1 %.
 _MAX_CURVATURE_TIMES_HEIGHT = 0.26
