@@ -123,7 +123,7 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     tolerance or another method is used. For fixed steps, the second run has twice the step; the
     factor is 4.5 / (2^order - 1), at most 3.
 
-    In the cases of validation/tolerances, the estimate covers the true error of 96 to 99 % of the
+    In the cases of validation/tolerances, the estimate covers the true error of 96 to 99.5 % of the
     columns of runs of `Auto`; the median of estimate over true error is 1.7 to 1.9.
 
     Parameters
