@@ -188,6 +188,9 @@ def _solve_reference(
     except (BeamdaeError, KeyboardInterrupt):
         raise
     except BaseException as problem:  # SystemExit included.
+        if hasattr(problem, "partial"):
+            # Raised by `progress`, not by the model.
+            raise
         raise BeamdaeError(
             f"{case.model.name}: the reference run with {label} failed: "
             f"{describe_exception(problem)}."

@@ -246,6 +246,20 @@ def test_progress_receives_the_label_of_the_case():
     assert 0.0 < calls[0][1] <= 0.4
 
 
+@pytest.mark.parametrize("failing", ["GeneralizedAlpha", "reference"])
+def test_exceptions_of_progress_end_the_comparison(failing):
+    """In the reference run, they were reported as a failure of the model."""
+
+    def fail(label, t):
+        if label.startswith(failing):
+            raise ValueError("no display")
+
+    case = bd.Case(swing, {}, bd.GeneralizedAlpha(step=1e-3))
+    with pytest.raises(ValueError, match="no display") as caught:
+        bd.compare([case], reference=case, progress=fail)
+    assert caught.value.solution.t[0] == 0.0
+
+
 def test_default_integrators_use_all_methods():
     types = {type(integrator) for integrator in default_integrators()}
     assert types == {bd.Ida, bd.Radau, bd.GeneralizedAlpha}
