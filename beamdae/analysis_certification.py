@@ -378,7 +378,9 @@ def _finish(
     else:
         counts = [x.refined(len(levels) - 1).elements for x in bases.values() if not x.fixed_by]
         limit = max([_MAX_ELEMENTS, *counts])
-        status = Status("limited", f"the mesh error requires more than {limit} elements")
+        status = Status(
+            "limited", f"the estimated error exceeds {accuracy:g} with up to {limit} elements"
+        )
         if notes:
             status = Status("failed", "the mesh error is not assessed")
     return AnalysisCertificate(

@@ -204,8 +204,8 @@ class Model:
                 parameter_names = ", ".join(self.parameters) or "none"
                 raise BeamdaeError(
                     f"{self.name}: there is no parameter "
-                    f"{short_repr(name)}{suggest(name, self.parameters)}; the "
-                    f"parameters are {parameter_names}."
+                    f"{short_repr(name)}{suggest(name, self.parameters)}; "
+                    f"available parameters: {parameter_names}."
                 )
         checked = {name: self._convert(name, value) for name, value in values.items()}
         return copy_containers(self.parameters | checked)

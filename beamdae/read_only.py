@@ -33,7 +33,7 @@ class ReadOnlyDict(dict[Any, Any]):
     """
 
     def _reject(self, *arguments: Any, **options: Any) -> NoReturn:
-        raise BeamdaeError("dictionary of a result: it is read-only; change a copy, dict(...).")
+        raise BeamdaeError("dictionary: it is read-only; change a copy, dict(...).")
 
     __setitem__ = __delitem__ = __ior__ = _reject
     clear = pop = popitem = setdefault = update = _reject

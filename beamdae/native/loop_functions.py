@@ -1,7 +1,8 @@
-"""Array operations of loops in plain Python; `overloads` has their compiled versions.
+"""Operations of integrator loops in plain Python; `overloads` has their compiled versions.
 
-The loops of integrators are written once, in plain Python that numba compiles. They operate on
-whole arrays through these functions, which use numpy unless the loop is compiled.
+The loops of integrators are written once, in plain Python that numba compiles. Through these
+functions, they operate on whole arrays, evaluate kernels, solve linear systems and call C
+functions.
 """
 
 from __future__ import annotations

@@ -197,8 +197,8 @@ class Solution(RunData, TimeSeries):
         first, end = self.trajectory.start, self.trajectory.end
         if not len(t) or np.any(np.diff(t) <= 0.0) or t[0] < first or t[-1] > end:
             raise BeamdaeError(
-                f"at_times: times must ascend within the run, {first:g} to {end:g} s, "
-                f"got {short_repr(times)}."
+                "at_times: times must be a nonempty ascending list within the run, "
+                f"{first:.12g} to {end:.12g} s, got {short_repr(times)}."
             )
         return replace(self, t=t)
 

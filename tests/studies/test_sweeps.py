@@ -125,7 +125,7 @@ def test_function_with_defaults_is_a_model():
     [
         (
             {"over": {"sped": [1.0]}},
-            "turning: there is no parameter 'sped' .did you mean 'speed'..; the",
+            "turning: there is no parameter 'sped' .did you mean 'speed'..; avail",
         ),
         ({"over": {"speed": []}}, "turning_sweep: speed must have at least one value, got none."),
         ({"over": {"speed": "1,2"}}, "turning_sweep: speed must be a list of values, or a dict"),

@@ -196,14 +196,16 @@ def _first_period(
 def _settle_freely(
     period_map: PeriodMap, settle: int, must_recur: bool
 ) -> tuple[PeriodMap, Array, Array]:
-    """Return the map with the estimated period, and the state (q, v) at the end of the run.
+    """Run `settle` periods; return the map with the estimated period and the final state (q, v).
+
+    The period is unchanged if `settle` is 0 or the motion does not recur.
 
     Raises
     ------
     IncompleteRunError
         If the run ends early.
     BeamdaeError
-        If the motion does not recur although it must.
+        If `must_recur` is True and the motion of the run does not recur.
     """
     if not settle:
         return period_map, *period_map.settle(0)

@@ -188,7 +188,7 @@ def _part_coordinates(
 ) -> tuple[PartCoordinates, ...]:
     """Return the coordinates and the size of each part that has coordinates.
 
-    If a part is a single point, its size is `length`.
+    If the outline of a part is empty or a single point, its size is `length`.
     """
     return tuple(
         PartCoordinates(

@@ -85,8 +85,8 @@ class ConsistencySolver(StateEvaluator):
         Raises
         ------
         BeamdaeError
-            If forces or their derivatives are not finite, a motion has no inertia, or no solution
-            of the equations with friction is found.
+            If forces, or derivatives of forces or constraints, are not finite, a motion has no
+            inertia, or no solution of the equations with friction is found.
         """
         e = self.equations
         gamma = -self.constraint_levels(time, q, v)[2]

@@ -94,8 +94,9 @@ def apply_event(
     Raises
     ------
     BeamdaeError
-        If a joint that is switched on is open, if joints contradict or depend on each other, or if
-        a law that begins at the event becomes infinite.
+        If a joint that is switched on is open, if joints contradict or depend on each other, if a
+        law that begins at the event becomes infinite, or if no accelerations exist after the event
+        (see `ConsistencySolver.acceleration`).
     """
     configurations = equations.configurations
     assert configurations is not None
