@@ -691,7 +691,9 @@ class _Certification:
                     decades, halvings = 1, int(self._has_mesh)
                 else:
                     return self._refusal(
-                        "limited", f"the mesh error requires more than {_MAX_ELEMENTS} elements"
+                        "limited",
+                        f"the estimated error exceeds {accuracy:g} with {self._largest_count()} "
+                        f"elements, and at most {_MAX_ELEMENTS} are allowed",
                     )
             rtol = last.rtol / 10.0**decades
             if rtol < _MIN_RTOL:

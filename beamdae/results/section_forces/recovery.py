@@ -36,6 +36,7 @@ from beamdae.errors import (
     require_iterable,
     short_repr,
 )
+from beamdae.read_only import read_only_data
 from beamdae.results.run_data import RunData
 from beamdae.results.section_forces.applied_loads import (
     ALL_LOADS,
@@ -111,6 +112,7 @@ def recover_section_forces(
     return SectionForces(beam, times, sections[0], N, Q, M, strained, sampler, step)
 
 
+@read_only_data
 @dataclass(frozen=True, eq=False)
 class _SectionSampler:
     """Section forces at given sections and any times of a run."""
