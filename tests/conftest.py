@@ -28,7 +28,7 @@ settings.load_profile("beamdae")
 
 
 _MANY_VARIANTS = 4  # from this number of variants of a test on, most of them are slow tests
-_VARIANTS_PER_FAST_TEST = 4  # one variant of this number is not slow
+_VARIANTS_PER_FAST_TEST = 8  # one variant of this number is not slow
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -212,6 +212,7 @@ def test_arguments_are_checked(arguments, message):
         bd.boundary(**(settings | arguments))
 
 
+@pytest.mark.slow(reason="follows a curve")
 def test_curve_ends_where_no_model_exists():
     @bd.model(t_end=1.0)
     def limited(rise=0.2):

@@ -80,6 +80,7 @@ def test_period_of_a_free_pendulum(amplitude):
     assert motion.stable
 
 
+@pytest.mark.slow(reason="several searches")
 def test_arguments_and_failures():
     with pytest.raises(bd.BeamdaeError, match="period and period_guess are mutually exclusive"):
         bd.periodic(van_der_pol(1.0), 6.0, period_guess=6.0)

@@ -347,6 +347,7 @@ def test_a_coarse_output_step_is_part_of_the_error(swinging_strip):
     assert safety.lower_bound < fine.safety().factor * 1.1
 
 
+@pytest.mark.slow(reason="a run of a step load")
 def test_wave_errors_survive_pickling_without_the_run():
     forces = shaken_rod()
     copy = pickle.loads(pickle.dumps(forces))
