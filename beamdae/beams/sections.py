@@ -239,7 +239,9 @@ class Section:
         m2 = m**2
         square = (1.0 + m2) ** 2
         area = np.pi * wall * (diameter - wall)
-        outer = 1.0 / (1.0 - m2**2)
+        # 1 - m^4 without cancellation; it is 0 if the area underflows, which is rejected below.
+        hollow = (1.0 + m2) * 4.0 * wall * (diameter - wall) / diameter**2
+        outer = 1.0 / hollow if hollow else np.inf
         return cls(
             material,
             area,

@@ -72,7 +72,7 @@ def test_a_coordinate_without_equilibrium_is_named():
 @pytest.mark.parametrize(
     ("start", "words"),
     [
-        ("equilibrum", "start must be 'as drawn', 'equilibrium' or a dict"),
+        ("equilibrum", "start must be 'as drawn', 'equilibrium', bd.rotation"),
         ({"crank.angle": "x"}, r"start\['crank.angle'\] must be a number"),
         ({"crank.angel": 1.0}, "did you mean 'crank.angle'"),
         ({"crank.angle": 0.3, "rod.angle": 1.0}, "cannot be closed with .*rod.angle = 1"),

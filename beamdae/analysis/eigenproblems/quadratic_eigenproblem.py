@@ -309,7 +309,8 @@ class QuadraticProblem:
         # part is removed unless dampers dissipate more energy than rounding.
         power = np.abs(np.real(np.einsum("ij,ij->j", shapes.conj(), damping @ shapes)))
         is_damped = power > quadratic_form_rounding(damping, shapes)
-        off_axis = np.where(is_damped, 0.0, 0.5 * rounding / np.maximum(size, _TINY))
+        with np.errstate(over="ignore"):  # Infinity is right for an eigenvalue near 0.
+            off_axis = np.where(is_damped, 0.0, 0.5 * rounding / np.maximum(size, _TINY))
         off_axis = np.maximum(off_axis, _REAL_TOLERANCE * size)
         if is_rotating:
             off_axis = np.where(_is_split_double(values, np.sqrt(rounding)), np.inf, off_axis)
