@@ -7,7 +7,6 @@ from dataclasses import dataclass, fields
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from scipy.special import hyp2f1
 
 from beamdae.beams.materials import Material, require_material
 from beamdae.errors import (
@@ -49,6 +48,9 @@ class CenteredShape(NamedTuple):
         z2 = (half_height * self.height_ratio) ** 2
         if self.outline == "circle":
             return float(4.0 / (1.0 + np.sqrt(1.0 - z2)) ** 2)
+        # Imported here because the import takes as long as a short run, and few models need it.
+        from scipy.special import hyp2f1
+
         # 3 (artanh(z) / z - 1) / z^2, without cancellation for small z.
         return float(hyp2f1(1.0, 1.5, 2.5, z2))
 

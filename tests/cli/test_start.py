@@ -27,9 +27,6 @@ NEVER = {"pandas", "pyarrow", "matplotlib", "numba", "distributed", "multiproces
 NEVER |= {"scipy.optimize", "scipy.interpolate", "scipy.spatial", "scipy.special", "scipy.stats"}
 
 
-@pytest.mark.xfail(
-    strict=False, reason="a run imports numba and pandas on some machines; the cause is not known"
-)
 @pytest.mark.slow(reason="starts a process")
 @pytest.mark.skipif(sys.platform == "win32", reason="there scikit-sundae is imported")
 @pytest.mark.skipif(
