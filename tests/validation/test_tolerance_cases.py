@@ -199,15 +199,7 @@ def test_regression_auto_keeps_its_bound_in_free_swings_impacts_and_orbits(name)
     assert_auto_keeps_its_bound(name)
 
 
-_OUTSIDE = pytest.mark.xfail(
-    strict=False, reason="load.angle differs from the stored reference by 289 rtol; cause not known"
-)
-
-
 @pytest.mark.slow(reason="92 runs")
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=_OUTSIDE) if name == "scotch_yoke" else name for name in BY_NAME],
-)
+@pytest.mark.parametrize("name", BY_NAME)
 def test_auto_keeps_its_bound_in_positions_angles_and_deflections(name):
     assert_auto_keeps_its_bound(name)
